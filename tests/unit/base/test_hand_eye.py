@@ -122,15 +122,15 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
      "m long: set units to mm"),
     (rows(POSE), "mm", "long in mm: correct units"), (rows(POSE), "inch", "'inch', must be m, cm"),
     (rows(POSE.T), "", "last row .* transpose it"), (rows(POSE[:3]), "", "holds 12 numbers"),
-    (rows(POSE * [1.1, 1.1, 1.1, 1]), "", "is no rotation"),
-    (rows(POSE @ np.diag([1, 1, -1, 1])), "", "is no rotation"),
+    (rows(POSE * [1.1, 1.1, 1.1, 1]), "", "is not a rotation"),
+    (rows(POSE @ np.diag([1, 1, -1, 1])), "", "is not a rotation"),
     (words((*T, *np.degrees(TURN))), "", "theta u .* in rad, not in degrees"),
     (launch((*T, *np.degrees(RPY))), "", "give them in rad"),
     (launch((*T, 0.5, 0.5, 0.5, 0.1)), "", "quaternion .* must be 1"),
     (launch((*T, *Q)).replace("tool0", ""), "", "and two frames"),
     (VISP_XML.replace("theta_uy", "other"), "", "<theta_uy> is None"),
     (yaml.safe_dump({"R": R.tolist()}), "", "R has no t"), ("a: 1\n", "", "has a, must have a 4x4"),
-    (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data hold 5 numbers"),
+    (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data has 5 numbers"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, text, units, says):
     path = tmp_path / "file"
@@ -183,7 +183,7 @@ def test_a_link_that_the_file_places_is_put_there(tmp_path):
 @pytest.mark.parametrize(("text", "link", "says"), [
     (rows(POSE), "", "does not name the link"), (rows(POSE), "tool", "no link 'tool'.*'tool0'"),
     (rows(POSE), "camera_link", "is the camera itself"),
-    (launch((*T, *Q)).replace("head_optical_frame", "head"), "", "places the frame 'head'"),
+    (launch((*T, *Q)).replace("head_optical_frame", "head"), "", "the pose of the frame 'head'"),
 ])  # fmt: skip
 def test_a_link_that_cannot_carry_the_camera_is_named(tmp_path, text, link, says):
     path = tmp_path / "hand_eye"

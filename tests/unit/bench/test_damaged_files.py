@@ -164,6 +164,6 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(tmp_path, kind):
 def test_a_robot_that_is_no_text_is_refused_by_its_name(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_bytes(b"<robot name='\xff'/>")
-    with pytest.raises(ExperimentError, match="arm.urdf is no text in UTF-8") as refused:
+    with pytest.raises(ExperimentError, match="arm.urdf is not UTF-8 text") as refused:
         Robot(RobotSpec(urdf=str(path)))
     assert "\n" not in str(refused.value)

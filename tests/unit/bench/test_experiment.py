@@ -208,7 +208,7 @@ def test_what_cannot_be_run_is_refused_in_one_line(values, complaint):
 def test_a_file_that_is_none_or_never_ends_is_refused(tmp_path):
     with pytest.raises(ExperimentError, match="cannot read"):
         Experiment.from_yaml(tmp_path / "none.yaml")
-    with pytest.raises(ExperimentError, match="no ordinary file"):
+    with pytest.raises(ExperimentError, match="not a regular file"):
         Experiment.from_yaml("/dev/zero")
     broken = tmp_path / "broken.yaml"
     broken.write_text("gain: [1")

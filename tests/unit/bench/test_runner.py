@@ -305,7 +305,7 @@ def test_starts_in_every_form_are_one():
         ({"start": [0.0, 0.0]}, "start is .0.0, 0.0.*for each of gantry, J1"),
         ({"start": [9.0, 0, 0, 0, 0, 0]}, "start puts gantry at 9.0000, outside its limits"),
         ({"goal": "/nowhere/goal.yaml"}, "cannot read the goal /nowhere/goal.yaml"),
-        ({"goal": "/dev/zero"}, "no ordinary file"),
+        ({"goal": "/dev/zero"}, "not a regular file"),
         ({"goal": {"pose": [0, 0, 0.8, 0, 0, 0]}}, "behind|not see|not seen|look"),
         ({"start": {"height": [3.0, 4.0], "attempts": 3}}, "no start found in 3 attempts"),
         ({"goal": [0.0] * 5}, "goal is .0.0, 0.0.*for each of gantry, J1"),

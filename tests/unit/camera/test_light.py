@@ -160,13 +160,13 @@ def test_a_light_of_a_world_comes_and_goes(tmp_path):
     (spot,) = world_file.load_world(str(path)).lights
     assert spot.lit_intervals == ((0.0, 0.5), (1.25, 2.0))
     for times, complaint in [("0 0.5 1", "needs 4 numbers"), ("1 0.5", "from 1 to 0.5 s"),
-                             ("-1 0.5", "must rise from 0 on"), ("1 x", "'x'")]:
+                             ("-1 0.5", "must start at 0 s or later"), ("1 x", "'x'")]:
         path.write_text(TIMED.format("", times=times))
         found = world_file.load_world(str(path))
         (told,) = found.warnings
         assert not found.lights
-        assert re.match(f"light 'l' is left out: light 'l': aras:shines.*{complaint}", told)
-    with pytest.raises(WorldError, match="'l': shines from 2 to 1 s"):
+        assert re.match(f"light 'l' is ignored: light 'l': aras:shines.*{complaint}", told)
+    with pytest.raises(WorldError, match="'l': lit interval from 2 to 1 s"):
         Simulation(SimulationConfig(lights=(Light("l", lit_intervals=((2.0, 1.0),)),)))
 
 

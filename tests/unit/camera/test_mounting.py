@@ -128,7 +128,7 @@ def test_ways_to_write_a_pose(pose):
     _, placed = mounting.configure_world_camera("cam", {**PLACE, "pose": pose}, {}, 0)
     assert placed.xyz == (1, 2, 3)
     assert placed.quat == pytest.approx((0, 0, np.sin(0.25), np.cos(0.25)))
-    for part in ("xyz", "rpy"):  # what is left out is zero
+    for part in ("xyz", "rpy"):  # what is ignored is zero
         _, placed = mounting.configure_world_camera(
             "cam", {**PLACE, "pose": {part: [0, 0, 0]}}, {}, 0
         )
@@ -259,8 +259,8 @@ def test_intrinsics_of_a_lens_are_drawn_and_published(kind):
 
 
 @pytest.mark.parametrize(("kind", "inside", "reason"), [
-    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; left out"),
-    ("camera", "<type>equidistant</type>", "is for a wideanglecamera; a pinhole is drawn"),
+    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; it is"),
+    ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn"),
 ])
 def test_what_a_lens_has_in_vain_is_named(kind, inside, reason):
     made = parse_urdf(

@@ -147,7 +147,7 @@ def test_it_claims_nothing(make):
         ({"extra_joints": [{"name": "a", "position": 1}]}, "must be a double.*write 0.0"),
         ({"extra_joints": [{"position": 1.0}]}, r"extra_joints\[0\]/name"),
         ({"extra_joints": "a"}, "extra_joints must be a list"),
-        ({"extra_joints": [3]}, r"extra_joints\[0\] must hold a name, found 3"),
+        ({"extra_joints": [3]}, r"extra_joints\[0\] must have a name, found 3"),
     ],
 )
 def test_bad_parameters_are_named(make, change, text):

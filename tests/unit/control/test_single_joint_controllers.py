@@ -265,7 +265,7 @@ def test_group_position_controller_for_efforts(make):
          "no joint 'z' in the EffortJointInterface.*a, b"),
         ("effort_controllers/JointEffortController", {}, "/robot/c/joint is missing"),
         ("effort_controllers/JointGroupEffortController", {"joints": []}, "non-empty list"),
-        ("effort_controllers/JointGroupEffortController", {"joints": ["a", "a"]}, "twice"),
+        ("effort_controllers/JointGroupEffortController", {"joints": ["a", "a"]}, "different"),
         ("effort_controllers/JointGroupPositionController", {"joints": ["a"]}, "/robot/c/a/pid/p"),
     ],
 )

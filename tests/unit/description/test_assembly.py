@@ -235,7 +235,7 @@ def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad
     said = list(found.warnings)
     world_file.populate(simulation.spawn, found, said.append)
     assert list(simulation.world.models) == [f"m{k}" for k in range(19)]
-    assert any("'bad' is left out" in text and (reason in text or bad == "gone include")
+    assert any("'bad' is ignored" in text and (reason in text or bad == "gone include")
                for text in said)
     assert any(reason in text for text in said)
     simulation.close()
@@ -243,7 +243,7 @@ def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad
 
 @pytest.mark.parametrize(("text", "sentence"), [
     ("<static>yes</static>", "model 'm': static is 'yes', read as true; write true or false"),
-    ("<static>maybe</static>", "static is 'maybe', which is neither true nor false; left out"),
+    ("<static>maybe</static>", "static is 'maybe', which is neither true nor false; ignored"),
     ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, read as a position without rotation"),
 ])
 def test_what_gazebo_s_parser_forgives_is_repaired_and_named(text, sentence):

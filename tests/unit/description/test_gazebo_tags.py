@@ -184,7 +184,7 @@ def test_flags_of_links():
 @pytest.mark.parametrize("inside, warning", [
     ("<gazebo reference='b'/>", "<gazebo reference='b'> names no link or joint; ignored"),
     ("<gazebo><plugin filename='x.so'/></gazebo>", "plugin 'x.so' is not known; ignored"),
-    ("<gazebo reference='a'><sensor type='ray'/></gazebo>", "sensor type 'ray' is not known"),
+    ("<gazebo reference='a'><sensor type='ray'/></gazebo>", "sensor type 'ray' is unknown"),
 ])
 def test_what_is_not_known_warns(inside, warning):
     (said,) = robot(inside).warnings

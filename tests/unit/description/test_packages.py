@@ -134,12 +134,12 @@ def test_the_path_that_a_uri_names(monkeypatch, uri, path):
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
-    ("", "here: the mesh file name is empty or holds a NUL character"),
-    (" \n", "here: the mesh file name is empty or holds a NUL character"),
-    ("/a\0b", "here: the mesh file name is empty or holds a NUL character"),
-    ("a.stl", "here: mesh 'a.stl' is a relative path and the description came as text"),
-    ("package://arm/../b/a", "here: mesh 'package://arm/../b/a' climbs out of package 'arm'"),
-    ("package://arm/../armour/a.stl", "climbs out of package 'arm'; keep the file inside"),
+    ("", "here: the mesh file name is empty or contains a NUL character"),
+    (" \n", "here: the mesh file name is empty or contains a NUL character"),
+    ("/a\0b", "here: the mesh file name is empty or contains a NUL character"),
+    ("a.stl", "here: mesh 'a.stl' is a relative path, but the description was not"),
+    ("package://arm/../b/a", "here: mesh 'package://arm/../b/a' is outside of package 'arm'"),
+    ("package://arm/../armour/a.stl", "outside of package 'arm'; keep the file inside"),
     ("ftp://arm/a.stl", "here: mesh 'ftp://arm/a.stl' has the unknown scheme 'ftp://'"),
     ("ftp://" + 194 * "a", f"mesh 'ftp://{194 * 'a'}' has"),
     ("ftp://" + 195 * "a", f"mesh 'ftp://{194 * 'a'}…' has"),

@@ -56,7 +56,7 @@ def test_each_unknown_plugin_is_named_once():
 
 @pytest.mark.parametrize("mimic, words", [
     ("<mimic joint='a'/>", "is not needed: <mimic> already works"),
-    ("", "is not served: give joint 'b' a <mimic joint='a'/>, which works"),
+    ("", "is not supported: give joint 'b' a <mimic joint='a'/>, which works"),
 ])
 def test_what_becomes_of_a_mimic_plugin_is_said_once(mimic, words):
     name = "libroboticsgroup_upatras_gazebo_mimic_joint_plugin.so"
@@ -272,8 +272,8 @@ def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
     read = sensor("libgazebo_ros_camera.so", "<cameraName>second</cameraName>", before=(
         "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
     assert read.cameras[0].plugin.camera_name == "first"
-    assert read.warnings == ("camera 'eye' on link 'a': one plug-in delivers its pictures; "
-                             "'second' is left out",)
+    assert read.warnings == ("camera 'eye' on link 'a': only one plug-in can publish its images; "
+                             "'second' is ignored",)
 
 
 @pytest.mark.parametrize(("names", "sides"), [
@@ -319,4 +319,4 @@ def test_a_setting_that_a_plugin_does_not_serve_is_named(name):
             ) + "</robot>")
     lines = [line for line in parse_urdf(text).warnings if "<wheels>" in line]
     assert len(lines) == 1 and f"plugin 'lib{name}.so': " in lines[0]
-    assert lines[0].endswith("not served; left out")
+    assert lines[0].endswith("not supported; ignored")

@@ -119,7 +119,7 @@ def test_meshes_name_their_files(tmp_path):
 
 
 @pytest.mark.parametrize(("shape", "reason"), [
-    ("<mesh filename='package://p/../a.stl'/>", "climbs out of package 'p'"),
+    ("<mesh filename='package://p/../a.stl'/>", "outside of package 'p'"),
     ("<mesh filename='package://p/b.stl'/>", "does not exist"),
     ("<mesh filename='package://no such/a.stl'/>", "is not a package name"),
     ("<mesh filename='package://gone/a.stl'/>", "package 'gone' is not in ROS_PACKAGE_PATH"),
@@ -128,8 +128,9 @@ def test_meshes_name_their_files(tmp_path):
     ("<mesh filename='package://p/folder.stl'/>", "is no regular file"),
     ("<mesh filename='package://p/pipe.stl'/>", "is no regular file"),
     ("<mesh filename='package://p/device.stl'/>", "is no regular file"),
-    ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "holds a zero"),
-    ("<cone/>", "shape <cone> is not served; use box, cylinder, sphere"), ("", "has no <geometry>"),
+    ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "contains a zero"),
+    ("<cone/>", "shape <cone> is not supported; use box, cylinder, sphere"),
+    ("", "has no <geometry>"),
 ])
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, reason, kind):
@@ -146,7 +147,7 @@ def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, re
     assert len(found.links["a"].visuals + found.links["a"].collisions) == 1
     (warning,) = found.warnings
     assert re.search(reason, warning) and f"link 'a', {kind} 2" in warning
-    assert warning.endswith(f"; the {kind} is left out")
+    assert warning.endswith(f"; the {kind} is ignored")
 
 
 def test_inertials_origins_and_names_of_parts():
@@ -188,7 +189,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
 @pytest.mark.parametrize("inside, reason", [
     ("", "robot 'r' has no link"),
     ("<link/>", "a link has no name"),
-    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name of 257 characters"),
+    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name has 257 characters"),
     (A + A, "two links are named 'a'"),
     (AB, "needs exactly one root link, found 'a', 'b'"),
     (AB + JOINT + JOINT, "two joints are named 'j'"),

@@ -76,7 +76,7 @@ def test_files_that_are_no_world(tmp_path):
         world_file.load_world(str(tmp_path / "gone.world"))
     path = tmp_path / "a.world"
     path.write_text("<sdf/>")
-    with pytest.raises(DescriptionError, match="there is no <sdf><world> in it"):
+    with pytest.raises(DescriptionError, match="it contains no <sdf><world>"):
         world_file.load_world(str(path))
     path.write_bytes(b"\xff\xfe<")
     with pytest.raises(DescriptionError, match="the world file cannot be read"):
@@ -99,7 +99,7 @@ def test_a_light_s_numbers(tmp_path):
 
 
 @pytest.mark.parametrize("changes, reason", [
-    ({"name": ""}, "needs a name"), ({"direction": (0.0, 0.0, 0.0)}, "its direction is zero"),
+    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "its direction is zero"),
     ({"diffuse": (1.0, -0.1, 0.0, 1.0)}, "diffuse .* must not be negative"),
     ({"attenuation_linear": float("nan")}, "attenuation_linear nan is not finite"),
     ({"origin_xyz": (0.0, float("inf"), 0.0)}, "origin_xyz .* is not finite"),
@@ -127,10 +127,10 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     assert [v.name for v in link.visuals] == ["b"]
     assert [c.name for c in link.collisions] == ["d"]
     first, second = found.warnings
-    assert "visual 'a'" in first and "nowhere" in first and "left out" in first
+    assert "visual 'a'" in first and "nowhere" in first and "ignored" in first
     assert "collision 'c'" in second and "c.stl" in second
     path.write_text(path.read_text().replace("nowhere/a.dae", "crate/../../a.dae"))
-    assert "climbs out" in world_file.load_world(str(path)).warnings[0]
+    assert "outside of" in world_file.load_world(str(path)).warnings[0]
 
 
 NUMBERS = [*_DIRECTION_FIELDS, *_STRENGTH_FIELDS]
@@ -164,7 +164,7 @@ def test_when_a_light_shines_rises_from_0_on(shines, right):
     if right:
         assert check_light(light) is light
     else:
-        with pytest.raises(WorldError, match="'sun': shines from .* s, must rise from 0 on"):
+        with pytest.raises(WorldError, match="'sun': lit interval from .* s; it must start at"):
             check_light(light)
 
 
@@ -217,9 +217,9 @@ def test_what_a_model_warns_of_is_named_with_the_model(tmp_path):
     found = world(tmp_path, "<actor name='x'/>" + inside.format("m", "ray")
                   + inside.format("n", "sonar"))
     assert found.warnings == (
-        "SDF: <actor> 'x' is not served; left out",
-        "model 'm': link 'a': sensor type 'ray' is not known; ignored",
-        "model 'n': link 'a': sensor type 'sonar' is not known; ignored")
+        "SDF: <actor> 'x' is not supported; ignored",
+        "model 'm': link 'a': sensor type 'ray' is unknown; ignored",
+        "model 'n': link 'a': sensor type 'sonar' is unknown; ignored")
 
 
 def test_files_that_a_world_names_lie_beside_it(tmp_path, monkeypatch):

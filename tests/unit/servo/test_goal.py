@@ -201,9 +201,9 @@ def test_what_is_no_goal(tmp_path, content):
 
 
 def test_a_file_that_never_ends_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match="no ordinary file"):
+    with pytest.raises(ConfigurationError, match="not a regular file"):
         Goal.load("/dev/zero")
-    with pytest.raises(ConfigurationError, match="no ordinary file"):
+    with pytest.raises(ConfigurationError, match="not a regular file"):
         Goal.load(tmp_path)
     os.mkfifo(tmp_path / "fifo")
     done = []

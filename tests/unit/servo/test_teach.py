@@ -300,7 +300,7 @@ def test_its_help_says_what_each_argument_is(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--geometry", "/dev/zero", "--urdf", str(URDF)], "no ordinary file"),
+        (["--geometry", "/dev/zero", "--urdf", str(URDF)], "not a regular file"),
         (["--geometry", str(CONFIG / "goal_2016.yaml")], "needs --urdf"),
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", "/none"], "cannot read"),
         (["--depth", "0"], "--depth"),

@@ -214,7 +214,7 @@ def test_a_file_is_read_or_refused_at_once(tmp_path):
     assert read_yaml(good, OwnError) == {"a": {"b": [1, 2]}}  # the caller's own
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, "/dev/zero"):
-        with pytest.raises(OwnError, match="no ordinary file"):
+        with pytest.raises(OwnError, match="not a regular file"):
             read_yaml(path, OwnError)
     with pytest.raises(OwnError, match="cannot read .*none.yaml: No such file"):
         read_yaml(tmp_path / "none.yaml", OwnError)
@@ -243,7 +243,7 @@ def test_what_is_no_yaml_is_said_in_one_line(tmp_path, text, words):
 
 def test_a_file_of_another_encoding_is_told(tmp_path):
     (tmp_path / "bad.yaml").write_bytes(b"\xff\xfe")
-    with pytest.raises(OwnError, match="bad.yaml is no text in UTF-8: "):
+    with pytest.raises(OwnError, match="bad.yaml is not UTF-8 text: "):
         read_yaml(tmp_path / "bad.yaml", OwnError)
 
 

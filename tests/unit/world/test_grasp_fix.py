@@ -121,7 +121,7 @@ def test_deleted_things_and_resets_leave_nothing_held(make):
 @pytest.mark.parametrize("inside, words", [
     (ARM.format("<gripper_link>thumb</gripper_link>"), ["'thumb' does not exist", "no <arm>"]),
     (ARM.format(FINGERS).replace("palm<", "wrist<"), ["palm_link 'wrist'", "no <arm>"]),
-    (ARM.format(FINGERS) * 2, ["an arm of this name already"]),
+    (ARM.format(FINGERS) * 2, ["another arm has this name"]),
     ("", ["no <arm>"]),
 ])
 def test_arms_that_do_not_exist_are_named(make, inside, words):

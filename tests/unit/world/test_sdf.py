@@ -125,14 +125,15 @@ def test_included_ground_and_sun_are_known():
 
 def test_what_changes_nothing_is_left_out_with_one_warning():
     described = parse_sdf(model(link("<battery name='b'/>")))
-    assert described.warnings == ("model 'm', link 'link': <battery> 'b' is not served; left out",)
+    assert described.warnings == (
+        "model 'm', link 'link': <battery> 'b' is not supported; ignored",)
 
 
 @pytest.mark.parametrize(("text", "reason"), [
     (model(link(part("visual", "<box><size>1 1 -1</size></box>"))), "must be positive"),
     (model(link(part("visual", "<box><size>1 nan 1</size></box>"))), "not finite"),
     (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),
-    (model('<model name="inner"/>'), "model 'm': has no <link>"),
+    (model('<model name="inner"/>'), "model 'm': it has no <link>"),
     (model(""), "has no <link>"),
     (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),
     (model(solid(BOX, name="a") + solid(BOX, name="b")

@@ -104,7 +104,7 @@ def test_steps_diverge_where_it_is_told_and_not_before(make, way, root, caplog):
         ratio, growth, told = swung(make, way, share * longest, root)
         assert ratio == pytest.approx(share, rel=1e-3) and bool(told) == diverges
         assert growth > 1e4 if diverges else growth < 100.0
-    assert f"they bear {longest:.2g} s" in told
+    assert f"they need {longest:.2g} s" in told
     said = [record.message for record in caplog.records if "unstable" in record.message]
     # When controllers start, in the run that diverges alone; a drive's gains need none to run.
     assert said == ([] if way == "drive" else [f"model 'arm': {told}"])

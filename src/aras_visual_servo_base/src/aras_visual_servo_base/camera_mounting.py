@@ -1,4 +1,4 @@
-"""A camera in a robot's description, put where a hand-eye calibration found it."""
+"""Mounting of a camera in a robot description at the pose from a hand-eye calibration."""
 
 from __future__ import annotations
 
@@ -14,15 +14,15 @@ from .urdf import LINK, OPTICAL, parse_tree
 
 
 def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "") -> str:
-    """The link that carries the camera: as given, else as the file names it.
+    """Return the link that carries the camera: `link`, or by default the link that the file names.
 
     Raises:
-        HandEyeError: neither names one, or the description has none of that name.
+        HandEyeError: neither names a link, or the description has no link of that name.
     """
     name, links = link or calibration.link, parse_tree(urdf).links
     if not name:
         raise HandEyeError("the file does not name the link that carries the camera: set "
-                           "hand_eye.link (launch: hand_eye_link), as tool0")  # fmt: skip
+                           "hand_eye.link (launch: hand_eye_link), for example tool0")  # fmt: skip
     if name not in links:
         raise HandEyeError(f"the description has no link '{name}' that could carry the camera: "
                            f"{suggest(name, links)}: set hand_eye.link")  # fmt: skip
@@ -30,28 +30,28 @@ def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "")
 
 
 def check_optical(calibration: HandEyeCalibration) -> None:
-    """HandEyeError where the camera's frame is not said to be the optical one."""
+    """Check that the calibrated frame may be the optical frame. Raises HandEyeError otherwise."""
     if calibration.frame and "optical" not in calibration.frame:
         raise HandEyeError(
-            f"the hand-eye file places the frame '{calibration.frame}', which the description has "
-            "not: "
-            "whether it is the optical one (z forward) is not known; name it "
-            f"{calibration.frame}_optical_frame if it is"
+            f"the hand-eye file contains the pose of the frame '{calibration.frame}', which is not "
+            "in the description. It may not be the optical frame (z forward); if it is, rename it "
+            f"to {calibration.frame}_optical_frame"
         )
 
 
 def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
-    """A description whose camera sits where a hand-eye calibration found it.
+    """Return a description whose camera has the pose from a hand-eye calibration.
 
-    What is moved is the camera's link (`camera_link` of `camera_optical_frame`) with all that is
-    fixed to it; it is added where the description has none, and so is the optical frame in a link
-    without a camera sensor, which would say where that is.
+    The camera's link (`camera_link` for the frame `camera_optical_frame`) is moved with all links
+    that are fixed to it. It is added if the description has no such link. The optical frame is
+    added, too, if it is missing and the link has no camera sensor that defines it.
 
     Args:
-        link: that carries the camera; '': as the file names it. camera_frame: the optical frame.
+        link: link that carries the camera; '' for the link that the file names.
+        camera_frame: optical frame of the camera.
 
     Raises:
-        HandEyeError: a link that is not there, or a camera that joints move in the carrying link.
+        HandEyeError: a link does not exist, or the camera can move relative to its carrying link.
     """
     tree, robot = parse_tree(urdf), ElementTree.fromstring(urdf)
     carrier = find_camera_link(urdf, calibration, link)
@@ -66,13 +66,13 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
         try:
             for joint in tree.find_path(moved, frame):
                 if joint.kind != "fixed":
-                    raise HandEyeError(f"joint '{joint.name}' moves {frame} on {moved}: a hand-eye "
-                                       "calibration is of a camera that is fixed")  # fmt: skip
+                    raise HandEyeError(f"joint '{joint.name}' moves {frame} relative to {moved}: a "
+                                       "hand-eye calibration needs a fixed camera")  # fmt: skip
                 moved_T_frame = moved_T_frame @ matrix_from_xyz_rpy(
                     joint.origin_xyz, joint.origin_rpy
                 )
         except DescriptionError as error:
-            raise HandEyeError(f"the camera's frame is not on its link: {error}") from None
+            raise HandEyeError(f"the camera's frame is not fixed to its link: {error}") from None
     elif frame != moved and moved in tree.cameras:
         moved_T_frame = optical_pose(tree.cameras[moved].matrix())
     elif frame != moved:
@@ -84,10 +84,10 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
         if moved not in tree.links:
             ElementTree.SubElement(robot, "link", name=moved)
     elif joint.get("type") != "fixed":
-        raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration is "
-                           "of a camera that is fixed to its link")  # fmt: skip
+        raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration "
+                           "needs a camera that is fixed to its link")  # fmt: skip
     if moved in tree.links and moved in (carrier, *(j.parent for j in tree.find_path("", carrier))):
-        raise HandEyeError(f"link '{carrier}' is the camera itself or hangs on it: set "
+        raise HandEyeError(f"link '{carrier}' is the camera itself or a child of it: set "
                            "hand_eye.link to the link that carries the camera")  # fmt: skip
     _set_joint_pose(joint, carrier, calibration.link_T_camera @ inverse(moved_T_frame))
     placed = frame == camera_frame or moved not in tree.links
@@ -101,7 +101,7 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
 
 
 def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
-    """Have the joint's child at this pose (4, 4) in the link `parent`."""
+    """Attach the joint's child to the link `parent` with this relative pose (4, 4)."""
     for old in (*joint.findall("parent"), *joint.findall("origin")):
         joint.remove(old)
     xyz, rpy = (

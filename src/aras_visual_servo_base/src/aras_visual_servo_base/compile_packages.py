@@ -1,9 +1,9 @@
-"""Compile packages' loops (Numba) now, which their first start would do otherwise.
+"""Compile the Numba functions of packages before the first start needs them.
 
     python -m aras_visual_servo_base.compile_packages [--from FOLDER] [--processes N] PACKAGE...
 
-What set-up calls for the sources, and installing for the copies that it has made of them. There,
-`--from` names the folder with the packages' sources: what was compiled for those is taken over.
+Set-up calls this for the source packages, and installation for the installed copies. In the latter
+case `--from` names the folder with the source packages, whose compiled functions are copied.
 """
 
 from __future__ import annotations
@@ -26,10 +26,10 @@ IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit\b", re.MULTILINE)
 
 
 def find_sources(package: str) -> list[Path]:
-    """Files of a package that import the decorator of its loops; relative to its parent folder.
+    """Return the files of a package with compiled functions, relative to its parent folder.
 
     Raises:
-        ModuleNotFoundError: there is no such package.
+        ModuleNotFoundError: the package does not exist.
     """
     parent = _find_folder(package)
     files = sorted((parent / package).rglob("*.py"))
@@ -44,22 +44,25 @@ def _find_folder(package: str) -> Path:
 
 
 def copy_cache(package: str, folder: Path) -> None:
-    """Copy what was compiled for the package's sources in `folder`, where they are the same text:
-    Numba takes what it kept for the same text, wherever that stands.
+    """Copy the compiled functions of the source package in `folder`, for files with equal text.
+
+    Numba accepts cached functions of a file with the same text in any folder.
     """
     parent = _find_folder(package)
     for path in find_sources(package):
         source, copy = folder / path, parent / path
         if source == copy or not source.exists() or source.read_bytes() != copy.read_bytes():
             continue
-        for kept in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
+        for cache_file in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
             (copy.parent / "__pycache__").mkdir(exist_ok=True)
-            shutil.copy2(kept, copy.parent / "__pycache__")
+            shutil.copy2(cache_file, copy.parent / "__pycache__")
 
 
 def find_missing(packages: Sequence[str]) -> list[str]:
-    """Those of the packages with loops for which nothing is kept beside their sources, though it
-    could be: what starts next would compile them."""
+    """Return the packages with functions that are not cached yet, although the cache is writable.
+
+    The next start of a program would compile these functions.
+    """
     if os.environ.get("NUMBA_CACHE_DIR"):
         return []
     found = []
@@ -76,8 +79,10 @@ def find_missing(packages: Sequence[str]) -> list[str]:
 
 
 def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
-    """The packages in at most `count` parts that take about as long: packages of one process
-    compile the parts of Numba that they have in common once."""
+    """Split the packages into at most `count` groups of similar compilation time.
+
+    Packages that are compiled in one process share the compilation of common parts of Numba.
+    """
     files = {package: len(find_sources(package)) for package in packages}
     parts: list[list[str]] = [[] for _ in range(min(count, len(files)))]
     for package in sorted(files, key=files.get, reverse=True):
@@ -86,18 +91,19 @@ def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Compile the packages' loops, with a process for each core; returns the exit status."""
+    """Compile the functions of packages, with a process for each core; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="loops", description=__doc__.splitlines()[0],
         epilog=f"example: python -m {__name__} aras_visual_servo_camera",
     )  # fmt: skip
     parser.add_argument("packages", nargs="+", metavar="PACKAGE")
-    parser.add_argument("--from", dest="folder", type=Path, help="where the sources are")
+    parser.add_argument("--from", dest="folder", type=Path,
+                        help="folder of the source packages, whose compiled functions are copied")
     parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N",
-                        help="at most so many side by side (as there are cores)")  # fmt: skip
+                        help="largest number of parallel processes (default: the cores)")
     given = parser.parse_args(argv)
     found = [package for package in given.packages if _import_modules(package, given.folder)]
-    # Forked, so that what all of them need is imported once.
+    # Forked processes share the modules that all of them need.
     fork = multiprocessing.get_context("fork")
     processes = [fork.Process(target=_compile, args=(part,))
                  for part in split_packages(found, max(given.processes, 1))]  # fmt: skip
@@ -110,8 +116,11 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _import_modules(package: str, folder: Path | None) -> bool:
-    """Import a package's modules with loops, compiling nothing yet; False, and told, where it or
-    something that it imports is not there. folder: as `copy_cache` has it."""
+    """Import the modules with compiled functions, without compiling; `folder`: see `copy_cache`.
+
+    Returns:
+        False, after printing the error, if the package or one of its imports is missing.
+    """
     try:
         if folder:
             copy_cache(package, folder)
@@ -124,7 +133,7 @@ def _import_modules(package: str, folder: Path | None) -> bool:
 
 
 def _compile(packages: Sequence[str]) -> None:
-    # An eighth of the time went into looking for garbage among Numba's many objects.
+    # Garbage collection among Numba's many objects takes one eighth of the time.
     gc.disable()
     for package in packages:
         compile_all(package)

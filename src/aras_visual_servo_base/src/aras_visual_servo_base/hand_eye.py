@@ -1,16 +1,16 @@
-"""Results of hand-eye calibrations: where a camera's frame is in the link that carries it.
+"""Reader of hand-eye calibration results: the pose of a camera frame in the link that carries it.
 
-Read are, by their content:
+The format is detected from the content of the file:
 
 - a 4x4 homogeneous matrix: text (numpy.savetxt), YAML, or OpenCV's FileStorage;
 - OpenCV's calibrateHandEye: R and t (`R_cam2gripper`, `t_cam2gripper`; R may be a rotation vector)
   in YAML or FileStorage;
 - ViSP: eMc as pose vector (t, theta u) in text or YAML, or vpXmlParserHomogeneousMatrix;
 - moveit_calibration: the launch file (ROS 1 or 2) with its static_transform_publisher;
-- easy_handeye, and a geometry_msgs/TransformStamped, in YAML.
+- easy_handeye, and geometry_msgs/TransformStamped, in YAML.
 
-ViSP and ROS write metres. Of the others nobody knows: lengths up to LONGEST are metres, longer ones
-need `units`.
+ViSP and ROS use metres. In the other formats the unit is not known: lengths up to
+LONGEST_TRANSLATION are in metres, larger ones need `units`.
 """
 
 from __future__ import annotations
@@ -33,9 +33,9 @@ from .setting_values import as_number, format_value
 from .yaml_files import parse_yaml, read_text
 
 LONGEST_TRANSLATION = 2.0  # m from a camera to the link that carries it
-SHORTEST_TRANSLATION = 1e-3  # m, of one whose unit is given
-ROTATION_TOLERANCE = 1e-3  # how far R may be from a rotation: files are rounded
-# Names of rotation and translation, without case; the end says what they map to what.
+SHORTEST_TRANSLATION = 1e-3  # m, if units are specified
+ROTATION_TOLERANCE = 1e-3  # largest deviation of R from a rotation matrix, due to rounding
+# Lower-case names of rotation and translation; the end names the frames that they relate.
 R_AND_T = re.compile(r"(r|rot|rotation|rvec|t|trans|translation|tvec)(_?(\w+?)(2|_to_)(\w+))?")
 PAIRS = {"r": "t", "rot": "trans", "rotation": "translation", "rvec": "tvec"}
 PUBLISHER_FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
@@ -44,15 +44,17 @@ PUBLISHER = "static_transform_publisher"
 
 
 class HandEyeError(SimError):
-    """A hand-eye file that cannot be used."""
+    """A hand-eye file is invalid."""
 
 
 @dataclass(frozen=True, eq=False)
 class HandEyeCalibration:
-    """Where a camera's frame is.
+    """Pose of a camera frame in the link that carries the camera.
 
-    link_T_camera: (4, 4), m. link: that carries the camera; '': the file does not say. frame: of
-    the camera; '': its optical frame (z forward, x right, y down).
+    Attributes:
+        link_T_camera: (4, 4), m.
+        link: link that carries the camera; '' if the file does not name it.
+        frame: frame of the camera; '' for its optical frame (z forward, x right, y down).
     """
 
     link_T_camera: np.ndarray
@@ -61,13 +63,15 @@ class HandEyeCalibration:
 
 
 def read_hand_eye(path: str | Path, units: str = "") -> HandEyeCalibration:
-    """Read a hand-eye result; see the module.
+    """Read a hand-eye calibration in one of the formats that the module lists.
 
     Args:
-        units: of its lengths: m, cm or mm; '': as the file says, else metres up to LONGEST.
+        units: unit of the lengths in the file: m, cm or mm; '' for the unit that the file states,
+            or metres up to LONGEST_TRANSLATION.
 
     Raises:
-        HandEyeError: naming the file, the field and what would be right.
+        HandEyeError: the file is invalid; the message names the file, the field and what is
+            expected.
     """
     path = Path(path).expanduser()
     text = read_text(path, HandEyeError)
@@ -99,7 +103,7 @@ def _convert_to_metres(
         raise HandEyeError(
             f"{path}: the translation {written} is {length:.4g} m long"
             + (f" in {units}: correct it, or units" if units else
-               ": set units to mm (or cm) if it is in that, else correct it")
+               ": set units to mm (or cm) if it is in that unit, otherwise correct it")
         )  # fmt: skip
     if units and 0.0 < length < SHORTEST_TRANSLATION:
         raise HandEyeError(f"{path}: the translation {written} is {length:.3g} m long in {units}: "
@@ -112,7 +116,7 @@ def _convert_to_metres(
 
 
 def _parse_rows(text: str) -> list[list[float]] | None:
-    """Numbers of each line of a text that holds nothing else but comments; None: it does."""
+    """Return the numbers in each line of a text; None if it contains more than numbers."""
     lines = [re.split("[#%]", line)[0].strip(" \t[],;") for line in text.splitlines()]
     try:
         return [[float(word) for word in re.split(r"[\s,;]+", line)]
@@ -122,7 +126,7 @@ def _parse_rows(text: str) -> list[list[float]] | None:
 
 
 def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
-    """A matrix (4, 4), its 16 numbers in one row, or ViSP's pose vector in a row or a column."""
+    """Return the pose (4, 4) of a 4x4 matrix, its 16 numbers in one row, or ViSP's pose vector."""
     if isinstance(rows, list | tuple) and not any(isinstance(row, list | tuple) for row in rows):
         rows = [rows]
     numbers = _flatten(rows, where)
@@ -134,7 +138,7 @@ def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
             _rotation_from_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where
         )
     raise HandEyeError(f"{where} holds {len(numbers)} numbers in {len(shape)} rows, must be a 4x4 "
-                       "matrix or ViSP's pose vector (t, theta u): is it whole?")  # fmt: skip
+                       "matrix or ViSP's pose vector (t, theta u): is it complete?")  # fmt: skip
 
 
 def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
@@ -146,7 +150,7 @@ def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
 
 
 def _rotation_from_vector(vector: Sequence[float], where: str) -> np.ndarray:
-    """R (3, 3) of axis times angle, rad."""
+    """Return R (3, 3) of an axis-angle vector, rad."""
     import cv2
 
     turn = np.asarray(vector, float)
@@ -163,15 +167,15 @@ def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
 
 
 def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
-    """(4, 4) of a rotation that may be rounded."""
+    """Return the pose (4, 4) with R orthonormalised, because files contain rounded numbers."""
     R, t = np.asarray(R, float), np.asarray(t, float).ravel()
     if not (np.isfinite(R).all() and np.isfinite(t).all()) or t.shape != (3,):
         raise HandEyeError(f"{where}: the translation is {t.tolist()}, must be three finite "
                            "numbers")  # fmt: skip
     off = float(np.abs(R @ R.T - np.eye(3)).max())
     if off > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
-        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is no rotation (R R' is off by "
-                           f"{off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
+        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation (R R' is off "
+                           f"by {off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
     U, _, V = np.linalg.svd(R)
     pose = np.eye(4)
     pose[:3, :3] = R if off < 1e-12 else U @ V
@@ -183,7 +187,7 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
     try:
         root = parse(text, str(path))
     except DescriptionError as error:
-        raise HandEyeError(f"{error}: is the file whole?") from None
+        raise HandEyeError(f"{error}: is the file complete?") from None
     if root.tag == "launch":
         nodes = [node for node in root.iter("node") if node.get("type") == PUBLISHER]
         if len(nodes) != 1:
@@ -194,7 +198,7 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
     values = root.findall("homogeneous_transformation/values")
     if len(values) != 1:
         raise HandEyeError(f"{path} has {len(values)} <homogeneous_transformation> with <values>, "
-                           "must have one: keep that of the camera")  # fmt: skip
+                           "must have one: remove those of other cameras")  # fmt: skip
     tags = ("tx", "ty", "tz", "theta_ux", "theta_uy", "theta_uz")
     found = [as_number(_parse_float(values[0].findtext(tag))) for tag in tags]
     for tag, number in zip(tags, found, strict=True):
@@ -206,8 +210,10 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
 
 
 def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCalibration:
-    """Of static_transform_publisher: x y z, yaw pitch roll or a quaternion, and two frames; or with
-    flags, as ROS 2 has them."""
+    """Read the arguments of static_transform_publisher.
+
+    These are x y z, yaw pitch roll or a quaternion, and two frames; or flags as in ROS 2.
+    """
     where = f"{path}: {PUBLISHER}"
     if any(word.startswith("--") for word in arguments):
         given = {key.lstrip("-"): value for key,
@@ -250,7 +256,7 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
 
 
 def _find_publisher_text(text: str) -> str:
-    """What follows a publisher's name in a Python launch file, without comments."""
+    """Return the arguments of a publisher in a Python launch file, without comments."""
     code = re.sub(r"#.*", "", text)
     after = code[code.index(PUBLISHER) + len(PUBLISHER) :] if PUBLISHER in code else ""
     inside, closed, _ = after[max(after.find("arguments"), 0) :].partition("]")
@@ -267,7 +273,7 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
     if "rows" in data and "data" in data:  # ViSP's arrays
         numbers = _flatten(data["data"], f"{path}: data")
         if len(numbers) != _count_entries(data, path):
-            raise HandEyeError(f"{path}: data hold {len(numbers)} numbers, and rows and cols say "
+            raise HandEyeError(f"{path}: data has {len(numbers)} numbers, but rows and cols are "
                                f"{data.get('rows')} and {data.get('cols')}")  # fmt: skip
         shape = (data["rows"], data["cols"])
         return HandEyeCalibration(
@@ -282,7 +288,7 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
 
 
 def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> HandEyeCalibration:
-    """easy_handeye's transformation, or a Transform."""
+    """Read easy_handeye's transformation, or a geometry_msgs/Transform."""
     parts = {key: entry.get(key) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")}
     for key, names in (("translation", ("x", "y", "z")), ("rotation", ("qx", "qy", "qz", "qw"))):
         if isinstance(entry.get(key), Mapping):
@@ -302,7 +308,7 @@ def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> 
 
 
 def _read_opencv(text: str, path: Path) -> HandEyeCalibration:
-    """OpenCV's FileStorage with a 4x4 matrix, or R and t."""
+    """Read an OpenCV FileStorage with a 4x4 matrix, or R and t."""
     entries = read_storage(text, path, HandEyeError)
     data = {name: value.tolist() for name, value in entries.items()
             if isinstance(value, np.ndarray)}  # fmt: skip
@@ -315,7 +321,7 @@ def _find_units(text: str) -> str:
 
 
 def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
-    """A 4x4 matrix under any name, or R and t by their names."""
+    """Return the pose from a 4x4 matrix under any name, or from R and t, which have known names."""
     plain = {str(key): value for key, value in data.items() if isinstance(value, list | tuple)}
     matrices = [key for key, value in plain.items() if len(_flatten(value, f"{path}: {key}")) == 16]
     if len(matrices) == 1:
@@ -339,22 +345,22 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
         matrix = _make_pose(R, _flatten(t, f"{path}: {other}"), where)
         return np.linalg.inv(matrix) if _is_inverse(name) else matrix
     raise HandEyeError(f"{path} has {', '.join(map(str, data)) or 'nothing'}, must have a 4x4 "
-                       "matrix, or R and t (as R_cam2gripper and t_cam2gripper)")  # fmt: skip
+                       "matrix, or R and t (such as R_cam2gripper and t_cam2gripper)")  # fmt: skip
 
 
 def _is_inverse(name: str) -> bool:
-    """Whether a name says that something is mapped to the camera, as gripper2cam."""
+    """Return whether a name, such as gripper2cam, denotes a transform to the camera frame."""
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 
 def _flatten(value: Any, where: str) -> list[float]:
-    """The finite numbers of a list of any depth."""
+    """Return the finite numbers of a nested list."""
     if isinstance(value, list | tuple):
         return [number for part in value for number in _flatten(part, where)]
     number = as_number(value)
     if number is None:
         raise HandEyeError(
-            f"{where}: {format_value(value)} is no finite number: is the file whole?"
+            f"{where}: {format_value(value)} is not a finite number: is the file complete?"
         )
     return [number]
 

@@ -1,4 +1,4 @@
-"""Pictures from strangers: their size by the header, before they are decoded."""
+"""Readers of image files; the size is checked in the header before decoding."""
 
 import warnings
 from pathlib import Path
@@ -7,16 +7,16 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 
-LARGEST_IMAGE = 64_000_000  # pixels of a picture that is read
+LARGEST_IMAGE = 64_000_000  # pixels; larger images are rejected
 
 
 def read_image_size(path: str | Path) -> tuple[int, int] | None:
-    """Width and height (px) as the header says; None where the file is no picture.
+    """Return width and height (px) from the header of a file; None if it is not an image.
 
     Raises:
-        DescriptionError: it has more than LARGEST pixels.
+        DescriptionError: the image has more than LARGEST_IMAGE pixels.
     """
-    from PIL import Image  # only who has a picture waits for it
+    from PIL import Image  # imported here because few programs read images
 
     too_large = DescriptionError(f"{path} has more than {LARGEST_IMAGE} pixels: make it smaller")
     try:
@@ -32,9 +32,10 @@ def read_image_size(path: str | Path) -> tuple[int, int] | None:
 
 
 def read_on_white(path: str | Path, colour: bool = False) -> np.ndarray | None:
-    """The image in a file, (rows, columns) grey or (rows, columns, 3) BGR, uint8; None: not read.
+    """Return the image in a file on a white background.
 
-    What is transparent shows a white ground.
+    Returns:
+        (rows, columns) grey or (rows, columns, 3) BGR, uint8; None if the file cannot be read.
     """
     import cv2
 
@@ -48,7 +49,7 @@ def read_on_white(path: str | Path, colour: bool = False) -> np.ndarray | None:
 
 
 def is_transparent(path: str | Path) -> bool:
-    """Whether an image file has a channel of opacity."""
+    """Return whether an image file has an alpha channel."""
     import cv2
 
     return _has_alpha(_read(path, cv2.IMREAD_UNCHANGED))
@@ -59,7 +60,7 @@ def _has_alpha(image: np.ndarray | None) -> bool:
 
 
 def _read(path: str | Path, flags: int) -> np.ndarray | None:
-    """By OpenCV, without what it would log of a file that is no image."""
+    """Read an image with OpenCV, without its log message for files that are not images."""
     import cv2
 
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

@@ -1,4 +1,4 @@
-"""Names: the nearest known one, names of the ROS graph, objects by 'package.module:Name'."""
+"""Suggestions for unknown names, names in the ROS graph, and import of 'package.module:Name'."""
 
 from __future__ import annotations
 
@@ -9,43 +9,45 @@ from types import ModuleType
 from typing import Any
 
 Fault = type[Exception]
-# What a user's class or module may raise: it must end nothing but itself, sys.exit no more than
-# the rest.
+# Exceptions of a user's class or module, which must not end the program. SystemExit is included, so
+# that sys.exit in such code does not end it either.
 USER_FAULTS = (Exception, SystemExit)
 
 
 def find_nearest(name: object, known_names: Iterable[str], cutoff: float = 0.6) -> str:
-    """The known name that is nearest; '' where none is near."""
+    """Return the most similar known name, or '' if none is similar."""
     return next(
         iter(difflib.get_close_matches(str(name), list(map(str, known_names)), 1, cutoff)), ""
     )
 
 
 def suggest(name: object, known_names: Iterable[str]) -> str:
-    """What to say to an unknown name: the nearest known one as a question, or all of them."""
+    """Return a suggestion for an unknown name: the most similar name, or all known names."""
     known_names = [str(entry) for entry in known_names]
     near = find_nearest(name, known_names)
     return f"did you mean '{near}'?" if near else f"known are {', '.join(known_names) or 'none'}"
 
 
 def resolve_name(*names: str) -> str:
-    """Return the global name in the ROS graph of the last name, each relative to those before it.
+    """Return the global ROS name of the last name, each name being relative to the previous one.
 
-    As a chain of NodeHandles resolves them: a name that begins with "/" is global, and those before
-    it do not count.
+    Names are resolved as by a chain of NodeHandles: a name that starts with "/" is global, so the
+    names before it have no effect.
     """
     parts: list[str] = []
     for name in names:
-        own = [part for part in name.split("/") if part]
-        parts = own if name.startswith("/") else parts + own
+        name_parts = [part for part in name.split("/") if part]
+        parts = name_parts if name.startswith("/") else parts + name_parts
     return "/" + "/".join(parts)
 
 
 def describe_unknown(
     kind: str, name: object, known_names: Iterable[str], accepts_class: bool = False
 ) -> str:
-    """A message that lists all known names, the nearest one first; `accepts_class`: a class may be
-    named.
+    """Return a message that lists all known names, after the most similar one.
+
+    Args:
+        accepts_class: whether 'package.module:Class' is possible, too.
     """
     known_names = list(known_names)
     near = find_nearest(name, known_names, 0.5)
@@ -61,16 +63,16 @@ def import_object(
     path: object = None,
     load: Callable[[str], ModuleType] = importlib.import_module,
 ) -> Any:
-    """What 'package.module:Name' stands for.
+    """Return the object that 'package.module:Name' refers to.
 
     Args:
-        kind: what is looked for, for messages: 'scheme', 'metric'.
-        name: as the user wrote it.
-        path: 'package.module:Name', where the name is another.
-        load: how modules are imported.
+        kind: kind of the object, for messages: 'scheme', 'metric'.
+        name: name that the user wrote.
+        path: 'package.module:Name', if it differs from the name.
+        load: imports a module.
 
     Raises:
-        fault: no such form, module or attribute, or the module raised.
+        fault: the path has another form, module or attribute do not exist, or the import fails.
     """
     path = str(name if path is None else path)
     module_name, _, attribute = path.partition(":")
@@ -97,7 +99,7 @@ def import_object(
 def check_subclass(
     kind: str, name: str, candidate: Any, bases: tuple[type, ...], fault: Fault
 ) -> type:
-    """What was found, if it is a class derived from one of the bases; raises `fault` else."""
+    """Return the candidate if it is a subclass of one of the bases. Raises `fault` otherwise."""
     if isinstance(candidate, type) and issubclass(candidate, bases):
         return candidate
     called = getattr(candidate, "__name__", str(name).rpartition(":")[2])
@@ -106,6 +108,6 @@ def check_subclass(
 
 
 def format_error(error: BaseException) -> str:
-    """An exception for a message: its type and text on one line."""
+    """Return the type and text of an exception on one line, for a message."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

@@ -1,19 +1,20 @@
-"""Settings as dataclasses: one reader for YAML files, ROS parameters, launch arguments, overrides.
+"""Settings as dataclasses, read from YAML files, ROS parameters, launch arguments and overrides.
 
-The annotation of a field says what kind of value it takes, its metadata (see `parameter`) what
-bounds it. Known annotations: float, int, bool, str, Path, Any, None, tuples (of fixed length, or
-`tuple[float, ...]`), Mapping, other dataclasses, and unions of these, tried in the order written.
+The annotation of a field defines the type of its value, and its metadata (see `parameter`) the
+bounds. Supported annotations are float, int, bool, str, Path, Any, None, tuples (of fixed length,
+or `tuple[float, ...]`), Mapping, other dataclasses, and unions of these. The types of a union are
+tried in the order in which they are written.
 
-- A number is finite. A whole number is one too; true and false are none. What YAML 1.1 takes for a
-  text though it is a number (1e1, -.5) is a number.
-- A whole number is written as one: neither 10.0 nor 1e1.
+- Numbers must be finite. A whole number is also a float; true and false are not numbers. Numbers
+  that YAML 1.1 reads as texts (1e1, -.5) are accepted.
+- A whole number must be written without a decimal point or exponent: neither 10.0 nor 1e1.
 - A list of numbers may be given as a text, as in a launch argument: '0 0 0.05'.
-- In Python, NumPy arrays and numbers, ranges and paths are taken as the lists, numbers and texts
-  that a file would hold.
-- Keys are texts; a whole number as a key is its digits.
+- In Python, NumPy arrays and numbers, ranges and paths are converted to the lists, numbers and
+  texts that represent them in a file.
+- Keys are texts; a whole number as a key is converted to its digits.
 
-Every fault is one line: the full path of the key, its value, what is wanted, the nearest name.
-`fault` is the exception class that is raised, the caller's own.
+Every error message has one line with the full path of the key, its value, what is expected, and
+the most similar known name. `fault` is the exception class to raise, which the caller chooses.
 """
 
 from __future__ import annotations
@@ -50,7 +51,7 @@ def _make_view(values: dict[str, Any]) -> types.MappingProxyType:
     return types.MappingProxyType(values)
 
 
-# Python does not pickle read-only views by itself; settings go to other processes.
+# Python cannot pickle read-only views, but settings are sent to other processes.
 copyreg.pickle(types.MappingProxyType, lambda view: (_make_view, (dict(view),)))
 
 
@@ -75,18 +76,19 @@ def parameter(
     """Declare a setting: a dataclass field with the rules for its value.
 
     Args:
-        default: value where none is given; left out: the setting is needed.
+        default: default value; without one the setting is required.
         unit: for messages and tables: 'm', '1/s'.
-        least, above, most, below: bounds of a number, and of each in a list or mapping.
-        choices: the texts that there are.
-        wanted: what to say instead of the annotation's words.
-        name: a whole number stands for its digits: roslaunch makes one of start:=2016.
-        words: a text stands for the list of its words.
-        infinite: infinity is a number too.
-        internal: not to be given from outside.
-        shorthand: a value that is no mapping, given for the whole dataclass, is this field's.
-        importable: a class stands for its 'package.module:Class'.
-        help: what it does, for tables and --help.
+        least, above, most, below: bounds of a number, or of each number in a list or mapping.
+        choices: allowed texts.
+        expected: description of valid values for messages, instead of that of the annotation.
+        name: whether a whole number is converted to a text: roslaunch reads start:=2016 as one.
+        splits_words: whether a text is converted to the list of its words.
+        infinite: whether infinity is allowed.
+        internal: whether the field cannot be set from outside.
+        shorthand: whether a value that is not a mapping, given for the whole dataclass, is the
+            value of this field.
+        importable: whether a class is converted to its 'package.module:Class'.
+        help: description of the setting, for tables and --help.
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
@@ -100,14 +102,14 @@ def parameter(
 
 
 def get_default(field: dataclasses.Field) -> Any:
-    """The default of a field, whichever way it is kept."""
+    """Return the default of a field, which may have a default value or a default factory."""
     if field.default is not dataclasses.MISSING:
         return field.default
     return field.default_factory()
 
 
 def list_defaults(cls: type) -> dict[str, Any]:
-    """Default of every field that may be given and has one."""
+    """Return the defaults of all fields that can be set and have one."""
     return {
         name: get_default(field)
         for name, field in _list_fields(cls).items()
@@ -116,13 +118,13 @@ def list_defaults(cls: type) -> dict[str, Any]:
 
 
 def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
-    """Make a dataclass of a mapping.
+    """Create a dataclass from a mapping.
 
     Args:
-        where: the mapping's own name, for messages: '', 'start', 'parameter ~', 'goal.yaml: '.
+        where: name of the mapping, for messages: '', 'start', 'parameter ~', 'goal.yaml: '.
 
     Raises:
-        fault: an unknown or missing key, a wrong value, or what the class itself refuses.
+        fault: a key is unknown or missing, a value is invalid, or the class rejects the values.
     """
     short = _find_shorthand(cls)
     if short and not isinstance(values, Mapping) and values is not None:
@@ -137,7 +139,10 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
 
 
 def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
-    """The values as the dataclass's fields want them, by name; raises as `build`."""
+    """Return the values converted to the types of the dataclass's fields, by name.
+
+    The errors are those of `build`.
+    """
     if not isinstance(values, Mapping):
         place = where.rstrip(": ~") or cls.__name__
         raise fault(f"{place} is {format_value(values)}, must be keys with values")
@@ -157,15 +162,15 @@ def read(
     fault: Fault,
     default: Any = _MISSING,
 ) -> Any:
-    """One value of a mapping that may hold others' keys too, as of a ROS controller.
+    """Return one value of a mapping that may contain unrelated keys, as for a ROS controller.
 
     Args:
-        hint: annotation of what is wanted.
+        hint: annotation of the expected type.
         where: full name of the mapping on the parameter server.
-        default: where the key is absent, or null; needed if there is none.
+        default: value if the key is absent or null; without a default the key is required.
 
     Raises:
-        fault: it is missing, or of another kind.
+        fault: the value is missing or has another type.
     """
     place = f"parameter {where}/{key}"
     if values.get(key) is not None:
@@ -176,7 +181,7 @@ def read(
 
 
 def describe_unknown_key(where: str, key: Any, known_keys: Iterable[str]) -> str:
-    """What to say of a key that there is not."""
+    """Return the message for an unknown key."""
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
     return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
@@ -184,7 +189,7 @@ def describe_unknown_key(where: str, key: Any, known_keys: Iterable[str]) -> str
 
 @functools.lru_cache(maxsize=64)
 def list_annotations(cls: type) -> dict[str, Any]:
-    """Of a dataclass's fields, by name."""
+    """Return the annotations of a dataclass's fields, by name."""
     return typing.get_type_hints(cls)
 
 
@@ -199,7 +204,7 @@ def _list_fields(cls: type) -> dict[str, dataclasses.Field]:
 
 @functools.lru_cache(maxsize=64)
 def _find_shorthand(cls: type) -> str:
-    """The field for which a value stands that is no mapping; '': there is none."""
+    """Return the name of the class's shorthand field (see `parameter`), '' if there is none."""
     names = (name for name, field in _list_fields(cls).items() if field.metadata.get("shorthand"))
     return next(names, "")
 
@@ -211,10 +216,10 @@ def _is_required(field: dataclasses.Field) -> bool:
 def convert(
     value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
 ) -> Any:
-    """The value as the annotation wants it, within the rules of `parameter`.
+    """Return a value converted to the annotation's type and checked by the rules of `parameter`.
 
     Raises:
-        fault: it cannot be.
+        fault: the value cannot be converted or violates a rule.
     """
     value = convert_to_file_types(value)
     if rules.get("name") and type(value) is int:
@@ -255,15 +260,16 @@ def _convert(
     elif hint is int:
         fits = isinstance(value, numbers.Integral) and as_number(value) is not None
         found = int(value) if fits else None
-    else:  # bool, str and None are taken as they are
+    else:  # bool, str and None are not converted
         found = value if isinstance(value, hint) else None
     if found is None and hint is not type(None) or hint is type(None) and value is not None:
-        words = (
+        expected = (
             "a number, or .inf" if hint is float and rules.get("infinite") else describe_hint(hint)
         )
         if hint is str and rules.get("choices"):
-            words = "one of " + ", ".join(rules["choices"])
-        raise fault(f"{where} is {format_value(value)}, must be {rules.get('expected') or words}")
+            expected = "one of " + ", ".join(rules["choices"])
+        expected = rules.get("expected") or expected
+        raise fault(f"{where} is {format_value(value)}, must be {expected}")
     return found
 
 
@@ -272,15 +278,15 @@ def _convert_union(
 ) -> Any:
     kinds = typing.get_args(hint)
     if isinstance(value, Mapping):
-        # A mapping was meant for the class whose keys are like its own: that one may complain.
+        # The class with the most matching keys is probably meant, so that class reports errors.
         classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
         if classes:
             return build(
                 max(classes, key=lambda cls: _count_known_keys(value, cls)), value, where, fault
             )
-    wanted = Mapping if isinstance(value, Mapping) else tuple
-    alike = [kind for kind in kinds if _is_kind(kind, wanted)]
-    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # may complain likewise
+    expected_kind = Mapping if isinstance(value, Mapping) else tuple
+    alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
+    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # only one type can be meant
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
         with contextlib.suppress(fault):
@@ -296,7 +302,7 @@ def _is_kind(hint: Any, kind: type) -> bool:
 
 
 def _count_known_keys(values: Mapping, cls: type) -> int:
-    """How many of the keys are a field of the class, or near to one."""
+    """Return how many of the keys equal or resemble a field of the class."""
     known = _list_fields(cls)
     return sum(key in known or bool(find_nearest(key, known)) for key in values)
 
@@ -337,10 +343,10 @@ def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
-    """Convert and check the fields of a dataclass, however it was made; defaults are right.
+    """Convert and check the fields of an existing dataclass; default values are not checked.
 
     Raises:
-        fault: naming the field, its value and what is wanted.
+        fault: a value is invalid; the message names the field, its value and what is expected.
     """
     hints = list_annotations(type(settings))
     for name, field in _list_fields(type(settings)).items():
@@ -353,7 +359,7 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:
-    """The fields of a dataclass that differ from their defaults, as `build` takes them."""
+    """Return the fields of a dataclass that differ from their defaults, as input for `build`."""
     found = {}
     for name, field in _list_fields(type(settings)).items():
         value = getattr(settings, name)
@@ -363,7 +369,7 @@ def to_mapping(settings: Any) -> dict[str, Any]:
 
 
 def _to_plain(value: Any) -> Any:
-    """Lists, numbers, texts and mappings of a field's value."""
+    """Return a field's value as lists, numbers, texts and mappings."""
     if dataclasses.is_dataclass(value):
         return to_mapping(value)
     if isinstance(value, Mapping):
@@ -372,7 +378,7 @@ def _to_plain(value: Any) -> Any:
 
 
 class KeywordSettings:
-    """Base of settings that users construct: wrong keywords are refused as a file's keys are.
+    """Base of settings that users construct; wrong keywords cause the errors of wrong file keys.
 
     Attributes:
         fault: exception class to raise.
@@ -381,7 +387,7 @@ class KeywordSettings:
     fault: Fault = ValueError
 
     def __new__(cls, *values: Any, **named: Any) -> KeywordSettings:
-        """Refuse positional arguments and unknown keywords; `__init__` takes the rest."""
+        """Reject positional arguments and unknown keywords; `__init__` handles the others."""
         known = _list_fields(cls)
         if values:
             example = next(iter(known))
@@ -396,10 +402,10 @@ class KeywordSettings:
 
 
 def check_bounds(settings: Any, fault: Fault) -> None:
-    """Check the bounds of a dataclass whose values have been converted already, to arrays, say.
+    """Check the bounds of a dataclass whose values are already converted, for example to arrays.
 
     Raises:
-        fault: naming the field, its value and the bound.
+        fault: a value is out of bounds; the message names the field, its value and the bound.
     """
     for name, field in _list_fields(type(settings)).items():
         check_value(getattr(settings, name), name, fault, field.metadata)

@@ -1,25 +1,25 @@
-"""Messages of one image, brought together though they come over different connections."""
+"""Synchronisation of messages of one image that arrive through different connections."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-MOST_PENDING = 8  # images; the sum of what connections lag behind each other
+MOST_PENDING = 8  # incomplete images; limits the delay between the connections
 
 
 class StampSynchronizer:
-    """Pairs messages of several kinds by their stamps."""
+    """Matches messages of several kinds by their stamps."""
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """`kinds`: what belongs to one image."""
+        """Create a synchronizer for these kinds of messages, which together form one image."""
         self._kinds = tuple(kinds)
         self._pending: dict[Hashable, dict[str, Any]] = {}
 
     def add(self, kind: str, stamp: Hashable, message: Any) -> dict[str, Any] | None:
-        """Take in one message; all of its image by kind when it was the last that was missing.
+        """Add a message; return all messages of its image, by kind, if the image is now complete.
 
-        Older images that are still incomplete will never be asked for again.
+        Older incomplete images are then discarded.
         """
         entry = self._pending.setdefault(stamp, {})
         entry[kind] = message
@@ -34,5 +34,5 @@ class StampSynchronizer:
         return entry
 
     def clear(self) -> None:
-        """Forget what waits."""
+        """Discard all incomplete images."""
         self._pending.clear()

@@ -1,7 +1,7 @@
-"""The tree of a URDF: its links by name, its joints, and the path from one link to another.
+"""Kinematic tree of a URDF: its links by name, its joints, and the path between two links.
 
-Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this says what is wrong.
-What a link weighs, looks like and touches is for the simulator to read.
+The reader follows http://wiki.ros.org/urdf/XML. It reports errors where urdfdom fails or guesses.
+Inertias, visuals and collisions are read by the description package of the simulator.
 """
 
 import math
@@ -32,23 +32,28 @@ JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
 class FramedElement:
-    """What has a frame: `origin_xyz` (m) and `origin_rpy` (rad) in that of what it belongs to."""
+    """Base of elements with a frame: `origin_xyz` (m), `origin_rpy` (rad) in the parent frame."""
 
     @property
     def pose(self) -> Pose:
-        """The same as one pose."""
+        """The origin as a Pose."""
         return Pose.from_rpy(self.origin_xyz, self.origin_rpy)
 
     def with_pose(self, pose: Pose) -> Self:
-        """A copy at another pose."""
+        """Return a copy at another pose."""
         return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
-OPTICAL, LINK = "_optical_frame", "_link"  # ends of the names of a camera's frame and link
+OPTICAL, LINK = "_optical_frame", "_link"  # suffixes of a camera's optical frame and link
 
 
 @dataclass(frozen=True)
 class JointLimits:
-    """lower, upper: rad or m, None where the joint has no position limit (continuous).
-    effort: N m or N. velocity: rad/s or m/s. Both infinite where a continuous joint has none."""
+    """Limits of a joint.
+
+    Attributes:
+        lower, upper: rad or m, None for a continuous joint.
+        effort: N m or N; infinite if a continuous joint has no limit.
+        velocity: rad/s or m/s; infinite if a continuous joint has no limit.
+    """
 
     lower: float | None
     upper: float | None
@@ -58,7 +63,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class SoftLimits:
-    """`<safety_controller>`: soft position limits (None where not given) and gains."""
+    """Soft position limits (None if not given) and gains of a `<safety_controller>`."""
 
     lower: float | None
     upper: float | None
@@ -68,7 +73,7 @@ class SoftLimits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """q = multiplier * q(joint) + offset."""
+    """Coupling of a joint to another one: q = multiplier * q(joint) + offset."""
 
     joint: str
     multiplier: float = 1.0
@@ -77,11 +82,15 @@ class Mimic:
 
 @dataclass(frozen=True)
 class Joint(FramedElement):
-    """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
+    """A joint of a URDF.
 
-    origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
-    damping: N m s/rad or N s/m. friction: Coulomb, N m or N. stiffness, rest: of a spring, N m/rad
-    or N/m, and where it pulls to, rad or m.
+    Attributes:
+        kind: revolute, continuous, prismatic, fixed, floating or planar.
+        origin_xyz, origin_rpy: joint frame (= frame of the child link) in the parent link.
+        axis: unit vector in the joint frame.
+        damping: N m s/rad or N s/m.
+        friction: Coulomb friction, N m or N.
+        stiffness, rest: stiffness of a spring, N m/rad or N/m, and its rest position, rad or m.
     """
 
     name: str
@@ -101,13 +110,15 @@ class Joint(FramedElement):
 
     @property
     def is_movable(self) -> bool:
-        """True for the kinds that have one degree of freedom."""
+        """Whether the joint has one degree of freedom."""
         return self.kind in MOVING_KINDS
 
     @property
     def stops(self) -> tuple[float, float]:
-        """Lower and upper stop, rad or m; infinite where it has none, 0 where its `<limit>` says
-        nothing, as URDF has it."""
+        """Lower and upper stop, rad or m: infinite without limits, 0 for a missing attribute.
+
+        In URDF, the missing attribute lower or upper of a `<limit>` is 0.
+        """
         if self.limits is None or self.kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
         return self.limits.lower or 0.0, self.limits.upper or 0.0
@@ -115,11 +126,14 @@ class Joint(FramedElement):
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a URDF; mappings keep the file's order and are read-only.
+    """Links and joints of a URDF; mappings have file order and are read-only.
 
-    root: the one link without a parent. links: name -> its element. joints: by name.
-    cameras: pose of the first camera sensor on a link, in it, by the link's name; it looks along
-        the pose's +x with z up, which is Gazebo's convention.
+    Attributes:
+        root: the only link without a parent.
+        links: XML elements of the links, by name.
+        joints: joints by name.
+        cameras: pose of the first camera sensor of each link, in the link; as in Gazebo, the
+            camera looks along the pose's +x axis with z up.
     """
 
     name: str
@@ -129,10 +143,11 @@ class UrdfTree:
     cameras: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
 
     def find_path(self, base: str, link: str) -> list[Joint]:
-        """The joints from a base link down to a link; base '': from the root.
+        """Return the joints from a base link down to a link; base '' is the root.
 
         Raises:
-            DescriptionError: the link is not there, or not below the base; with the nearest name.
+            DescriptionError: the link does not exist or is not below the base; the message
+                suggests the most similar name.
         """
         where = f"robot '{shorten(self.name)}'"
         if link not in self.links:
@@ -151,7 +166,7 @@ class UrdfTree:
 
 @lru_cache(maxsize=8)
 def read_robot_name(urdf: str) -> str:
-    """The robot's name in its description; '' for what is no URDF with a name."""
+    """Return the robot's name in its description; '' if the text is not a URDF with a name."""
     try:
         return _parse_robot(urdf)[1]
     except DescriptionError:
@@ -162,10 +177,12 @@ def parse_tree(xml: str | Element) -> UrdfTree:
     """Read and check the tree of a URDF.
 
     Args:
-        xml: the document, xacro already expanded, or what safe_xml.parse made of it.
+        xml: the document with xacro already expanded, or the element that `safe_xml.parse`
+            returned for it.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to fix it.
+        DescriptionError: an element is invalid; the message names the element, the problem and how
+            to fix it.
     """
     robot, name = _parse_robot(xml)
     links: dict[str, Element] = {}
@@ -174,7 +191,7 @@ def parse_tree(xml: str | Element) -> UrdfTree:
         if not link:
             raise DescriptionError("URDF: a link has no name")
         if len(link) > 256:
-            raise DescriptionError(f"URDF: a link name of {len(link)} characters; 256 are enough")
+            raise DescriptionError(f"URDF: a link name has {len(link)} characters, not 1 to 256")
         if link in links:
             raise DescriptionError(f"URDF: two links are named '{link}'; rename one")
         links[link] = element
@@ -201,21 +218,25 @@ def parse_tree(xml: str | Element) -> UrdfTree:
 
 
 def read_camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector3, Vector3]:
-    """xyz (m) and rpy (rad) of a camera in the link of its sensor; `node`: the sensor's <camera>.
+    """Return xyz (m) and rpy (rad) of a camera in the link of its sensor.
+
+    Args:
+        node: <camera> element of the sensor.
+        where: name of the camera, for messages.
 
     Raises:
-        DescriptionError: a pose that is not six numbers; `where` names the camera.
+        DescriptionError: a pose does not have six numbers.
     """
     at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    own = safe_xml.parse_pose(find_text(node, "pose"), f"{where}: camera pose")
-    if own == Pose():
+    camera_pose = safe_xml.parse_pose(find_text(node, "pose"), f"{where}: camera pose")
+    if camera_pose == Pose():
         return at[:3], at[3:]
-    both = Pose.from_rpy(at[:3], at[3:]) @ own
+    both = Pose.from_rpy(at[:3], at[3:]) @ camera_pose
     return both.xyz, both.rpy
 
 
 def _parse_robot(xml: str | Element) -> tuple[Element, str]:
-    """The <robot> and its name."""
+    """Return the <robot> element and its name."""
     robot = safe_xml.parse(xml, "URDF")
     if robot.tag != "robot":
         raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>")
@@ -226,7 +247,7 @@ def _parse_robot(xml: str | Element) -> tuple[Element, str]:
 
 
 def read_origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
-    """xyz (m) and rpy (rad) of an element's <origin>; zeros where there is none."""
+    """Return xyz (m) and rpy (rad) of an element's <origin>; zeros without one."""
     node = element.find("origin")
     if node is None:
         return ZERO, ZERO
@@ -293,7 +314,7 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
-    required = None if bounded else math.inf  # what a continuous joint leaves open is free
+    required = None if bounded else math.inf  # a continuous joint without attribute has no limit
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)
     if effort < 0.0 or velocity < 0.0:
@@ -317,10 +338,11 @@ def _read_soft_limits(element: Element, where: str) -> SoftLimits | None:
 
 
 def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str:
-    """The one link without a parent.
+    """Return the only link without a parent.
 
     Raises:
-        DescriptionError: a joint's end that is no link, a second parent, a loop, several roots.
+        DescriptionError: a joint names a link that does not exist, a link has two parents, or the
+            joints form a loop or several trees.
     """
     parents: dict[str, str] = {}
     for joint in joints.values():
@@ -345,7 +367,7 @@ def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -
 
 
 def _find_cycle(names: Iterable[str], parents: Mapping[str, str]) -> str | None:
-    """A name that `parents` leads back to itself or into such a loop; None when there is none."""
+    """Return a name from which `parents` leads into a loop; None if there is no loop."""
     settled: set[str] = set()
     for name in names:
         path: dict[str, None] = {}

@@ -1,7 +1,7 @@
-"""How a command reaches a simulated joint: one drive a joint, in one of five ways (contract 2.5).
+"""Drives, which apply the command of each joint to the simulated model in one of five ways.
 
-`compute_outputs` is called every physics step. A drive never hands on a number that is not finite:
-it falls back to the last command that was.
+`compute_outputs` is called in every physics step. If a command is not finite, a drive uses the last
+finite one.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,10 +36,10 @@ from aras_sim_bridge.control.limits import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import jit
 
-# Ways of driving: an effort is applied; a position is set, or reached by a PID's effort; a motor
-# turns at a velocity, or a PID's effort sees to it.
+# Kinds of drives: an effort is applied; a position is set directly, or reached by the effort of a
+# PID; a velocity is set by a motor constraint, or reached by the effort of a PID.
 DRIVES_EFFORT, SETS_POSITION, POSITION_BY_PID, TURNS_MOTOR, VELOCITY_BY_PID = range(5)
-# By command interface: without and with PID gains.
+# Kinds without and with PID gains, by command interface.
 _KINDS = {
     EFFORT: (DRIVES_EFFORT, DRIVES_EFFORT),
     POSITION: (SETS_POSITION, POSITION_BY_PID),
@@ -47,14 +47,15 @@ _KINDS = {
 }
 _COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 _QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
-# s; a saturated effort or velocity is ordinary during a step command; only a lasting one is news.
+# s, duration of a limit violation before a warning: efforts and velocities saturate briefly in each
+# step response.
 _PATIENCE = {EFFORT: 0.25, POSITION: 0.0, VELOCITY: 0.25}
-_PLAIN, _SHORTEST, _WITHIN = range(3)  # ways from a position to another
+_PLAIN, _SHORTEST, _WITHIN = range(3)  # position errors: plain, shortest angle, within the limits
 
 # Columns of a drive's row: those of a Pid and of a LimitRule (all 0: none), and these. The joint's
-# number in the model; which command of the handle, which way of driving; greatest effort and speed
-# of a PID's output; the joint's travel, and the way to a position; where an emergency stop holds
-# it (NaN: nowhere); the last finite command; what is to be applied.
+# index in the model; column of the handle's command, kind of drive; largest effort and speed for a
+# PID's output; the joint's limits, and kind of position error; position held during an emergency
+# stop (NaN: none); last finite command; output.
 _RULE = PID_COLUMNS
 (
     JOINT,
@@ -69,7 +70,8 @@ _RULE = PID_COLUMNS
     _LAST_VALID,
     OUTPUT,
 ) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
-# What is to be told (1: a refused command, 2: a limited one), the numbers of it, and occurrences.
+# Pending warnings (1: command not finite, 2: command limited), the values for their messages, and
+# the states of their RateLimitedEvents.
 (_WARNINGS, _INVALID_COMMAND, _DESIRED, _APPLIED, _QUIET_NS, _PATIENCE_NS) = range(
     OUTPUT + 1, OUTPUT + 7
 )
@@ -78,28 +80,28 @@ DRIVE_COLUMNS = _INVALID_EVENT + OCCURRENCE_COLUMNS
 
 
 class JointModel(Protocol):
-    """The simulated robot as the hardware sees it; efforts in N m or N, names as in the URDF."""
+    """Interface of the simulated robot to the hardware; efforts in N m or N, names as in URDF."""
 
     joint_names: tuple[str, ...]
 
     def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """Positions, velocities and last applied efforts, in joint_names order."""
+        """Return positions, velocities and last applied efforts, in joint_names order."""
 
     def apply_effort(self, joint: str, effort: float) -> None:
         """Apply an effort during the next physics step."""
 
     def set_position(self, joint: str, position: float) -> float:
-        """Put the joint at a position, or at its stop where that is beyond; returns where."""
+        """Move the joint to a position within its stops, without dynamics; return the position."""
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive the joint at a velocity with at most this effort."""
+        """Drive the joint at a velocity, with at most this effort."""
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Let nothing make the joint faster."""
+        """Limit the joint's speed to `fastest`, rad/s or m/s, for any effort on it."""
 
 
 class Drive:
-    """Guards the command of one joint and applies the limit rule to it; a view of its row."""
+    """Drive of one joint, which limits its command; the state is stored in `row`."""
 
     def __init__(
         self,
@@ -110,9 +112,10 @@ class Drive:
         warn: Callable[[str], None],
         pid: Pid | None = None,
     ) -> None:
-        """A drive in a row of its robot's; `joint`: its number in the model.
+        """Create a drive whose state is stored in `row`; `joint` is the joint's index in the model.
 
-        Raises HardwareError where a limit that the rule needs is missing.
+        Raises:
+            HardwareError: a limit that the limit rule needs is missing.
         """
         self.row, self.handle, self.pid, self._warn = row, handle, pid, warn
         interface = handle.interface
@@ -140,7 +143,7 @@ class Drive:
         )
 
     def start(self) -> None:
-        """Be as new, with a joint that stays where it is until it is commanded."""
+        """Reset the drive; the joint holds its position until it is commanded."""
         handle, row = self.handle, self.row
         handle.position_command = handle.position
         handle.velocity_command = handle.effort_command = 0.0
@@ -154,13 +157,13 @@ class Drive:
             self.pid.reset()
 
     def apply(self, model: JointModel, time_ns: int) -> None:
-        """Hand the output to the model."""
+        """Apply the output to the model."""
         name, output = self.handle.name, self.row.item(OUTPUT)
         if self.kind == SETS_POSITION:
             reached = model.set_position(name, output)
             if abs(reached - output) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
                 self._warn(f"joint '{name}': position command {output:g} is beyond its "
-                           f"stop at {reached:g}, where it rests; lower the command, or "
+                           f"stop at {reached:g}, where it rests; lower the command, or change "
                            "joint_limits")
         elif self.kind == TURNS_MOTOR:
             model.set_velocity_motor(name, output, self.row.item(MAX_EFFORT))
@@ -168,15 +171,14 @@ class Drive:
             model.apply_effort(name, output)
 
     def log_warnings(self) -> None:
-        """Say what `compute_outputs` found worth a line, once an occurrence."""
+        """Log the warnings of `compute_outputs`, once for each event."""
         row, handle = self.row, self.handle
         news, row[_WARNINGS] = int(row[_WARNINGS]), 0.0
         what = f"joint '{handle.name}': {_QUANTITIES[handle.interface]} command"
         if news & 1:
             self._warn(
                 f"{what} {row[_INVALID_COMMAND]} is not finite; keeping {row[_LAST_VALID]:g}. "
-                "Look at the "
-                "controller that commands it"
+                "Check the controller that commands it"
             )
         if news & 2:
             self._warn(
@@ -188,7 +190,7 @@ class Drive:
 
 @jit("f8[::1], f8[::1], f8, f8, b1", allocates=False)
 def _limit_command(row, handle, time_ns, dt, stopped):
-    """The command of a drive, finite and within its limits."""
+    """Return the command of a drive, finite and within its limits."""
     column = int(row[_COMMAND])
     if column == Q_COMMAND:
         if not stopped:
@@ -197,35 +199,37 @@ def _limit_command(row, handle, time_ns, dt, stopped):
             row[_STOP_POSITION] = handle[Q]
         if stopped:
             handle[column] = row[_STOP_POSITION]
-    wanted = handle[column]
-    if not isfinite(wanted):
+    desired = handle[column]
+    if not isfinite(desired):
         if record_event(row[_INVALID_EVENT:], time_ns, 0.0, row[_QUIET_NS]):
-            row[_WARNINGS], row[_INVALID_COMMAND] = row[_WARNINGS] + 1.0, wanted
-        wanted = handle[column] = row[_LAST_VALID]
+            row[_WARNINGS], row[_INVALID_COMMAND] = row[_WARNINGS] + 1.0, desired
+        desired = handle[column] = row[_LAST_VALID]
     rule = row[_RULE : _RULE + RULE_COLUMNS]
     if rule[0] != NO_RULE:
         beyond, given = enforce_limits(rule, handle, dt), handle[column]
         if column == Q_COMMAND:
-            # Slowed by the velocity limit is everyday travel; beyond the range is a mistake.
-            beyond = not row[_LOWER] <= wanted <= row[_UPPER]
-            given = row[_LOWER] if wanted < row[_LOWER] else row[_UPPER]
-        beyond = beyond and abs(wanted - given) > COMMAND_ROUNDING
+            # Slowing by the velocity limit is normal; a command outside of the range is an error.
+            beyond = not row[_LOWER] <= desired <= row[_UPPER]
+            given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
+        beyond = beyond and abs(desired - given) > COMMAND_ROUNDING
         if beyond and record_event(
             row[_LIMIT_EVENT:_INVALID_EVENT], time_ns, row[_PATIENCE_NS], row[_QUIET_NS]
         ):
-            row[_WARNINGS], row[_DESIRED], row[_APPLIED] = row[_WARNINGS] + 2.0, wanted, given
+            row[_WARNINGS], row[_DESIRED], row[_APPLIED] = row[_WARNINGS] + 2.0, desired, given
     row[_LAST_VALID] = handle[column]
     return row[_LAST_VALID]
 
 
 @jit("f8[:,::1], f8[:,::1], f8, f8, b1", allocates=False)
 def compute_outputs(rows, handles, time_ns, dt, stopped):
-    """Outputs of drives from the commands in their handles (m, 6), `dt` s after the last ones.
+    """Compute the outputs of drives from the commands in their handles (m, 6), after `dt` s.
 
-    stopped: in an emergency stop: efforts and velocities 0, positions held.
+    Args:
+        stopped: whether the emergency stop is active: efforts and velocities are 0 and positions
+            are held.
 
     Returns:
-        Whether anything is worth a line, see Drive.tell.
+        Whether there are warnings for Drive.log_warnings.
     """
     news = False
     for k in range(len(rows)):
@@ -245,7 +249,7 @@ def compute_outputs(rows, handles, time_ns, dt, stopped):
             error = output - handle[V]
         if kind in (POSITION_BY_PID, VELOCITY_BY_PID):
             output = compute_pid(row[:PID_COLUMNS], error, 0.0, False, dt)
-            # Within the effort limit, and no push on for a joint that is too fast.
+            # Limit the effort, and do not accelerate a joint that is above its velocity limit.
             low = 0.0 if handle[V] < -row[_MAX_VELOCITY] else -row[MAX_EFFORT]
             high = 0.0 if handle[V] > row[_MAX_VELOCITY] else row[MAX_EFFORT]
             output = low if output < low else high if output > high else output

@@ -1,7 +1,7 @@
-"""RobotHardware: what stands between controllers and the simulated joints.
+"""Hardware interface between the controllers and the simulated joints.
 
-read() brings positions, velocities and efforts into the handles; write() limits the commands and
-applies them. Order, limits and emergency stop are gazebo_ros_control's.
+`RobotHardware.read` copies positions, velocities and efforts into the handles; `write` limits the
+commands and applies them. Order, limits and emergency stop are those of gazebo_ros_control.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -37,22 +37,26 @@ _GAINS = "gazebo_ros_control/pid_gains"
 _HARD_VELOCITY_LIMITS = "hard_velocity_limits"
 
 def _ignore(text: str) -> None:
-    """Stand-in for a logger."""
+    """Ignore a log line."""
 
 
 class RobotHardware:
     """Joint handles, limits and drives of one robot.
 
-    `handles` holds every joint with a usable transmission, in the order of the transmissions;
-    `interfaces` maps each of the four ros_control interfaces to the joints registered in it;
-    `limits` is what holds after the parameters; `pids` are the pid_gains of position and velocity
-    joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>); `drives` are in the
-    order of `handles`. `handle_rows` (m, 6) and `drive_rows` (m, 47) are what those are views of.
-    `has_position_drives`: whether one of them puts its joint where it is to be.
-    `e_stop` may be set from any thread.
+    Attributes:
+        handles: handles of all joints with a valid transmission, in the order of transmissions.
+        interfaces: names of the joints in each of the four ros_control interfaces.
+        limits: limits of each joint, from URDF and parameters.
+        pids: PIDs of position and velocity joints, by joint name, with the gains of
+            <namespace>/gazebo_ros_control/pid_gains/<joint>.
+        drives: drives in the order of `handles`.
+        handle_rows, drive_rows: (m, 6) and (m, 47), the states of handles and drives.
+        has_position_drives: whether a drive sets the position of its joint directly.
+        e_stop: whether the emergency stop is active; may be set from any thread.
 
-    Raises HardwareError if a transmission names an unknown interface or a joint that the model
-    lacks, if two drive the same joint, or if limits or gains cannot be used.
+    Raises:
+        HardwareError: a transmission names an unknown interface or a joint that the model does not
+            have, two transmissions have the same joint, or limits or gains are invalid.
     """
 
     def __init__(
@@ -85,10 +89,10 @@ class RobotHardware:
                 f"'{_PREFIX}' is deprecated"
             )
         where = f"{self._namespace}/gazebo_ros_control"
-        own = read(
+        plugin_parameters = read(
             self._parameters, "gazebo_ros_control", Mapping, self._namespace, HardwareError, {}
         )
-        if read(own, _HARD_VELOCITY_LIMITS, bool, where, HardwareError, False):
+        if read(plugin_parameters, _HARD_VELOCITY_LIMITS, bool, where, HardwareError, False):
             for name, limits in self.limits.items():
                 if limits is not None and limits.max_velocity is not None:
                     model.bound_speed(name, limits.max_velocity)
@@ -99,13 +103,13 @@ class RobotHardware:
         self.start()
 
     def _add(self, transmission: Transmission) -> list[str]:
-        """Register one transmission; returns its joint if the interface lacks the prefix."""
+        """Register a transmission; return its joint if the interface name lacks the prefix."""
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface
         commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
         if interface.removeprefix(_PREFIX) == STATE:
             if not commanded:
-                self._warn(f"{label} is skipped: nothing can be commanded through {interface}")
+                self._warn(f"{label} is skipped: {interface} takes no commands")
                 return []
             interface = commanded[0]
         if not (transmission.type and joint_name and interface and transmission.has_actuator):
@@ -115,11 +119,11 @@ class RobotHardware:
             )
             return []
         if len(transmission.joints) > 1:
-            self._warn(f"{label} is skipped: one joint each is simulated, it has "
+            self._warn(f"{label} is skipped: only one joint per transmission is supported, it has "
                        f"{', '.join(transmission.joints)}")
             return []
         if len(commanded) > 1:
-            self._warn(f"{label}: of {', '.join(commanded)} the first is used")
+            self._warn(f"{label}: of {', '.join(commanded)} only the first is used")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
@@ -133,7 +137,7 @@ class RobotHardware:
                 f"it has {', '.join(self.model.joint_names) or 'none'}"
             )
         if joint_name in self.handles:
-            raise HardwareError(f"{label}: joint '{joint_name}' has a transmission already")
+            raise HardwareError(f"{label}: joint '{joint_name}' already has a transmission")
         row = self.handle_rows[len(self.handles)]
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"
@@ -164,7 +168,7 @@ class RobotHardware:
         return pid
 
     def read(self) -> None:
-        """Bring the model's joint states into the handles; angles count full turns."""
+        """Copy the model's joint states into the handles; angles count full turns."""
         measured = np.array(self.model.read_joints())
         self.handle_rows[:, : TAU + 1] = measured[:, self._read].T
 
@@ -180,24 +184,26 @@ class RobotHardware:
             self.log_warnings()
 
     def apply(self, time_ns: int) -> None:
-        """Hand the drives' outputs to the model."""
+        """Apply the drives' outputs to the model."""
         for drive in self.drives:
             drive.apply(self.model, time_ns)
 
     def log_warnings(self) -> None:
-        """Say what is worth a line."""
+        """Log the warnings of all drives."""
         for drive in self.drives:
             drive.log_warnings()
 
     def start(self) -> None:
-        """Be as new: the joints stay where they are until somebody commands them."""
+        """Reset the drives; the joints hold their positions until they are commanded."""
         self.read()
         for drive in self.drives:
             drive.start()
 
     def hold_positions(self, joints: Iterable[str]) -> None:
-        """Take the place where these joints were put for their last command; names without a
-        transmission are passed over."""
+        """Make the current positions of these joints their commands, after they were moved.
+
+        Names without a transmission are ignored.
+        """
         self.read()
         for drive in self.drives:
             if drive.handle.name in joints:

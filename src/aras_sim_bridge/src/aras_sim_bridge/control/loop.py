@@ -1,4 +1,4 @@
-"""gazebo_ros_control's part of a physics step: read, update controllers, write."""
+"""Control loop of gazebo_ros_control in a physics step: read, update controllers, write."""
 
 from itertools import chain
 from math import inf, nan
@@ -16,10 +16,10 @@ _NS_PER_S = 1e9
 
 
 class ControlLoop:
-    """Runs hardware and controllers at their periods of simulated time.
+    """Runs hardware and controllers at their periods in simulated time.
 
-    Controllers are updated whenever `control_period` passed since the last update; commands are
-    written every physics step. The first period, also the first after reset(), is one step.
+    Controllers are updated when `control_period` has passed since the last update. Commands are
+    written in every physics step. After the start and after reset() the first period is one step.
     """
 
     __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns",
@@ -30,7 +30,7 @@ class ControlLoop:
         self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
         control_period_ns: int | None = None,
     ) -> None:
-        """Raises HardwareError if a period is not positive."""
+        """Set the periods. Raises HardwareError if one is not positive."""
         self.hardware = hardware
         self.manager = manager
         self._step_ns = step_ns
@@ -38,7 +38,7 @@ class ControlLoop:
         if self._step_ns <= 0 or self._control_ns <= 0:
             raise HardwareError(
                 f"control period {self._control_ns} ns and physics step {step_ns} ns must be "
-                f"positive; look at <controlPeriod>"
+                f"positive; check <controlPeriod>"
             )
         self._updated_ns: int | None = None
         self._written_ns: int | None = None
@@ -46,18 +46,18 @@ class ControlLoop:
         self._running: tuple[LoadedController, ...] | None = None
 
     def reset(self) -> None:
-        """Start over with the periods: the next step reads, updates and writes."""
+        """Reset the periods and the controllers: the next step reads, updates and writes."""
         self._updated_ns = self._written_ns = None
         self.manager.reset()
 
     def restart(self) -> None:
-        """Begin anew, with the joints where they are now: set points stay, nothing else does."""
+        """Restart at the current joint positions; only the controllers' set points remain."""
         self._updated_ns = self._written_ns = None
         self.hardware.start()
         self.manager.reset(restart=True)
 
     def step(self, time_ns: int) -> None:
-        """What is due at `time_ns`, the simulated time the coming physics step ends at."""
+        """Read, update and write, if due; `time_ns` is the end of the coming physics step."""
         updated_ns = self._updated_ns
         elapsed_ns = self._step_ns if updated_ns is None else time_ns - updated_ns
         if updated_ns is None or elapsed_ns >= self._control_ns:
@@ -73,12 +73,16 @@ class ControlLoop:
     def start_cycles(
         self, time_ns: int, step_ns: int, compiled_sampler: Controller | None = None
     ) -> tuple[np.ndarray, float] | None:
-        """Take commands and gains for compiled cycles from `time_ns` on, a physics step of
-        `step_ns` each; None, and nothing taken, where Python takes part in the next one. What the
-        controller `compiled_sampler` looks at is looked at in those cycles.
+        """Prepare compiled control cycles from `time_ns` on, one in each step of `step_ns`.
+
+        Pending commands and gains are applied.
+
+        Args:
+            compiled_sampler: read-only controller whose samples the compiled cycles take.
 
         Returns:
-            Rows (m, 39) of the loops that run; the last cycle, ns, that may be among them.
+            Rows (m, 39) of the running loops, and the time, ns, of the last possible compiled
+            cycle. None, with nothing applied, if the next cycle must run in Python.
         """
         before = None, time_ns - step_ns
         in_step = self._updated_ns in before and self._written_ns in before
@@ -114,18 +118,18 @@ class ControlLoop:
 
     @property
     def joint_names(self) -> list[str]:
-        """Of the rows that `start_cycles` answers."""
+        """Joints of the rows that `start_cycles` returns."""
         return [loop.handle.name for c in self._compiled_controllers for loop in c.loops]
 
     def _apply_pending_commands(self, time_ns: int) -> None:
-        """Let all loops take the commands that wait, as CommandedController.take one by one."""
+        """Apply the pending commands of all loops, as CommandedController.apply_pending_command."""
         given = [
             c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._compiled_controllers
         ]
         self.set_commands(np.array(list(chain(*given))), time_ns)
 
     def set_commands(self, commands: np.ndarray, time_ns: int) -> None:
-        """Let all loops take commands (m,), in the cycle at `time_ns`; NaN: there is none."""
+        """Set the commands (m,) of all loops in the cycle at `time_ns`; NaN for no command."""
         if set_loop_commands(self._loops, commands, time_ns):
             loops = chain.from_iterable(c.loops for c in self._compiled_controllers)
             for loop, command in zip(loops, commands.tolist(), strict=True):
@@ -133,7 +137,7 @@ class ControlLoop:
                     loop.warn_beyond_limits(command, time_ns)
 
     def _gather_loops(self, running: tuple[LoadedController, ...]) -> None:
-        """Put the rows of all loops that run into one array."""
+        """Store the state of all running loops in one array, for compiled cycles."""
         self._running = running
         self._other_entries = [entry for entry in running if not entry.controller.is_compilable]
         self._compiled_controllers = [e.controller for e in running if e.controller.is_compilable]
@@ -148,8 +152,11 @@ class ControlLoop:
             first += len(controller.rows)
 
     def end_cycles(self, time_ns: int) -> None:
-        """Compiled cycles are over; the last one was at `time_ns`. What they measured is still in
-        the handles: controllers that look and command nothing do so now."""
+        """Finish compiled cycles, the last of which was at `time_ns`.
+
+        The handles still have the measurements of that cycle, which read-only controllers now
+        publish if a sample is due.
+        """
         for entry in self._other_entries:
             controller = entry.controller
             if controller.is_read_only and controller.idle_until(time_ns) < time_ns:

@@ -1,4 +1,4 @@
-"""PID with control_toolbox's semantics, because users tuned their gains on them."""
+"""PID with the semantics of control_toolbox, for which users have tuned their gains."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -16,17 +16,17 @@ from aras_visual_servo_base.settings import read
 
 log = logging.getLogger(__name__)
 
-# Columns of a PID's row: its gains, the last error, and what the last computation saw and gave;
-# whether it came to a command.
+# Columns of a PID's row: its gains, the last error, inputs and results of the last computation, and
+# whether that computation was valid.
 (_P, _I, _D, _I_MAX, _I_MIN, _ANTIWINDUP, _LAST_ERROR, _ERROR, _ERROR_DOT, _INTEGRAL, _COMMAND,
  _I_TERM, _IS_COMPUTED), PID_COLUMNS = range(13), 13
 
-# Parameters of a PID.
+# Parameter names of a PID.
 KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
 
 
 class Gains(NamedTuple):
-    """One consistent set of gains; `i_max` and `i_min` bound the integral *term*."""
+    """One consistent set of gains; `i_max` and `i_min` limit the integral *term*."""
 
     p: float
     i: float = 0.0
@@ -38,7 +38,7 @@ class Gains(NamedTuple):
 
 @dataclass(slots=True)
 class PidState:
-    """What one computation saw and gave (control_msgs/PidState without its header)."""
+    """Inputs and results of one computation (control_msgs/PidState without its header)."""
 
     time_step: float
     error: float
@@ -55,17 +55,18 @@ class PidState:
 
 
 class Pid:
-    """u = p e + clamp(i ∫e) + d ė, with these peculiarities of the original:
+    """PID controller u = p e + clamp(i ∫e) + d ė with these peculiarities of control_toolbox:
 
-    - the first derivative after reset() is error/dt, a kick, since the last error counts as 0;
-    - i_min = i_max = 0 unless set, and then the integral term is 0 whatever i is;
-    - without antiwindup the term is clamped while the integral grows on without bound;
-    - dt of 0, or a NaN or infinite error, gives 0 and leaves the integral untouched;
-    - the output is not clamped: that is the limit handle's work.
+    - The first derivative after reset() is error/dt, a kick, because the last error is then 0.
+    - i_min and i_max are 0 by default, and then the integral term is 0 for any i.
+    - Without antiwindup only the term is limited, while the integral grows without bound.
+    - With a dt of 0, or an error that is not finite, the result is 0 and the integral is unchanged.
+    - The output is not limited here; the hardware does this.
 
-    A view of its row. `gains` is replaced as a whole, so another thread may set it while the loop
-    computes; `apply_gains` brings it into the row.
-    `on_state`, if set, is called with a PidState after each computation.
+    The state is stored in `row`, a row of an array that compiled code updates. `gains` is replaced
+    as a whole, so that another thread may set it during a computation; `apply_gains` copies it into
+    the row. `on_state`, if set, is called with a
+    PidState after each computation.
     """
 
     __slots__ = ("gains", "publish_state", "on_state", "row", "_active_gains")
@@ -92,13 +93,17 @@ class Pid:
     def from_parameters(cls, parameters: Mapping, where: str) -> "Pid":
         """Read p (required), i, d, i_clamp, i_clamp_min, i_clamp_max, antiwindup, publish_state.
 
-        `where` is the full name of the mapping, for the messages. A key that is none of these is
-        logged, with the nearest one. Raises ControllerError if p is missing or a value has the
-        wrong type or is not finite.
+        An unknown parameter is logged with the most similar known name.
+
+        Args:
+            where: full name of the mapping, for messages.
+
+        Raises:
+            ControllerError: p is missing, or a value has a wrong type or is not finite.
         """
         for key in parameters:
             if key not in KEYS:
-                log.warning("parameter %s/%s is not read: %s", where, key, suggest(key, KEYS))
+                log.warning("parameter %s/%s is not used: %s", where, key, suggest(key, KEYS))
         if "p" not in parameters:
             raise ControllerError(
                 f"no proportional gain: set parameter {where}/p (and i, d, i_clamp as needed)"
@@ -119,9 +124,10 @@ class Pid:
         return pid
 
     def set_gains(self, gains: Gains) -> None:
-        """Take new gains from the next computation on; the integral is kept.
+        """Use new gains from the next computation on; the integral is unchanged.
 
-        Raises ControllerError if one is not finite or i_min > i_max.
+        Raises:
+            ControllerError: a gain is not finite, or i_min > i_max.
         """
         for field, value in zip(Gains._fields[:5], gains, strict=False):
             if not isfinite(value):
@@ -134,25 +140,25 @@ class Pid:
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 
     def apply_gains(self) -> None:
-        """Bring new gains into the row, between two computations."""
+        """Copy new gains into the row, between two computations."""
         gains = self.gains
         if gains is not self._active_gains:
             self._active_gains = gains
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:
-        """Go on in this row (13,)."""
+        """Copy the state into this array row (13,), and store it there from now on."""
         row[:] = self.row
         self.row = row
 
     def reset(self) -> None:
-        """Forget integral, last error and derivative."""
+        """Reset integral, last error and derivative."""
         self.row[_LAST_ERROR:] = 0.0
 
     def compute(self, error: float, dt: float, error_dot: float | None = None) -> float:
-        """Command for `error` = target - state, `dt` s after the last one.
+        """Compute the command for `error` = target - state, `dt` s after the last computation.
 
-        `error_dot`, in the error's unit per s, is taken from the last error unless it is known.
+        `error_dot` is in the error's unit per s; None differentiates the error numerically.
         """
         self.apply_gains()
         known = error_dot is not None
@@ -161,8 +167,7 @@ class Pid:
         return command
 
     def notify_listener(self, dt: float) -> None:
-        """Tell a listener of the last computation, `dt` s after the one before, if it came to one.
-        """
+        """Report the last computation, `dt` s after the one before, to the listener if valid."""
         listener = self.on_state
         if listener is None or not self.row[_IS_COMPUTED]:
             return
@@ -176,7 +181,7 @@ class Pid:
 
 @jit("f8[::1], f8, f8, b1, f8", allocates=False)
 def compute_pid(row, error, error_dot, has_error_dot, dt):
-    """See Pid.compute; `has_error_dot`: whether `error_dot` is."""
+    """Compute a command; see Pid.compute. `has_error_dot`: whether `error_dot` is given."""
     row[_IS_COMPUTED] = 0.0
     if not has_error_dot:
         if dt == 0.0 or not isfinite(error):

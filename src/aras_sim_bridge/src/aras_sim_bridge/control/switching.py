@@ -1,4 +1,4 @@
-"""switch_controller: the request, and the rules that decide what it may do."""
+"""Requests of switch_controller, and the rules of ros_control for them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ ABORTED = "aborted"
 
 @dataclass(frozen=True, slots=True)
 class ControllerInfo:
-    """One line of list_controllers."""
+    """Information on one controller for list_controllers."""
 
     name: str
     state: str
@@ -26,9 +26,12 @@ class ControllerInfo:
 
 
 class SwitchRequest:
-    """A switch on its way. `is_done` turns True when it was carried out, refused or cancelled;
-    then `is_successful` tells which, and `reason` why not; `on_done`, if set, is called with the
-    request.
+    """A request to switch controllers.
+
+    Attributes:
+        is_done: whether the request was carried out, rejected or cancelled.
+        is_successful: whether it was carried out; otherwise `reason` says why not.
+        on_done: called with the request when it is done, or None.
     """
 
     def __init__(
@@ -44,7 +47,7 @@ class SwitchRequest:
         self.is_done = False
 
     def finish(self, reason: str = "") -> None:
-        """Settle the request, unless it is, with a reason why not; cancels one not carried out."""
+        """End the request, with the reason if it was not carried out; no effect if it is done."""
         if self.is_done:
             return
         self.is_successful, self.reason = not reason, reason
@@ -54,7 +57,7 @@ class SwitchRequest:
 
 
 class LoadedController:
-    """A loaded controller and what the manager knows of it."""
+    """A loaded controller with its name, type and state."""
 
     __slots__ = ("name", "type_name", "controller", "state", "running")
 
@@ -66,7 +69,7 @@ class LoadedController:
         self.running = False
 
     def set_state(self, state: str) -> None:
-        """Change the state."""
+        """Set the state."""
         self.state = state
         self.running = state == RUNNING
 
@@ -76,9 +79,13 @@ def plan_switch(
     entries: Mapping[str, LoadedController],
     order: Sequence[LoadedController],
 ) -> tuple[list[LoadedController], list[LoadedController]]:
-    """Entries to stop and to start; `order` holds those of `entries` in the order of updates.
+    """Return the entries to stop and those to start.
 
-    Raises ControllerError where ros_control's rules refuse the request.
+    Args:
+        order: `entries` in the order of updates.
+
+    Raises:
+        ControllerError: the rules of ros_control do not allow the switch.
     """
     strict = request.strictness == STRICT
     stops = _find_entries(request.stop, entries, strict, "stop")
@@ -116,7 +123,11 @@ def _find_entries(
 
 
 def _check_claims(entries: Sequence[LoadedController]) -> None:
-    """Raises ControllerError if two controllers claim a joint, whatever the interface."""
+    """Check that no joint is claimed by two controllers, even through different interfaces.
+
+    Raises:
+        ControllerError: a joint is claimed twice.
+    """
     owners: dict[str, list[str]] = {}
     for entry in entries:
         for joint in sorted({r for c in entry.controller.claimed_resources for r in c.resources}):

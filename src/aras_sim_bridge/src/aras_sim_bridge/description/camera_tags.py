@@ -1,4 +1,4 @@
-"""Camera sensors of URDF and SDF, whose elements are the same: one camera, or several eyes."""
+"""Readers of the camera sensors of URDF and SDF, which share their elements."""
 
 from dataclasses import replace
 from xml.etree.ElementTree import Element
@@ -26,14 +26,15 @@ _LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "ort
 
 
 def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
-    """The camera of a sensor on `link`, or each eye of a multicamera.
+    """Read the camera of a sensor on `link`, or each camera of a multicamera.
 
-    An eye's topics are below cameraName/left or cameraName/right, by which of the words its own
-    name has, or below its own name; the baseline is the right one's, as upstream has it.
+    The topics of one camera of a multicamera are below cameraName/left or cameraName/right if the
+    camera's name contains that word, otherwise below cameraName/name. Only the right camera has
+    the plug-in's `hackBaseline`, as in gazebo_ros.
 
     Raises:
-        DescriptionError: an element that is no number, or a size, rate, angle or clip distance
-            that no camera has.
+        DescriptionError: an element is not a number, or a size, rate, angle or clip distance is
+            not possible for a camera.
     """
     name = sensor.get("name") or ""
     where = f"camera '{shorten(name)}' on link '{link}'"
@@ -45,30 +46,31 @@ def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[Camera
     found = plugins.read(sensor, where, (CameraPlugin,), warnings)
     plugin = found[0] if found else None
     for extra in found[1:]:
-        warnings.append(f"{where}: one plug-in delivers its pictures; '{extra.camera_name}' is "
-                        "left out")
+        warnings.append(f"{where}: only one plug-in can publish its images; "
+                        f"'{extra.camera_name}' is ignored")
     if plugin and not plugin.trigger_topic and sensor.find("plugin/triggerTopicName") is not None:
-        warnings.append(f"{where}: <triggerTopicName> is for libgazebo_ros_triggered_camera.so; "
-                        "this camera streams")
+        warnings.append(f"{where}: <triggerTopicName> works only with "
+                        "libgazebo_ros_triggered_camera.so; this camera publishes all the time")
     if sensor.get("type") != "multicamera":
         return [_read_camera(sensor, nodes[0], name, link, where, plugin, warnings)]
-    eyes = []
+    cameras = []
     for i, node in enumerate(nodes):
-        own = node.get("name") or str(i)
-        side = next((word for word in ("left", "right") if word in own), own)
-        seen = None if plugin is None else replace(
+        camera_name = node.get("name") or str(i)
+        side = next((word for word in ("left", "right") if word in camera_name), camera_name)
+        camera_plugin = None if plugin is None else replace(
             plugin, camera_name=f"{plugin.camera_name}/{side}",
             hack_baseline=plugin.hack_baseline if side == "right" else 0.0)
-        eye = _read_camera(
-            sensor, node, f"{name}_{own}", link, f"{where}, eye '{shorten(own)}'", seen, warnings
+        camera = _read_camera(
+            sensor, node, f"{name}_{camera_name}", link,
+            f"{where}, camera '{shorten(camera_name)}'", camera_plugin, warnings,
         )
-        eyes.append(replace(eye, shutter=name))
-    return eyes
+        cameras.append(replace(camera, shutter=name))
+    return cameras
 
 
 def _read_camera(sensor: Element, node: Element, name: str, link: str, where: str,
             plugin: CameraPlugin | None, warnings: list[str]) -> CameraDescription:
-    """The camera that `node`, a <camera> of `sensor`, describes."""
+    """Read the camera that `node`, a <camera> of `sensor`, describes."""
     image, clip = node.find("image"), node.find("clip")
     near = parse_number(find_text(clip, "near"), f"{where}: clip near", 0.1)
     far = parse_number(find_text(clip, "far"), f"{where}: clip far", 100.0)
@@ -147,16 +149,17 @@ def _read_lens(
     given = lens.find("intrinsics")
     intrinsics = None
     if given is not None and camera == "wideanglecamera":
-        warnings.append(f"{where}: <intrinsics> is not for a wideanglecamera; left out")
+        warnings.append(f"{where}: <intrinsics> is not for a wideanglecamera; it is ignored")
     elif given is not None:
-        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # SDF's
+        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # defaults of SDF
         intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)
                            for key, value in defaults.items())
         if min(intrinsics[:2]) <= 0.0:
             raise DescriptionError(f"{where}: intrinsics fx {intrinsics[0]} and fy {intrinsics[1]} "
                                    "are focal lengths in pixels; they must be positive")
     if camera != "wideanglecamera" and kind != "gnomonical":
-        warnings.append(f"{where}: lens type '{kind}' is for a wideanglecamera; a pinhole is drawn")
+        warnings.append(f"{where}: lens type '{kind}' needs a wideanglecamera; this camera is "
+                        "drawn as a pinhole camera")
     return LensDescription(
         intrinsics=intrinsics,
         kind=kind,

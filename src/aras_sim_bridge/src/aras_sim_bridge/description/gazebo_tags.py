@@ -1,4 +1,4 @@
-"""The <gazebo> tags of a URDF: plugins, sensors, materials, link flags."""
+"""Reader of the <gazebo> tags of a URDF: plug-ins, sensors, materials, link and joint settings."""
 
 import copy
 from collections.abc import Mapping
@@ -37,10 +37,12 @@ from aras_visual_servo_base.urdf import Joint
 
 @dataclass
 class GazeboTags:
-    """What `parse` found.
+    """Result of `parse`: everything that the <gazebo> tags of a model describe.
 
-    links, joints: the given ones with what the tags say of them. added_links, poses: more links,
-    and where they stand in the model. added_joints: more joints.
+    Attributes:
+        links, joints: links and joints of the URDF with the settings of the tags applied.
+        added_links, added_joints: links and joints that the tags add.
+        poses: poses of all links in the model.
     """
 
     links: dict[str, Link]
@@ -60,18 +62,21 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
           poses: Mapping[str, Pose], resolve: Resolve, warnings: list[str]) -> GazeboTags:
     """Read every `<gazebo>` below `root`.
 
-    A reference to nothing, an unknown plugin or sensor, and elements that are not served are
-    warnings; a tag that is understood but wrong is a DescriptionError.
+    Unknown references, plug-ins and sensors, and unsupported elements, become warnings.
 
     Args:
-        poses: of the links in the model, with all joints at 0. resolve: finds mesh files.
+        poses: poses of the links in the model, with all joints at 0.
+        resolve: finds mesh files.
+
+    Raises:
+        DescriptionError: a supported tag has an invalid value.
     """
     tags = GazeboTags(dict(links), dict(joints), poses=dict(poses))
     found: list[ControlPlugin | SensorDescription | GraspDescription] = []
     cameras: list[CameraDescription] = []
     sensors: list[SensorDescription] = []
-    gauges: dict[str, Element] = {}
-    idle: list[tuple[str, str]] = []
+    force_torque_tags: dict[str, Element] = {}
+    ignored: list[tuple[str, str]] = []
     blocks = [_unify(block, warnings) for block in root.findall("gazebo")]
     for block in blocks:
         reference = block.get("reference")
@@ -81,12 +86,12 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             found += plugins.read(
                 block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings,
                 [joint.name for joint in joints.values() if joint.mimic is not None])
-            idle += supported_elements.find_ignored_elements(block, "gazebo", where)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo", where)
             for node in block.findall("link"):
                 try:
                     _add_link(node, tags, resolve, warnings)
                 except DescriptionError as error:
-                    warnings.append(f"{error}; the link is left out")
+                    warnings.append(f"{error}; the link is ignored")
                     continue
                 sensor_tags.read_link_sensors(
                     node, node.get("name"), cameras, sensors, found, warnings
@@ -94,11 +99,11 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
         elif reference in links:
             _read_link_flags(block, reference, tags, warnings)
             sensor_tags.read_link_sensors(block, reference, cameras, sensors, found, warnings)
-            idle += supported_elements.find_ignored_elements(block, "gazebo link", where)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo link", where)
         elif reference in joints:
             _read_joint_settings(block, reference, tags, warnings)
-            found += sensor_tags.read_joint_sensors(block, reference, gauges, warnings)
-            idle += supported_elements.find_ignored_elements(block, "gazebo joint", where)
+            found += sensor_tags.read_joint_sensors(block, reference, force_torque_tags, warnings)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} names no link or joint; ignored")
     for node in (node for block in blocks if block.get("reference") is None
@@ -112,19 +117,20 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             between, between_poses = find_links_between(
                 found_joints, {**tags.links, **tags.added_links}, "<gazebo>")
         except DescriptionError as error:
-            warnings.append(f"{error}; the joint is left out")
+            warnings.append(f"{error}; the joint is ignored")
             continue
         tags.added_joints += found_joints
         tags.added_links |= between
         tags.poses |= between_poses
-        found += sensor_tags.read_joint_sensors(node, node.get("name"), gauges, warnings)
-    warnings += supported_elements.format_sentences(dict.fromkeys(idle))
+        found += sensor_tags.read_joint_sensors(node, node.get("name"), force_torque_tags, warnings)
+    warnings += supported_elements.format_sentences(dict.fromkeys(ignored))
     cameras = _drop_duplicates(cameras, warnings)
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
-    asked = [one for one in found if isinstance(one, SensorDescription)]
+    plugin_sensors = [one for one in found if isinstance(one, SensorDescription)]
     added = {one.joint.name: one.joint for one in tags.added_joints}
     sensors += sensor_tags.check_model_sensors(
-        asked, {**tags.links, **tags.added_links}, {**joints, **added}, gauges, warnings
+        plugin_sensors, {**tags.links, **tags.added_links}, {**joints, **added},
+        force_torque_tags, warnings,
     )
     tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
     tags.grasps = tuple(grasp_tags.check_grasps(
@@ -133,7 +139,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
 
 
 def _unify(block: Element, warnings: list[str]) -> Element:
-    """The block with what of it is SDF in one form."""
+    """Return a copy of the block in which its SDF elements have the newest SDF form."""
     block = copy.deepcopy(block)
     for node in block:
         if node.tag in ("link", "joint", "sensor", "collision"):
@@ -154,9 +160,9 @@ def _add_link(node: Element, tags: GazeboTags, resolve: Resolve, warnings: list[
 
 
 def _set_colour(node: Element, link: str, tags: GazeboTags, warnings: list[str]) -> None:
-    """The colour of a link by the SDF visuals in `node`."""
-    looks = [None] * len(node.findall("visual"))
-    colour = gazebo_materials.find_sdf_colour(node, link, warnings, looks)
+    """Set the colour of a link from the SDF visuals in `node`."""
+    no_appearances = [None] * len(node.findall("visual"))
+    colour = gazebo_materials.find_sdf_colour(node, link, warnings, no_appearances)
     if colour is not None:
         tags.colours[link] = colour
 
@@ -173,7 +179,7 @@ def _read_joint_settings(block: Element, name: str, tags: GazeboTags, warnings: 
         raise DescriptionError(f"{where}: springStiffness is {stiffness}; it must not be negative")
     if stiffness and not joint.is_movable:
         warnings.append(f"{where}: springStiffness is for a joint that moves; '{name}' is "
-                        f"{joint.kind}; left out")
+                        f"{joint.kind}, so it is ignored")
         return
     tags.joints[name] = replace(joint, stiffness=stiffness, rest=rest)
 
@@ -181,20 +187,22 @@ def _read_joint_settings(block: Element, name: str, tags: GazeboTags, warnings: 
 def _drop_duplicates(
     cameras: list[CameraDescription], warnings: list[str]
 ) -> list[CameraDescription]:
-    """The first camera of each name; a warning names each other, which settings could not tell
-    apart."""
-    kept: dict[str, CameraDescription] = {}
+    """Return the first camera of each name, with a warning for each duplicate.
+
+    Settings address cameras by name, so names must be unique.
+    """
+    unique_cameras: dict[str, CameraDescription] = {}
     for camera in cameras:
-        if camera.name in kept:
-            warnings.append(f"two cameras are named '{camera.name}'; the one on link "
-                            f"'{camera.link}' that comes later is left out: rename it")
+        if camera.name in unique_cameras:
+            warnings.append(f"two cameras are named '{camera.name}'; the later one, on link "
+                            f"'{camera.link}', is ignored: rename it")
         else:
-            kept[camera.name] = camera
-    return list(kept.values())
+            unique_cameras[camera.name] = camera
+    return list(unique_cameras.values())
 
 
 def _read_setting(block: Element, tag: str) -> str | None:
-    """Text of a child, or its attribute `value`, as old URDF files have it."""
+    """Return the text of a child element, or its attribute `value`, which old URDF files use."""
     child = block.find(tag)
     if child is not None and child.get("value") is not None:
         return child.get("value")
@@ -219,7 +227,7 @@ def _read_link_flags(block: Element, name: str, tags: GazeboTags, warnings: list
         link,
         gravity=gravity,
         mu=friction,
-        # Gazebo copies what <collision> holds into the link's own.
+        # Gazebo applies the settings of this <collision> to the link's collisions.
         bounce=next(
             filter(None, (read_bounce(one, where) for one in block.findall("collision"))),
             link.bounce,

@@ -1,4 +1,4 @@
-"""The shape in a visual or collision, of URDF and of SDF, and how it bounces."""
+"""Readers of the geometry and bounce settings of URDF and SDF visuals and collisions."""
 
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
@@ -14,17 +14,21 @@ from aras_visual_servo_base.safe_xml import (
 )
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
-Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path of its file
-_SMALLEST_SIZE = 1e-4  # m, Gazebo's for a size of zero
+Resolve = Callable[[str, str], str]  # (mesh URI, element that names it) -> path of the file
+_SMALLEST_SIZE = 1e-4  # m; used instead of a size of zero, as in Gazebo
 
 
 def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
                   ) -> Geometry | None:
-    """The shape in a URDF visual's or collision's `<geometry>`; None, with a sentence in
-    `warnings`, where it cannot be served. A size of zero is taken as 0.1 mm, as in Gazebo.
+    """Read the shape in a URDF visual's or collision's `<geometry>`.
+
+    A size of zero becomes 0.1 mm, as in Gazebo.
+
+    Returns:
+        The shape, or None, with a sentence in `warnings`, if it is not supported.
 
     Raises:
-        DescriptionError: a size that is negative or no number.
+        DescriptionError: a size is negative or not a number.
     """
     return _read_or_warn(lambda shape: _read_geometry(
         shape, where, resolve, shape.get, "filename", warnings), element, where, warnings)
@@ -32,12 +36,15 @@ def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings:
 
 def read_sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
                  ) -> Geometry | None:
-    """The same of an SDF visual or collision, whose planes have a size; no submeshes."""
+    """Read the shape of an SDF visual or collision; see `read_urdf_geometry`.
+
+    In SDF a plane has a size. Submeshes are not supported.
+    """
 
     def read(shape: Element) -> Geometry:
         if shape.find("submesh") is not None:
             raise UnsupportedPartError(
-                f"{where}: <submesh> is not served; give it a file of its own"
+                f"{where}: <submesh> is not supported; save the submesh in a separate file"
             )
         return _read_geometry(
             shape, where, resolve, lambda tag: find_text(shape, tag), "uri", warnings, (1.0, 1.0)
@@ -54,15 +61,18 @@ def _read_or_warn(
     try:
         return read(_find_shape(element, where))
     except UnsupportedPartError as error:
-        warnings.append(f"{error}; the {element.tag} is left out")
+        warnings.append(f"{error}; the {element.tag} is ignored")
         return None
 
 
 def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
-    """Coefficient of restitution and least speed (m/s) in a collision's `<surface>`; None: neither.
+    """Read the restitution coefficient and threshold speed (m/s) of a collision's `<surface>`.
+
+    Returns:
+        (coefficient, threshold), or None without a `<restitution_coefficient>`.
 
     Raises:
-        DescriptionError: a coefficient outside 0 to 1, or a speed below 0.
+        DescriptionError: the coefficient is outside 0 … 1, or the threshold is negative.
     """
     node = collision.find("surface/bounce")
     if find_text(node, "restitution_coefficient") is None:
@@ -72,8 +82,8 @@ def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
     )
     least = parse_number(find_text(node, "threshold"), f"{where}: threshold", 0.0)
     if not (0.0 <= share <= 1.0 and least >= 0.0):
-        raise DescriptionError(f"{where}: restitution_coefficient {share} and threshold {least} of "
-                               "<bounce>: need 0 to 1, and a speed that is not negative")
+        raise DescriptionError(f"{where}: <bounce> has restitution_coefficient {share} and "
+                               f"threshold {least}; need 0 to 1, and a speed that is not negative")
     return share, least
 
 
@@ -81,14 +91,20 @@ def _find_shape(element: Element, where: str) -> Element:
     node = element.find("geometry")
     shape = next(iter(node), None) if node is not None else None
     if shape is None:
-        raise UnsupportedPartError(f"{where}: has no <geometry> with a shape in it")
+        raise UnsupportedPartError(f"{where}: it has no <geometry> that contains a shape")
     return shape
 
 
 def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str], str | None],
               file: str, warnings: list[str], plane: tuple[float, float] = (0.0, 0.0)
               ) -> Geometry:
-    """value: text of one of the shape's settings. file: name of a mesh's. plane: default size."""
+    """Read a shape element.
+
+    Args:
+        value: returns the text of one of the shape's settings.
+        file: name of the setting that holds a mesh's URI.
+        plane: default size of a plane, in m.
+    """
     kind = shape.tag
 
     def read_positive(key: str, count: int, default: tuple[float, ...] | None = None) -> tuple:
@@ -99,7 +115,8 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         if min(sizes) < 0.0:
             raise DescriptionError(f"{where}: {kind} {key} is {shown}; it must be positive")
         warnings.append(
-            f"{where}: {kind} {key} is {shown}; {_SMALLEST_SIZE} m is used for 0, as in Gazebo"
+            f"{where}: {kind} {key} is {shown}; {_SMALLEST_SIZE} m is used instead of 0, "
+            "as in Gazebo"
         )
         return tuple(size or _SMALLEST_SIZE for size in sizes)
 
@@ -111,19 +128,19 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         )
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
-    if kind == "plane":  # in URDF an extension of Bullet's
+    if kind == "plane":  # a Bullet extension of URDF
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
         return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":
         uri = value(file)
         if not uri:
             raise UnsupportedPartError(f"{where}: <mesh> has no {file}")
-        words = (value("scale") or "1 1 1").split()
+        factors = (value("scale") or "1 1 1").split()
         scale = parse_numbers(
-            " ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale"
+            " ".join(factors * 3 if len(factors) == 1 else factors), 3, f"{where}: scale"
         )
         if 0.0 in scale:
-            raise UnsupportedPartError(f"{where}: mesh scale {scale} holds a zero")
+            raise UnsupportedPartError(f"{where}: mesh scale {scale} contains a zero")
         return Geometry(kind, filename=resolve(uri, where), scale=scale)
     raise UnsupportedPartError(
-        f"{where}: shape <{shorten(kind)}> is not served; use {', '.join(SHAPES)}")
+        f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")

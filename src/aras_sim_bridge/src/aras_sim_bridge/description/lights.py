@@ -1,4 +1,4 @@
-"""The lights of a world, and what is around them: see Simulation.set_light and rendering/lamps."""
+"""Readers and checks of a world's lights and scene settings."""
 
 from __future__ import annotations
 
@@ -24,9 +24,13 @@ _STRENGTH_FIELDS = ("diffuse", "specular", "attenuation_constant", "attenuation_
 
 
 def check_light(light: Light) -> Light:
-    """Return the light; WorldError naming the number that no light has."""
+    """Return the light if it is valid.
+
+    Raises:
+        WorldError: a setting is not finite, negative, or otherwise impossible for a light.
+    """
     if not light.name:
-        raise WorldError("a light needs a name that is not empty")
+        raise WorldError("a light has no name; give it one")
     where = f"light '{light.name}'"
     for what in (*_DIRECTION_FIELDS, *_STRENGTH_FIELDS):
         value = getattr(light, what)
@@ -36,16 +40,20 @@ def check_light(light: Light) -> Light:
         if what in _STRENGTH_FIELDS and min(values) < 0.0:
             raise WorldError(f"{where}: {what} {value} must not be negative")
     if math.hypot(*light.direction) < 1e-9:
-        raise WorldError(f"{where}: its direction is zero; a light shines somewhere")
+        raise WorldError(f"{where}: its direction is zero; give it a direction in which it shines")
     for begin, end in light.lit_intervals or ():
         if not 0.0 <= begin < end:
-            raise WorldError(f"{where}: shines from {begin:g} to {end:g} s, must rise from 0 on")
+            raise WorldError(f"{where}: lit interval from {begin:g} to {end:g} s; it must start at "
+                             "0 s or later and end after its start")
     return light
 
 
 def read_light(element: Element, pose: Pose) -> Light:
-    """The `<light>` of an SDF world that stands at `pose`; DescriptionError naming what is wrong
-    with it."""
+    """Read a `<light>` of an SDF world, whose pose in the world is `pose`.
+
+    Raises:
+        DescriptionError: an element has an invalid value.
+    """
     where = f"light '{element.get('name')}'"
     kind = element.get("type") or "point"
     if kind not in ("directional", "point", "spot"):
@@ -72,10 +80,13 @@ def read_light(element: Element, pose: Pose) -> Light:
 
 
 def read_scene(scene: Element | None) -> SceneSettings:
-    """A world's `<scene>`; DescriptionError naming what is wrong with it.
+    """Read a world's `<scene>`.
 
-    `<shadows>` does not count: saved worlds have it on, and pictures without shadows are those that
-    the original's thresholds are for. `<aras:shadows>` does.
+    Shadows are set by `<aras:shadows>`. `<shadows>` is ignored: saved Gazebo worlds switch it on,
+    but the thresholds of the original image processing are made for images without shadows.
+
+    Raises:
+        DescriptionError: an element has an invalid value.
     """
     plain = SceneSettings()
     if scene is None:
@@ -97,7 +108,8 @@ def _read_intervals(text: str | None, where: str) -> tuple[tuple[float, float], 
     pairs = tuple(zip(values[::2], values[1::2], strict=True))
     for begin, end in pairs:
         if not 0.0 <= begin < end:
-            raise DescriptionError(f"{where}: from {begin:g} to {end:g} s, must rise from 0 on")
+            raise DescriptionError(f"{where}: interval from {begin:g} to {end:g} s; it must start "
+                                   "at 0 s or later and end after its start")
     return pairs
 
 

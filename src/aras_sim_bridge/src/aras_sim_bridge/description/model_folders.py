@@ -1,7 +1,7 @@
-"""Gazebo's model folders: `<include>`s, and models in models, as plain elements of one document.
+"""Expansion of Gazebo's `<include>`s and nested models into plain elements of one document.
 
-A folder holds model.config, which names the SDF file. packages.find_model says where folders are
-looked for; the two that every world has, ground_plane and sun, need none.
+A model folder holds model.config, which names the SDF file. packages.find_model searches for the
+folders. The models ground_plane and sun, which most worlds include, are built in.
 """
 
 from __future__ import annotations
@@ -39,16 +39,19 @@ _BUILT_IN = {
 
 
 def find_folder(uri: str, base: str | None) -> str:
-    """The folder that an `<include>`'s URI names; `base` is what relative paths are relative to.
+    """Return the folder that an `<include>`'s URI names.
+
+    Args:
+        base: folder to which relative paths are relative.
 
     Raises:
-        DescriptionError: another scheme, or no such folder.
+        DescriptionError: the scheme is not supported, or the folder does not exist.
     """
     if not uri:
         raise DescriptionError("it has no <uri>")
     scheme, separator, rest = uri.partition("://")
     if separator and scheme not in ("model", "file"):
-        raise DescriptionError(f"the scheme {scheme}:// is not served; download the model into "
+        raise DescriptionError(f"the scheme {scheme}:// is not supported; download the model into "
                                f"{OWN_MODELS} and write model://<its folder>")
     if scheme == "model" and separator:
         name, _, inside = rest.strip("/").partition("/")
@@ -56,7 +59,7 @@ def find_folder(uri: str, base: str | None) -> str:
         path = os.path.normpath(os.path.join(found or "", inside))
         if found is None or not os.path.isdir(path) or os.path.commonpath([path, found]) != found:
             raise DescriptionError(f"no folder of that name is in {MODEL_PATH}, {OWN_MODELS}, or "
-                                   "what packages export as gazebo_model_path")
+                                   "the folders that packages export as gazebo_model_path")
         return path
     path = rest if separator else uri
     if not os.path.isabs(path) and base is not None:
@@ -67,10 +70,10 @@ def find_folder(uri: str, base: str | None) -> str:
 
 
 def read_model(folder: str, warnings: list[str]) -> Element:
-    """The model or light that a folder's SDF file holds; mesh files named from that folder on.
+    """Read the model or light of a model folder; its mesh paths become absolute.
 
     Raises:
-        DescriptionError: no model.config, no SDF file in it, or no model in that.
+        DescriptionError: model.config, its SDF file, or a model in that file is missing.
     """
     config = _parse(Path(folder) / CONFIG_FILE)
     names = [((node.text or "").strip(), parse_number(node.get("version"), CONFIG_FILE, 0.0))
@@ -100,11 +103,13 @@ def _parse(file: Path) -> Element:
 
 def expand(scope: Element, warnings: list[str], base: str | None = None,
              chain: tuple[str, ...] = ()) -> Iterator[Element]:
-    """The elements of a world or model, `<include>`s as what they name, models without models in
-    them.
+    """Return the elements of a world or model with includes resolved and nested models flattened.
 
-    An include that cannot be served is left out, with a sentence in `warnings`. chain: the folders
-    that are being read, for includes that come back to themselves.
+    An include that cannot be resolved is omitted, with a sentence in `warnings`.
+
+    Args:
+        base: folder to which relative paths are relative.
+        chain: folders that are being read, to detect recursive includes.
     """
     for child in scope:
         if child.tag == "include":
@@ -112,12 +117,12 @@ def expand(scope: Element, warnings: list[str], base: str | None = None,
             try:
                 yield _include(child, uri, warnings, base, chain)
             except DescriptionError as error:
-                warnings.append(f"<include> of '{shorten(uri)}' is left out: {error}")
+                warnings.append(f"<include> of '{shorten(uri)}' is ignored: {error}")
         elif child.tag == "model":
             try:
                 yield _flatten(child, warnings, base, chain)
             except DescriptionError as error:
-                warnings.append(f"model '{shorten(child.get('name') or '')}' is left out: {error}")
+                warnings.append(f"model '{shorten(child.get('name') or '')}' is ignored: {error}")
         elif child.tag == "population":
             whole = Element(child.tag, child.attrib)
             whole.extend(expand(child, warnings, base, chain))
@@ -142,8 +147,8 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
     where = f"<include> of '{shorten(name)}'"
     warnings += supported_elements.describe_ignored_elements(include, "include", where)
     if parse_bool(include.get("merge"), f"{where}: merge", False):
-        warnings.append(f"{where}: merge is not served; its links have the model's name before "
-                        "theirs")
+        warnings.append(f"{where}: merge is not supported; the names of its links start with the "
+                        "model's name")
     if find_text(include, "placement_frame"):
         found.set("placement_frame", find_text(include, "placement_frame"))
     found.extend(include.findall("plugin"))
@@ -160,7 +165,7 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
 
 def _flatten(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
-    """The model with the links and joints of those in it as its own, named inner::link."""
+    """Return a model that includes the elements of its nested models, with names inner::link."""
     if model.find("model") is None and model.find("include") is None:
         sdf_frames.resolve_poses(model, warnings)
         return model

@@ -1,6 +1,6 @@
-"""OGRE's material scripts: the colour and the picture that a `<script>` of an SDF visual names.
+"""Reader of OGRE material scripts, which give an SDF visual its colour and texture.
 
-Of a script the first pass counts: its diffuse and ambient colours and its first texture.
+Only the first pass of a script is used: its diffuse and ambient colours and its first texture.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.image_files import read_image_size
 from aras_visual_servo_base.safe_xml import find_text, shorten
 
-Locate = Callable[[str, str], str]  # a URI and who names it -> a path, of what may not be there
+Locate = Callable[[str, str], str]  # (URI, element that names it) -> path, which may not exist
 
 _LARGEST_FILE = 1_000_000  # bytes of a script
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
@@ -26,7 +26,12 @@ _GAZEBO_MEDIA = "file://media/"
 
 @dataclass(frozen=True)
 class Appearance:
-    """colour: None where the script gives none. texture: path of a picture, '' for none."""
+    """Colour and texture of a visual.
+
+    Attributes:
+        colour: None if the script sets none.
+        texture: path of an image file, '' for none.
+    """
 
     colour: Rgba | None = None
     texture: str = ""
@@ -35,49 +40,51 @@ class Appearance:
 def read_appearance(
     visual: Element, where: str, locate: Locate, warnings: list[str]
 ) -> Appearance | None:
-    """What a visual's script makes it look like; None without a script, or one of Gazebo's own.
+    """Read the colour and texture that a visual's material script sets.
 
-    What cannot be read is a sentence in `warnings`.
+    Returns:
+        None without a script or for one of Gazebo's built-in materials. Parts that cannot be read
+        add a sentence to `warnings`.
     """
     script = visual.find("material/script")
     name = find_text(script, "name")
     uris = [] if script is None else [(uri.text or "").strip() for uri in script.findall("uri")]
-    places = []
+    paths = []
     for uri in uris:
         if not uri.startswith(_GAZEBO_MEDIA):
             try:
-                places.append(Path(locate(uri, where)))
+                paths.append(Path(locate(uri, where)))
             except DescriptionError as error:
-                warnings.append(f"{error}; its material is left out")
+                warnings.append(f"{error}; its material is ignored")
     scripts: dict[str, tuple[str, Appearance]] = {}
-    for place in places:
-        for file in sorted(place.glob("*.material")) if place.is_dir() else [place]:
+    for path in paths:
+        for file in sorted(path.glob("*.material")) if path.is_dir() else [path]:
             scripts |= _read_scripts(file, warnings)
     if name not in scripts:
         return None
     found = _resolve_inheritance(name, scripts)
     if not found.texture:
         return found
-    inside = [place if place.is_dir() else place.parent for place in places]
-    folders = [folder for place in inside for folder in (place, place.parent / "textures")]
-    picture = next((f / found.texture for f in folders if (f / found.texture).is_file()), None)
+    inside = [path if path.is_dir() else path.parent for path in paths]
+    folders = [folder for path in inside for folder in (path, path.parent / "textures")]
+    image = next((f / found.texture for f in folders if (f / found.texture).is_file()), None)
     try:
-        if picture is None:
-            raise DescriptionError("there is no such file beside its script")
-        if read_image_size(picture) is None:
-            raise DescriptionError("it is no picture that can be read")
+        if image is None:
+            raise DescriptionError("the file is not in the folder of its script")
+        if read_image_size(image) is None:
+            raise DescriptionError("the file is not a readable image")
     except DescriptionError as error:
         warnings.append(f"{where}: texture '{shorten(found.texture)}' of material "
-                        f"'{shorten(name)}' is left out: {error}")
+                        f"'{shorten(name)}' is ignored: {error}")
         return replace(found, texture="")
-    return replace(found, texture=str(picture))
+    return replace(found, texture=str(image))
 
 
 def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
-    """A material with what it takes over from those that it stands on."""
-    colour, texture, seen = None, "", set()
-    while name in scripts and name not in seen:
-        seen.add(name)
+    """Return a material's appearance, with missing values taken from its parent materials."""
+    colour, texture, visited = None, "", set()
+    while name in scripts and name not in visited:
+        visited.add(name)
         name, own = scripts[name]
         colour, texture = colour or own.colour, texture or own.texture
     return Appearance(colour, texture)
@@ -96,7 +103,7 @@ def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appea
 
 @lru_cache(maxsize=256)
 def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
-    """Name -> the material that it stands on ('' for none), and its own look."""
+    """Return the parent material ('' for none) and the appearance of each material, by name."""
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
     found: dict[str, tuple[str, Appearance]] = {}
     name, ambient = "", None
@@ -120,7 +127,7 @@ def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
 
 
 def _parse_colour(texts: list[str]) -> Rgba | None:
-    """Three numbers or four; None for others, such as vertexcolour."""
+    """Return a colour of three or four numbers; None for other values, such as vertexcolour."""
     try:
         values = [min(max(float(word), 0.0), 1.0) for word in texts[:4]]
     except ValueError:

@@ -1,6 +1,6 @@
-"""Find ROS packages and Gazebo's model folders, and resolve URIs of meshes in them.
+"""Search for ROS packages and Gazebo model folders, and resolution of mesh URIs in them.
 
-No path leaves its package.
+A resolved path is always inside its package.
 """
 
 import os
@@ -23,24 +23,24 @@ _cache: dict[tuple[str, str, str], str] = {}  # directory by name and search pat
 
 
 def find_package(name: str) -> str:
-    """Directory of the ROS package `name`.
+    """Return the directory of the ROS package `name`.
 
-    Looks where ROS tools look: `ROS_PACKAGE_PATH` (crawled as rospack does), then the share
-    directories of `CMAKE_PREFIX_PATH` and `/usr/share`, where Debian puts its packages.
+    The search order is that of the ROS tools: `ROS_PACKAGE_PATH` (crawled as by rospack), then the
+    share directories of `CMAKE_PREFIX_PATH`, then `/usr/share`, where Debian packages are.
 
     Raises:
-        DescriptionError: malformed name, or no such package in this environment.
+        DescriptionError: the name is malformed, or the package is not found.
     """
     if not _PACKAGE_NAME.match(name):
         raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
     paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
     found = _cache.get((name, *paths))
     if found is None or not os.path.isdir(found):
-        # What is not there is looked for again the next time: it may be built by then.
+        # Missing packages are not cached: a package may be built in the meantime.
         found = _search(name, *paths)
     if found is None:
         raise UnsupportedPartError(
-            f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
+            f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that contains it "
             "(. devel/setup.bash) or install it, then try again"
         )
     _cache[name, *paths] = found
@@ -61,9 +61,9 @@ def _search(name: str, package_path: str, prefix_path: str) -> str | None:
 
 
 def find_model(name: str) -> str | None:
-    """The folder of a model of Gazebo's, None where no path has one of that name.
+    """Return the folder of a Gazebo model, or None if it is not found.
 
-    Looks in GAZEBO_MODEL_PATH and ~/.gazebo/models, then where packages say that they have models
+    The search covers GAZEBO_MODEL_PATH, ~/.gazebo/models, and then the folders that packages export
     (`<export><gazebo_ros gazebo_model_path="${prefix}/.."/>` in package.xml).
     """
     if name in ("", ".", "..") or "/" in name or "\0" in name:
@@ -80,7 +80,7 @@ def find_model(name: str) -> str | None:
 
 @lru_cache(maxsize=8)
 def _find_model_paths(package_path: str) -> tuple[str, ...]:
-    """The folders of models that the packages of a ROS_PACKAGE_PATH export."""
+    """Return the model folders that the packages of a ROS_PACKAGE_PATH export."""
     found: dict[str, None] = {}
     for root in filter(None, package_path.split(os.pathsep)):
         for directory in _list_packages(root):
@@ -99,14 +99,14 @@ def _find_model_paths(package_path: str) -> tuple[str, ...]:
 
 
 def _crawl(name: str, root: str) -> str | None:
-    """First directory below `root` that holds a package called `name`."""
+    """Return the first directory below `root` that contains a package called `name`."""
     return next(
         (found for found in _list_packages(root) if _read_package_name(found) == name), None
     )
 
 
 def _list_packages(root: str) -> Iterator[str]:
-    """Directories of packages below `root`, breadth first."""
+    """Yield the directories of packages below `root`, breadth first."""
     level = [root]
     for _ in range(_LARGEST_DEPTH):
         deeper: list[str] = []
@@ -144,8 +144,13 @@ def resolve_uri(
     resolve_package: ResolvePackage = find_package,
     base_directory: str | None = None,
 ) -> str:
-    """Absolute path of an existing mesh file; arguments and faults as `locate`'s, and a file that
-    is missing, or a folder, pipe or device."""
+    """Return the absolute path of an existing mesh file.
+
+    The arguments are those of `locate`.
+
+    Raises:
+        UnsupportedPartError: `locate` fails, or the path is missing or not a regular file.
+    """
     path = locate(uri, where, resolve_package, base_directory)
     if not os.path.isfile(path):
         kind = "is no regular file" if os.path.exists(path) else "does not exist"
@@ -160,25 +165,25 @@ def locate(
     base_directory: str | None = None,
     what: str = "mesh",
 ) -> str:
-    """Absolute path that a URI names, whether there is something or not.
+    """Return the absolute path that a URI names; the path may not exist.
 
     Args:
-        uri: `package://pkg/path`, `model://name/path` in one of Gazebo's model folders or (what
-            Gazebo makes of the former) in a package, `file:///path`, an absolute path, or one
-            relative to `base_directory`.
-        where: who names it, for the message ("link 'J1', visual 1").
-        resolve_package: package name -> directory.
-        base_directory: what relative paths are relative to; None refuses them.
-        what: what it is, for the message.
+        uri: `package://pkg/path`, `model://name/path` (in a Gazebo model folder or, because Gazebo
+            converts package:// to model://, in a package), `file:///path`, an absolute path, or a
+            path relative to `base_directory`.
+        where: element that names the URI, for messages ("link 'J1', visual 1").
+        resolve_package: returns the directory of a package.
+        base_directory: folder to which relative paths are relative; None rejects relative paths.
+        what: kind of the file, for messages.
 
     Raises:
-        UnsupportedPartError: unknown scheme or package, or a path that climbs out.
+        UnsupportedPartError: the scheme or package is unknown, or the path leaves its package.
     """
     text = uri.strip()
     shown = text if len(text) <= 200 else text[:200] + "…"
     if not text or "\0" in text:
         raise UnsupportedPartError(
-            f"{where}: the {what} file name is empty or holds a NUL character"
+            f"{where}: the {what} file name is empty or contains a NUL character"
         )
     scheme, separator, rest = text.partition("://")
     if not separator:
@@ -186,8 +191,8 @@ def locate(
         if not os.path.isabs(path):
             if base_directory is None:
                 raise UnsupportedPartError(
-                    f"{where}: {what} '{shown}' is a relative path and the description came as "
-                    "text; write package://<package>/<path> or an absolute path"
+                    f"{where}: {what} '{shown}' is a relative path, but the description was not "
+                    "read from a file; write package://<package>/<path> or an absolute path"
                 )
             path = os.path.join(base_directory, path)
     elif scheme in ("package", "model"):
@@ -200,7 +205,7 @@ def locate(
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
         if os.path.commonpath([root, path]) != root:
             raise UnsupportedPartError(
-                f"{where}: {what} '{shown}' climbs out of package '{package}'; "
+                f"{where}: {what} '{shown}' is outside of package '{package}'; "
                 "keep the file inside the package"
             )
     elif scheme == "file":

@@ -1,4 +1,4 @@
-"""The plug-ins that are served, by file name; an element's others are named in a warning."""
+"""Readers of the supported Gazebo plug-ins, by file name; other plug-ins cause a warning."""
 
 from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
@@ -32,12 +32,15 @@ Kind = TypeVar("Kind", bound=Plugin)
 
 def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: list[str],
          mimics: Collection[str] = ()) -> list[Kind]:
-    """The plug-ins of `element` that are of these kinds; a warning names each other file, once.
+    """Read the plug-ins of `element` that have one of these types.
 
-    mimics: joints that have a `<mimic>`.
+    Each other plug-in file causes one warning.
+
+    Args:
+        mimics: joints that have a `<mimic>`.
 
     Raises:
-        DescriptionError: a plug-in that is served, with a setting that it cannot have.
+        DescriptionError: a supported plug-in has an invalid setting.
     """
     found = []
     for plugin in element.findall("plugin"):
@@ -61,11 +64,11 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
 
 
 def _describe_mimic_plugin(plugin: Element, mimics: Collection[str]) -> str:
-    """What becomes of a joint that a plug-in lets follow another one."""
+    """Return the warning about a mimic joint plug-in, which is not supported."""
     joint, follower = find_text(plugin, "joint") or "", find_text(plugin, "mimicJoint") or ""
     if follower in mimics:
         return "is not needed: <mimic> already works"
-    return (f"is not served: give joint '{shorten(follower)}' a <mimic "
+    return (f"is not supported: give joint '{shorten(follower)}' a <mimic "
             f"joint='{shorten(joint)}'/>, which works")
 
 
@@ -116,7 +119,7 @@ def _read_triggered_camera(plugin: Element, where: str) -> CameraPlugin:
 
 
 def _read_depth(plugin: Element, where: str, depth: DepthTopics) -> CameraPlugin:
-    """`depth`: what differs between depth cameras."""
+    """Read a depth camera; `depth` holds the defaults of its kind."""
     made = _read_camera(plugin, where)
     nearest = parse_number(find_text(plugin, "pointCloudCutoff"), f"{where}: pointCloudCutoff", 0.4)
     millimetres = parse_bool(
@@ -146,7 +149,7 @@ def _read_kinect(plugin: Element, where: str) -> CameraPlugin:
 
 
 def _read_sensor(plugin: Element, where: str, kind: str, **settings: object) -> SensorDescription:
-    """What the plug-ins of all sensors of motion and forces have in common."""
+    """Read the settings that all motion and force sensor plug-ins have in common."""
 
     def read_vector(tag: str) -> Vector3:
         return parse_numbers(find_text(plugin, tag), 3, f"{where}: {tag}", ZERO)

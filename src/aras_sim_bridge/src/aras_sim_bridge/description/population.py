@@ -1,4 +1,4 @@
-"""`<population>`: many copies of one model in a region of a world."""
+"""Expansion of SDF's `<population>`: many copies of one model in a region of a world."""
 
 from __future__ import annotations
 
@@ -22,15 +22,18 @@ from aras_visual_servo_base.safe_xml import (
 )
 from aras_visual_servo_base.urdf import ZERO
 
-LARGEST_POPULATION = 1000  # copies; each is a body of its own
+LARGEST_POPULATION = 1000  # copies; each copy is simulated as a separate body
 _LINES = ("linear-x", "linear-y", "linear-z")
 
 
 def place_copies(population: Element, warnings: list[str]) -> list[Element]:
-    """The copies, named <model>_clone_0 and so on, upright where Gazebo puts them; none, with a
-    sentence in `warnings`, where it cannot be served.
+    """Return the copies of a population's model, named <model>_clone_0 and so on.
 
-    Positions by chance depend on the population's name alone, not on Gazebo's.
+    The copies are upright and arranged as in Gazebo. Random positions depend only on the
+    population's name and differ from Gazebo's.
+
+    Returns:
+        No copies, with a sentence in `warnings`, if the population is not supported.
     """
     where = f"<population> '{shorten(population.get('name') or '')}'"
     try:
@@ -39,7 +42,7 @@ def place_copies(population: Element, warnings: list[str]) -> list[Element]:
             raise DescriptionError(f"{where}: it has no <model>")
         places = _compute_positions(population, where)
     except DescriptionError as error:
-        warnings.append(f"{error}; left out")
+        warnings.append(f"{error}; ignored")
         return []
     found = []
     for i, place in enumerate(places):
@@ -53,7 +56,7 @@ def place_copies(population: Element, warnings: list[str]) -> list[Element]:
 
 
 def _compute_positions(population: Element, where: str) -> list[Vector3]:
-    """World positions of the copies, m."""
+    """Return the positions of the copies in the world, m."""
     pose = safe_xml.parse_pose(find_text(population, "pose"), f"{where}: pose")
     node = population.find("distribution")
     kind = find_text(node, "type") or "random"
@@ -84,14 +87,14 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            out = radius * share  # denser in the middle, as Gazebo's
+            out = radius * share  # denser in the middle, as in Gazebo
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
-            corner = ZERO  # its base stands at the pose
+            corner = ZERO  # the base of the cylinder is at the pose
         else:
-            raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is served in no such "
-                                   "region; use grid, random or linear-x, -y, -z in a box")
-    # As Gazebo: the region's corner is moved in the world's axes, what is in it by the pose.
+            raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
+                                   "this region; use grid, random or linear-x, -y, -z in a box")
+    # As in Gazebo, the corner is subtracted in world axes, and positions are rotated by the pose.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
     return [moved.apply(tuple(one)) for one in inside]
 

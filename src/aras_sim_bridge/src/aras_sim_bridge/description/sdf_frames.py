@@ -1,8 +1,8 @@
-"""Frames of SDF: poses that are given by a link, a joint, a frame or a model, each in the frame of
-the element around it, as the readers after this want them.
+"""Resolution of SDF frames: poses relative to links, joints, frames and models.
 
-See http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to what it is
-`attached_to`, a pose is in the frame that it is `relative_to`.
+After the resolution every pose is relative to the parent element. See
+http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to the element that it is
+`attached_to`, and a pose is expressed in the frame that it is `relative_to`.
 """
 
 from __future__ import annotations
@@ -22,8 +22,11 @@ _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
 
 
 class Frames(Mapping[str, Pose]):
-    """The frames of a model or a world by name, in that of the model or the world; the order in
-    the file does not count. One that does not exist, or is relative to itself, raises KeyError."""
+    """Poses of a model's or world's frames by name, relative to the model or world.
+
+    The order of the frames in the file does not matter. A missing frame, or one that is relative
+    to itself, raises KeyError.
+    """
 
     def __init__(self, scope: Element) -> None:
         root = MODEL_FRAME if scope.tag == "model" else WORLD_FRAME
@@ -39,7 +42,7 @@ class Frames(Mapping[str, Pose]):
     def __getitem__(self, name: str) -> Pose:
         if name not in self._cache:
             node = self._nodes[name]
-            self._cache[name] = None  # what comes back to it meanwhile is relative to itself
+            self._cache[name] = None  # marks the frame as in progress, to detect cycles
             try:
                 at = self[self.base_frame(name)] @ _read_pose(node)
             except BaseException:
@@ -57,7 +60,7 @@ class Frames(Mapping[str, Pose]):
         return len(self._roots) + len(self._nodes)
 
     def base_frame(self, name: str) -> str:
-        """The frame in which the pose of a named element is given."""
+        """Return the frame in which the pose of a named element is expressed."""
         node, owner = self._nodes[name], self._inner.get(name, "")
         frame = _read_frame(node) or self._find_default_base(node)
         return (owner or self._root) if frame in ("", self._root) else frame
@@ -68,32 +71,34 @@ class Frames(Mapping[str, Pose]):
         return node.get("attached_to") or "" if node.tag == "frame" else ""
 
     def find_link(self, name: str) -> str:
-        """The link that a frame is fixed to; the name itself where it is no frame."""
-        seen: list[str] = []
-        while name not in seen and name in self._nodes and self._nodes[name].tag == "frame":
-            seen.append(name)
+        """Return the link that a frame is fixed to; other names are returned unchanged."""
+        visited: list[str] = []
+        while name not in visited and name in self._nodes and self._nodes[name].tag == "frame":
+            visited.append(name)
             on, owner = self._nodes[name].get("attached_to"), self._inner.get(name)
             if on:
                 name = f"{owner}::{on}" if owner else on
         return name
 
     def find_kind(self, name: str) -> str:
-        """The tag of a named element, '' for the model or the world themselves."""
+        """Return the tag of a named element, '' for the model or the world."""
         return self._nodes[name].tag if name in self._nodes else ""
 
     def list_errors(self) -> list[str]:
-        """A sentence on each `<frame>` that has no place."""
+        """Return one sentence for each `<frame>` whose pose is undefined."""
         return [
-            f"frame '{shorten(name)}' is left out: '{shorten(self.base_frame(name))}' is no link, "
-            "joint, frame or model there, or depends on this frame itself"
+            f"frame '{shorten(name)}' is ignored: '{shorten(self.base_frame(name))}' is no link, "
+            "joint, frame or model of its parent, or it depends on this frame"
             for name, node in self._nodes.items()
             if node.tag == "frame" and name not in self._inner and not has_pose(self, name)
         ]
 
 
 def _list_frames(scope: Element) -> Iterator[tuple[str, Element, str]]:
-    """Name, element and model around it of what has a frame; what is in models has their names
-    before its own."""
+    """Yield the name, element and enclosing model of each element that has a frame.
+
+    Elements of nested models have names of the form model::name.
+    """
     for node in scope:
         name = node.get("name") or ""
         if node.tag in ("link", "joint", "frame", "model") and name:
@@ -124,51 +129,52 @@ def _set_pose(node: Element, pose: Pose, frame: str = "") -> None:
 
 
 def resolve_poses(model: Element, warnings: list[str]) -> None:
-    """Rewrite the poses in a model, in place: those of links, frames and models in the model's
-    frame, a joint's in its child's, those of what is in a link in the link's.
+    """Rewrite the poses in a model in place, without references to other frames.
 
-    The models in it are rewritten already. What is given by a frame that does not exist stays as it
-    is, for its reader to name. A joint between frames is one between the links that these are
-    fixed to; an axis that is given in a joint's or a frame's is given in the model's.
+    Poses of links, frames and nested models become relative to the model, that of a joint to its
+    child, and those of a link's elements to the link. Joints between frames become joints between
+    the links that the frames are fixed to. Axes given in the frame of a joint, frame or nested
+    model are converted to the model's frame. A pose whose frame does not exist is unchanged, so
+    that the reader of its element reports it. Nested models must have been rewritten before.
     """
     frames = Frames(model)
     where = f"model '{shorten(model.get('name') or '')}'"
     warnings += (f"{where}: {text}" for text in frames.list_errors())
-    places = {name: frames[name] for name in frames if has_pose(frames, name)}
-    links = {name: frames.find_link(name) for name in places}
+    frame_poses = {name: frames[name] for name in frames if has_pose(frames, name)}
+    links = {name: frames.find_link(name) for name in frame_poses}
     for node in model:
         name = node.get("name") or ""
-        if name not in places:
+        if name not in frame_poses:
             continue
-        at, frame = places[name], _read_frame(node)
+        at, frame = frame_poses[name], _read_frame(node)
         if node.tag == "joint":
-            _resolve_joint(node, at, frames, places, links)
+            _resolve_joint(node, at, frames, frame_poses, links)
         elif node.tag == "frame":
             _set_pose(node, at, MODEL_FRAME)
             if links[name] != name:
                 node.set("attached_to", links[name])
-        elif node.tag in ("link", "model") and frame in places and frames.find_kind(frame):
+        elif node.tag in ("link", "model") and frame in frame_poses and frames.find_kind(frame):
             _set_pose(node, at)
         for part in node if node.tag == "link" else ():
             frame = _read_frame(part)
             if part.tag in _INSIDE_LINK and (frame == MODEL_FRAME or frames.find_kind(frame)
-                                             ) and frame in places:
-                _set_pose(part, at.inverse() @ places[frame] @ _read_pose(part))
+                                             ) and frame in frame_poses:
+                _set_pose(part, at.inverse() @ frame_poses[frame] @ _read_pose(part))
     placement = model.get("placement_frame")
-    if placement in places:
+    if placement in frame_poses:
         del model.attrib["placement_frame"]
-        _set_pose(model, _read_pose(model) @ places[placement].inverse(), _read_frame(model))
+        _set_pose(model, _read_pose(model) @ frame_poses[placement].inverse(), _read_frame(model))
 
 
 def has_pose(frames: Frames, name: str) -> bool:
-    """Whether a frame has a place; one whose pose is wrong has none, which its reader names."""
+    """Return whether a frame's pose is defined; its reader reports an invalid pose."""
     try:
         return name in frames
     except DescriptionError:
         return False
 
 
-def _resolve_joint(joint: Element, at: Pose, frames: Frames, places: Mapping[str, Pose],
+def _resolve_joint(joint: Element, at: Pose, frames: Frames, frame_poses: Mapping[str, Pose],
                    links: Mapping[str, str]) -> None:
     child, moved = find_text(joint, "child") or "", bool(_read_frame(joint))
     for end in (joint.find("parent"), joint.find("child")):
@@ -176,12 +182,13 @@ def _resolve_joint(joint: Element, at: Pose, frames: Frames, places: Mapping[str
         if frames.find_kind(name) == "frame" and name in links:
             end.text, moved = links[name], True
     child = links.get(child, child)
-    if moved and child in places:
-        _set_pose(joint, places[child].inverse() @ at)
+    if moved and child in frame_poses:
+        _set_pose(joint, frame_poses[child].inverse() @ at)
     for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
         frame = axis.get("expressed_in") or ""
-        if frame in places and frames.find_kind(frame) in ("joint", "frame", "model"):
-            there = Pose((0.0, 0.0, 0.0), places[frame].quat)
-            vector = there.apply(parse_numbers(axis.text, 3, f"joint '{joint.get('name')}': axis"))
+        if frame in frame_poses and frames.find_kind(frame) in ("joint", "frame", "model"):
+            rotation = Pose((0.0, 0.0, 0.0), frame_poses[frame].quat)
+            where = f"joint '{joint.get('name')}': axis"
+            vector = rotation.apply(parse_numbers(axis.text, 3, where))
             axis.text = " ".join(map(repr, vector))
             axis.set("expressed_in", MODEL_FRAME)

@@ -1,4 +1,4 @@
-"""The `<joint>`s of SDF: one with several axes, or with a thread, is several in a row."""
+"""Reader of SDF's `<joint>`s; joints with two axes or a thread become two joints in series."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,19 +21,22 @@ from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic
 _SINGLE = ("revolute", "continuous", "prismatic", "fixed")
 _TWO_AXIS_KINDS = ("universal", "revolute2")
 JOINT_KINDS = (*_SINGLE, *_TWO_AXIS_KINDS, "screw")
-NO_LIMIT = 1e16  # as SDF writes that a joint has no limit
+NO_LIMIT = 1e16  # SDF's value for a joint without limit
 
 
 def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list[JointInModel]:
-    """Read a `<joint>` between links that are at `poses` in the model, or the world and one.
+    """Read a `<joint>` between two links of a model, or between the world and a link.
 
-    A universal joint <name> is a revolute one about its `<axis>`, which moves a link <name>_cross
-    without mass, and <name>_2 about its `<axis2>`; so is a revolute2. A screw is a revolute joint,
-    which moves <name>_nut, and a prismatic one, <name>_thread, that follows it: as in Gazebo the
-    child moves by -1/thread_pitch m a rad.
+    A universal or revolute2 joint <name> becomes a revolute joint about its `<axis>`, a massless
+    link <name>_cross, and a revolute joint <name>_2 about its `<axis2>`. A screw becomes a revolute
+    joint, a massless link <name>_nut, and a prismatic joint <name>_thread that follows the
+    rotation: as in Gazebo the child moves by -1/thread_pitch metres per rad.
+
+    Args:
+        poses: poses of the links in the model.
 
     Raises:
-        DescriptionError: naming the joint, what is wrong with it and how to fix it.
+        DescriptionError: the joint is invalid; the message names it, the problem and how to fix it.
     """
     name = read_name(element, model)
     where = f"{model}, joint '{name}'"
@@ -45,8 +48,8 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
     for end, known in ((parent, {*poses, WORLD}), (child, poses)):
         if end not in known:
             raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
-    own = read_pose(element, where)
-    pose = poses[child] if own == Pose() else poses[child] @ own
+    offset = read_pose(element, where)
+    pose = poses[child] if offset == Pose() else poses[child] @ offset
     cut = parse_bool(find_text(element, "physics/simbody/must_be_loop_joint"), f"{where}: "
                 "must_be_loop_joint", False)
     if kind == "fixed":
@@ -67,7 +70,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
         second = _set_axis(element, "axis2", Joint(f"{name}_2", "revolute", between, child), pose,
                         poses, f"{where}: axis2")
         if abs(sum(a * b for a, b in zip(first.axis, second.axis, strict=True))) > 0.999:
-            raise DescriptionError(f"{where}: its two axes are the same; give <axis2> another one")
+            raise DescriptionError(f"{where}: its two axes are parallel; change <axis2>")
     return [JointInModel(first, pose, False, between), JointInModel(second, pose, cut)]
 
 
@@ -83,8 +86,8 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
         if frame not in known:
             raise DescriptionError(f"{where}: <xyz expressed_in='{shorten(frame)}'> names no link; "
                                    "give the axis in the joint's frame")
-        turn = Pose((0.0, 0.0, 0.0), (pose.inverse() @ known[frame]).quat)
-        along = turn.apply(along)
+        rotation = Pose((0.0, 0.0, 0.0), (pose.inverse() @ known[frame]).quat)
+        along = rotation.apply(along)
     limit = None if axis is None else axis.find("limit")
     dynamics = None if axis is None else axis.find("dynamics")
     lower = _read_bound(limit, "lower", f"{where}: lower", -NO_LIMIT)
@@ -112,7 +115,7 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
 
 
 def _read_bound(limit: Element | None, tag: str, where: str, default: float) -> float:
-    """A limit; SDF's words for none are the default with its sign."""
+    """Read a limit; inf and -inf become ±NO_LIMIT."""
     text = find_text(limit, tag)
     if text and text.lower().lstrip("+-") in ("inf", "infinity"):
         return -NO_LIMIT if text.startswith("-") else NO_LIMIT

@@ -1,4 +1,4 @@
-"""One `<model>` of SDF: its links, joints, sensors and looks."""
+"""Reader of one SDF `<model>`: its links, joints, sensors and appearance."""
 
 from __future__ import annotations
 
@@ -50,20 +50,22 @@ _TEXTURE_SHAPES = ("box", "plane", "mesh")
 
 def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mapping[str, Pose]
                ) -> RobotDescription:
-    """Read a `<model>` without models in it.
+    """Read a `<model>` without nested models.
 
     Args:
-        element: as sdf_dialects.unify leaves it. resolve, locate: find meshes and materials.
-        frames: those of the world, by which the model's pose may be given.
+        element: the element after `sdf_dialects.unify`.
+        resolve, locate: find mesh files and materials.
+        frames: frames of the world, in which the model's pose may be given.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to fix it.
+        DescriptionError: an element is invalid; the message names the element, the problem and how
+            to fix it.
     """
     name = read_name(element, "SDF")
     where = f"model '{name}'"
     warnings: list[str] = []
-    made = plugins.read(element, "SDF", (SensorDescription, GraspDescription), warnings)
-    asked = [one for one in made if isinstance(one, SensorDescription)]
+    read_plugins = plugins.read(element, "SDF", (SensorDescription, GraspDescription), warnings)
+    plugin_sensors = [one for one in read_plugins if isinstance(one, SensorDescription)]
     warnings += supported_elements.describe_ignored_elements(element, "model", where)
     static = parse_bool(find_text(element, "static"), f"{where}: static", False)
     links: dict[str, Link] = {}
@@ -73,27 +75,28 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     sensors: list[SensorDescription] = []
     for node in element.findall("link"):
         inside = f"{where}, link '{node.get('name')}'"
-        looks = [ogre_materials.read_appearance(visual, inside, locate, warnings)
+        appearances = [ogre_materials.read_appearance(visual, inside, locate, warnings)
                  for visual in node.findall("visual")]
-        link = read_link(node, where, resolve, looks, warnings)
+        link = read_link(node, where, resolve, appearances, warnings)
         if link.name in links:
             raise DescriptionError(f"{where}: two links are named '{link.name}'; rename one")
         links[link.name] = link
         poses[link.name] = read_pose(node, f"{where}, link '{link.name}'")
-        paint = gazebo_materials.find_sdf_colour(node, link.name, warnings, looks)
-        if paint is not None:
-            colours[link.name] = paint
-        sensor_tags.read_link_sensors(node, link.name, cameras, sensors, asked, warnings)
+        colour = gazebo_materials.find_sdf_colour(node, link.name, warnings, appearances)
+        if colour is not None:
+            colours[link.name] = colour
+        sensor_tags.read_link_sensors(node, link.name, cameras, sensors, plugin_sensors, warnings)
     if not links:
-        raise DescriptionError(f"{where}: has no <link>")
+        raise DescriptionError(f"{where}: it has no <link>")
     joints: list[JointInModel] = []
-    gauges: dict[str, Element] = {}
+    force_torque_tags: dict[str, Element] = {}
     for node in element.findall("joint"):
         found = read_joints(node, where, poses)
         for joint in (one.joint for one in found if one.joint.kind == "revolute"):
             warnings += describe_limits_in_degrees(*joint.stops, f"{where}, joint '{joint.name}'")
         joints += found
-        asked += sensor_tags.read_joint_sensors(node, found[0].joint.name, gauges, warnings)
+        plugin_sensors += sensor_tags.read_joint_sensors(
+            node, found[0].joint.name, force_torque_tags, warnings)
     between, between_poses = find_links_between(joints, links, where)
     links |= between
     poses |= between_poses
@@ -113,13 +116,15 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
         for found in (cameras, sensors)
     )
     every = {joint.name: joint for tree in trees for joint in tree.joints.values()}
-    sensors += sensor_tags.check_model_sensors(asked, links, every, gauges, warnings)
+    sensors += sensor_tags.check_model_sensors(
+        plugin_sensors, links, every, force_torque_tags, warnings)
     pose = read_pose(element, where, frames)
     whole = RobotDescription(
         name=name, root=main.root, links={}, joints={}, cameras=tuple(cameras),
         sensors=tuple(sensors), colours=MappingProxyType(colours), static=static,
         grasps=tuple(grasp_tags.check_grasps(
-            [one for one in made if isinstance(one, GraspDescription)], main.links, warnings)),
+            [one for one in read_plugins if isinstance(one, GraspDescription)],
+            main.links, warnings)),
         initial_pose=(pose.xyz, pose.rpy))
     return split_model(whole, trees, poses, where, warnings)
 
@@ -132,11 +137,12 @@ def split_model(
     warnings: list[str],
     frame: Pose = IDENTITY,
 ) -> RobotDescription:
-    """Return the description of the first tree with those of the others as its parts.
+    """Return the description of the first tree, with the descriptions of the others as its parts.
 
     Args:
-        whole: what all trees have in common, and the cameras and sensors of all of them.
-        poses: of the links in the model. frame: that of the first tree there.
+        whole: what all trees have in common, and the cameras and sensors of all trees.
+        poses: poses of the links in the model.
+        frame: pose of the first tree in the model.
     """
     def place_tree(tree: KinematicTree) -> tuple[Vector3, Vector3]:
         at = frame.inverse() @ poses[tree.root]
@@ -166,15 +172,15 @@ def split_model(
         )
         for tree in trees[1:]
     )
-    lost = set(whole.sensors) - {one for tree in trees for one in whole.sensors
+    split_sensors = set(whole.sensors) - {one for tree in trees for one in whole.sensors
                                  if _has_sensor_links(one, tree)}
-    warnings += (f"{where}: the {one.kind} sensor of link '{one.link}' is left out: what it "
-                 "measures is in two bodies that no joint holds together" for one in lost)
+    warnings += (f"{where}: the {one.kind} sensor of link '{one.link}' is ignored: it needs links "
+                 "or joints of two trees that no joint connects" for one in split_sensors)
     return replace(make_description(trees[0], parts), warnings=tuple(warnings))
 
 
 def _has_sensor_links(sensor: SensorDescription, tree: KinematicTree) -> bool:
-    """Whether all that a sensor needs is in one tree."""
+    """Return whether all links and joints that a sensor needs are in one tree."""
     if sensor.joint or sensor.joints:
         return {sensor.joint, *sensor.joints} - {""} <= set(tree.joints)
     framed = sensor.kind != "pose" or sensor.frame in (*sensor_tags.WORLDS, *tree.links)
@@ -182,13 +188,13 @@ def _has_sensor_links(sensor: SensorDescription, tree: KinematicTree) -> bool:
 
 
 def _describe_ignored_loop(joint: Joint, where: str) -> list[str]:
-    """What a joint that closes a chain has in vain: the constraint that holds it is free."""
+    """Return a warning if a loop joint has settings that its constraint cannot represent."""
     low, high = joint.stops
     found = {"limits": math.isfinite(low) or math.isfinite(high), "damping": joint.damping,
              "friction": joint.friction, "a spring": joint.stiffness}
-    idle = [name for name, given in found.items() if given]
-    return [f"{where}: joint '{joint.name}' closes a chain, where its {' and '.join(idle)} are not "
-            "served; give them to another joint of the chain"] if idle else []
+    unsupported = [name for name, given in found.items() if given]
+    return [f"{where}: joint '{joint.name}' closes a chain, so its {' and '.join(unsupported)} are "
+            "not supported; give them to another joint of the chain"] if unsupported else []
 
 
 def read_link(
@@ -198,12 +204,17 @@ def read_link(
     appearances: Sequence[Appearance | None],
     warnings: list[str],
 ) -> Link:
-    """Read a `<link>`; model: names its model in messages. looks: of its visuals, by scripts."""
+    """Read a `<link>`.
+
+    Args:
+        model: name of the link's model in messages.
+        appearances: for each visual of the link, the appearance from its material script.
+    """
     name = read_name(element, model)
     where = f"{model}, link '{name}'"
     inertial = None
     node = element.find("inertial")
-    # SDF's defaults: 1 kg, unit tensor
+    # default values of SDF: 1 kg, unit tensor
     mass = parse_number(find_text(node, "mass"), f"{where}: mass", 1.0)
     pose = Pose() if node is None else read_pose(node, f"{where}: inertial")
     tensor = None if node is None else node.find("inertia")
@@ -215,17 +226,17 @@ def read_link(
     visuals, collisions, mu, bounces = [], [], None, None
     for kind in ("visual", "collision"):
         paired = appearances if kind == "visual" else repeat(None)
-        for part, look in zip(element.findall(kind), paired, strict=False):
+        for part, appearance in zip(element.findall(kind), paired, strict=False):
             inside = f"{where}, {kind} '{shorten(read_name(part, where))}'"
             at = read_pose(part, inside)
             shape = read_sdf_geometry(part, inside, resolve, warnings)
             if shape is None:
                 continue
             if kind == "visual":
-                texture = "" if look is None else look.texture
+                texture = "" if appearance is None else appearance.texture
                 if texture and shape.kind not in _TEXTURE_SHAPES:
                     warnings.append(
-                        f"{inside}: a texture is drawn on {', '.join(_TEXTURE_SHAPES)} only"
+                        f"{inside}: a texture can only be drawn on {', '.join(_TEXTURE_SHAPES)}"
                     )
                     texture = ""
                 visuals.append(Visual(part.get("name"), at.xyz, at.rpy, shape, texture))
@@ -250,7 +261,7 @@ def read_link(
 
 
 def _shift_link(link: Link, pose: Pose) -> Link:
-    """The link in the model's frame instead of its own."""
+    """Return the link expressed in the model's frame, in which it has `pose`."""
     if pose == Pose():
         return link
     inertial = link.inertial
@@ -261,6 +272,6 @@ def _shift_link(link: Link, pose: Pose) -> Link:
 
 
 def _transform_origin(at: tuple[Vector3, Vector3], pose: Pose) -> tuple[Vector3, Vector3]:
-    """xyz and rpy in the model's frame instead of the link's, which stands at `pose`."""
+    """Return the model-frame (xyz, rpy) of a pose given in the frame of a link at `pose`."""
     placed = pose @ Pose.from_rpy(*at)
     return placed.xyz, placed.rpy

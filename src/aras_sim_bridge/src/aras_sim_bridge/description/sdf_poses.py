@@ -1,4 +1,4 @@
-"""The name and the pose of an element of SDF."""
+"""Readers of the name and the pose of an SDF element."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -14,7 +14,7 @@ _IDENTITY_FRAMES = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
 
 
 def read_name(element: Element, where: str) -> str:
-    """The name that an element needs to have."""
+    """Return the name of an element, which must have one."""
     name = element.get("name")
     if not name or len(name) > 256:
         raise DescriptionError(f"{where}: a <{element.tag}> needs a name of 1 to 256 characters")
@@ -22,8 +22,11 @@ def read_name(element: Element, where: str) -> str:
 
 
 def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTITY_FRAMES) -> Pose:
-    """The pose of an element; frames: those by which it may be given, in that of the element
-    around it."""
+    """Return the pose of an element relative to its parent element.
+
+    Args:
+        frames: poses, relative to the parent element, of the frames that the pose may refer to.
+    """
     node = element.find("pose")
     if node is None:
         return Pose()
@@ -31,6 +34,6 @@ def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTI
     if frame not in frames:
         raise DescriptionError(
             f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
-            "there; correct the name, or give the pose in the frame of the element around it"
+            "there; correct the name, or give the pose relative to the parent element"
         )
     return frames[frame] @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")

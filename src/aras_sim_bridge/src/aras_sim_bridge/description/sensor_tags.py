@@ -1,4 +1,4 @@
-"""Sensors of motion and forces in URDF and SDF: their elements, and their plug-ins' settings."""
+"""Readers of the motion and force sensors in URDF and SDF and of their plug-ins."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -31,12 +31,14 @@ def read_link_sensors(
     plugin_sensors: list[plugins.Plugin],
     warnings: list[str],
 ) -> None:
-    """Add what the `<sensor>` elements of a link are.
+    """Read the `<sensor>` elements of a link into the given lists.
 
-    sensors: gets those that are whole. asked: gets those that `check_model_sensors` has to look at.
+    Args:
+        cameras, sensors: receive the cameras and the complete sensors.
+        plugin_sensors: receives sensors that `check_model_sensors` has to check.
 
     Raises:
-        DescriptionError: an element that is no number, or a rate or noise that is negative.
+        DescriptionError: an element is not a number, or a rate or noise is negative.
     """
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
@@ -47,14 +49,14 @@ def read_link_sensors(
         elif kind == "contact":
             plugin_sensors += _read_bumpers(sensor, link, warnings)
         else:
-            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
+            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is unknown; ignored")
 
 
 def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
-    """What the plug-ins of an IMU's `<sensor>` on `link` tell.
+    """Read the plug-ins of an IMU's `<sensor>` on `link`.
 
     Raises:
-        DescriptionError: an element that is no number, or a rate or noise that is negative.
+        DescriptionError: an element is not a number, or a rate or noise is negative.
     """
     where = _describe_place(sensor, f"link '{link}'")
     at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
@@ -62,9 +64,9 @@ def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDe
     found = []
     for made in plugins.read(sensor, where, (SensorDescription,), warnings):
         if made.kind != "imu":
-            warnings.append(f"{where}: this plug-in belongs into <gazebo> or <model>; left out")
+            warnings.append(f"{where}: this plug-in must be in <gazebo> or <model>; ignored")
         elif not made.frame:
-            warnings.append(f"{where}: its plug-in has no <frameName>; left out")
+            warnings.append(f"{where}: its plug-in has no <frameName>; ignored")
         else:
             found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
                                  channels=_read_channels(sensor, "imu", where)))
@@ -72,7 +74,7 @@ def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDe
 
 
 def _read_bumpers(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
-    """What the plug-ins of a contact `<sensor>` on `link` tell, of the collisions that it names."""
+    """Read the plug-ins and collision names of a contact `<sensor>` on `link`."""
     where = _describe_place(sensor, f"link '{link}'")
     names = tuple((node.text or node.get("name") or "").strip()
                   for node in sensor.findall("contact/collision"))
@@ -95,35 +97,36 @@ def check_model_sensors(
     force_torque_tags: Mapping[str, Element],
     warnings: list[str],
 ) -> list[SensorDescription]:
-    """The sensors that a model's own plug-ins ask for, without those that measure nothing.
+    """Return the sensors of a model's plug-ins, without those that cannot measure anything.
 
-    gauges: the force/torque `<sensor>` of each joint that has one.
+    Args:
+        force_torque_tags: the force/torque `<sensor>` of each joint that has one.
 
     Raises:
-        DescriptionError: an element of such a sensor that is no number.
+        DescriptionError: an element of such a sensor is not a number.
     """
-    kept = []
+    checked = []
     for made in sensors:
         for name in made.joints:
             if name not in joints or not joints[name].is_movable:
                 warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' does "
-                                "not exist or does not move; it is left out")
+                                "not exist or does not move; it is ignored")
         made = replace(made, joints=tuple(
             name for name in made.joints if name in joints and joints[name].is_movable))
         problem = _find_problem(made, links, joints)
         warnings += _find_missing_collisions(made, links)
         if problem:
-            warnings.append(f"plug-in of a {made.kind} sensor: {problem}; left out")
+            warnings.append(f"plug-in of a {made.kind} sensor: {problem}; ignored")
             continue
         if made.kind == "wrench":
-            child, own = joints[made.joint].child, f"{made.joint}_frame"
-            if child == own and own in joints:  # the frame of a joint with a <pose>, see sdf.py
-                child = joints[own].child
+            child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
+            if child == frame_link and frame_link in joints:  # massless link of assembly.py
+                child = joints[frame_link].child
             made = replace(made, link=child)
             if made.joint in force_torque_tags:
                 made = _apply_force_torque_tag(made, force_torque_tags[made.joint], warnings)
-        kept.append(made)
-    return kept
+        checked.append(made)
+    return checked
 
 
 def read_joint_sensors(
@@ -131,14 +134,15 @@ def read_joint_sensors(
 ) -> list[SensorDescription]:
     """Read the plug-ins in the force/torque `<sensor>`s of a joint; they need no <jointName>.
 
-    gauges: gets the sensor of this joint.
+    Args:
+        force_torque_tags: receives the sensor element of this joint.
     """
     found = []
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
         if kind != "force_torque":
-            warnings.append(f"joint '{joint}': sensor type '{shorten(kind)}' is not served on a "
-                            "joint; left out")
+            warnings.append(f"joint '{joint}': sensor type '{shorten(kind)}' is not supported on a "
+                            "joint; ignored")
             continue
         force_torque_tags[joint] = sensor
         where = _describe_place(sensor, f"joint '{joint}'")
@@ -154,16 +158,16 @@ def _describe_place(sensor: Element, owner: str) -> str:
 def _find_problem(
     description: SensorDescription, links: Mapping[str, Link], joints: Mapping[str, Joint]
 ) -> str:
-    """Why a sensor measures nothing; empty where it does."""
+    """Return why a sensor cannot measure anything; '' if it can."""
     if description.kind == "imu":
-        return "it belongs into a <sensor type='imu'>"
+        return "it must be inside a <sensor type='imu'>"
     if not description.topic:
         return "it has no <topicName>"
     if description.kind == "joint_states":
         return "" if description.joints else "it has no <jointName> of a joint that moves"
     if description.kind == "contact":
         return "" if description.collisions else (
-            "it names no <collision> in a <contact>, or stands in no <sensor type='contact'>")
+            "it names no <collision> in a <contact>, or is not in a <sensor type='contact'>")
     if description.kind == "wrench":
         return (
             ""
@@ -180,22 +184,27 @@ def _find_problem(
 def _find_missing_collisions(
     description: SensorDescription, links: Mapping[str, Link]
 ) -> list[str]:
-    """Sentences on collisions that a contact sensor names and that do not exist; as Gazebo's it
-    has its topic all the same."""
+    """Return a sentence for each missing collision that a contact sensor names.
+
+    As in Gazebo, the sensor still publishes on its topic.
+    """
     known = [one.name for link in links.values() for one in link.collisions]
     return [
         f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist; "
-        f"{suggest(name, known)}; of it no contact is reported"
+        f"{suggest(name, known)}; the sensor reports no contacts of it"
         for name in description.collisions
         if not any(is_same_collision(name, one) for one in known)
     ]
 
 
 def is_same_collision(name: str, collision: str) -> bool:
-    """Whether a name means a collision; Gazebo puts the link before it that a fixed one is lumped
-    into, and "_collision" behind the name that a URDF gives it."""
-    own = name.rpartition("_fixed_joint_lump__")[2]
-    return own in (collision, f"{collision}_collision")
+    """Return whether `name` in a contact sensor refers to `collision`.
+
+    When Gazebo lumps a fixed link into its parent, it adds the parent's name before the collision's
+    name. It also appends "_collision" to the names of URDF collisions.
+    """
+    collision_name = name.rpartition("_fixed_joint_lump__")[2]
+    return collision_name in (collision, f"{collision}_collision")
 
 
 def _apply_force_torque_tag(
@@ -203,14 +212,14 @@ def _apply_force_torque_tag(
 ) -> SensorDescription:
     where = _describe_place(sensor, f"joint '{description.joint}'")
     node = sensor.find("force_torque")
-    words = {"frame": ("child", "parent", "sensor"),
+    options = {"frame": ("child", "parent", "sensor"),
              "measure_direction": ("child_to_parent", "parent_to_child")}
     chosen = {}
-    for tag, known in words.items():
+    for tag, known in options.items():
         chosen[tag] = find_text(node, tag) or known[0]
         if chosen[tag] not in known:
             warnings.append(f"{where}: {tag} '{shorten(chosen[tag])}' is unknown; {known[0]} is "
-                            "taken")
+                            "used")
             chosen[tag] = known[0]
     at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
     return replace(
@@ -220,7 +229,7 @@ def _apply_force_torque_tag(
 
 
 def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
-    """Noise of the three axes of each of the two quantities; () where none is asked for."""
+    """Read the noise of the three axes of both quantities; () if all noise is zero."""
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":

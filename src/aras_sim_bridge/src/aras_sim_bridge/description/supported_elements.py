@@ -1,7 +1,8 @@
-"""Which elements of URDF and SDF are served: one table, and the names of all others in a file.
+"""Table of the supported elements of URDF and SDF, and search for all others in a file.
 
-A block's entry is, for each of its elements, SERVED (read, or without a meaning here), the entry of
-a block in its turn, or the values with which the element says what holds anyway.
+The table has one entry for each kind of block. For each child element it holds SUPPORTED (the
+element is read, or has no effect here), the entry of a nested block, or the values that have no
+effect because they are the default.
 """
 
 from __future__ import annotations
@@ -53,7 +54,7 @@ _SURFACE = {
         "ode": _CONTACT,
     },
 }
-_GEOMETRY = {  # other shapes are named where they are read
+_GEOMETRY = {  # the reader of the geometry reports other shapes
     "box": _mark_supported_tags("size"),
     "sphere": _mark_supported_tags("radius"),
     "cylinder": _mark_supported_tags("radius", "length"),
@@ -150,11 +151,11 @@ _DEPTH_PLUGIN = {
     **_CAMERA_PLUGIN, **_mark_supported_tags("depthImageTopicName", "depthImageCameraInfoTopicName",
                              "pointCloudTopicName", "pointCloudCutoff", "useDepth16UC1Format"),
 }
-# by the file's name without lib and .so
+# By the plug-in's file name without lib and .so
 _PLUGINS = {
     "gazebo_ros_control": {
         **_mark_supported_tags("robotNamespace", "controlPeriod", "eStopTopic"),
-        # the model's own URDF is taken, and its transmissions say which interfaces
+        # The model's own URDF is used, and its transmissions define the interfaces.
         **_mark_supported_tags("robotParam", "legacyModeNS"),
         "robotSimType": ("gazebo_ros_control/defaultrobothwsim",),
     },
@@ -193,11 +194,11 @@ _PLUGINS = {
     },
     "gazebo_ros_link_attacher": {},
 }
-# Bullet's solver and contacts have parameters of their own: what a file says of others' is named
-# unless it is Gazebo's default.
+# Bullet's solver and contacts have other parameters, so parameters of other engines cause a warning
+# unless they have Gazebo's default value.
 _PHYSICS = {
     **_mark_supported_tags("max_step_size", "real_time_update_rate", "gravity", "magnetic_field"),
-    "real_time_factor": SUPPORTED,  # Gazebo goes by the step and the rate, too
+    "real_time_factor": SUPPORTED,  # Gazebo, too, uses only the step size and the update rate
     "max_contacts": (20.0,),
     "ode": {
         "solver": {"type": ("quick",), "min_step_size": (0.0001,), "iters": (50.0,),
@@ -207,7 +208,7 @@ _PHYSICS = {
         "constraints": {"cfm": (0.0,), "erp": (0.2,), "contact_max_correcting_vel": (100.0,),
                         "contact_surface_layer": (0.001,)},
     },
-    **_mark_supported_tags("bullet", "simbody", "dart"),  # of engines that a file does not choose
+    **_mark_supported_tags("bullet", "simbody", "dart"),  # settings of engines that are not used
 }
 _SCENE = {
     **_mark_supported_tags("ambient", "background", "origin_visual"), "grid": SUPPORTED,
@@ -230,7 +231,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
             **_mark_supported_tags(
                 "model", "light", "gravity", "plugin", "state", "joint", "population", "include"
             ),
-            # without a consumer here: there is no window, and no sensor of them
+            # No effect here: there is no window and no sensor that uses these elements.
             **_mark_supported_tags(
                 "gui", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"
             ),
@@ -268,7 +269,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
                 "calibration",
             ),
         },
-        # <gazebo> without a reference, of a link and of a joint
+        # <gazebo> tags without reference, followed by those of a link and of a joint
         "gazebo": {
             **_mark_supported_tags("static", "plugin", "allow_auto_disable"),
             "link": _SDF_LINK,
@@ -322,23 +323,26 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
 
 
 def describe_ignored_elements(element: Element, block: str, where: str) -> list[str]:
-    """Name what `element`, a block of this kind, holds and what is not served, a sentence each.
+    """Return one sentence for each unsupported element in `element`, a block of this kind.
 
-    Equal names in several places are one sentence. Tags of other programs ("program:tag") are not
-    named. where: names the element in messages; '' where what is in it names itself.
+    Equal elements in several places share one sentence. Tags of other programs ("program:tag") are
+    not reported.
+
+    Args:
+        where: name of the element in messages; '' if its children have unique names.
     """
     return format_sentences(find_ignored_elements(element, block, where))
 
 
 def find_ignored_elements(element: Element, block: str, where: str) -> list[tuple[str, str]]:
-    """(place, tag) of each element in a block that is not served, in the file's order."""
+    """Return (place, tag) of each unsupported element in a block, in file order."""
     found: list[tuple[str, str]] = []
     _collect(element, BLOCKS[block], where, found)
     return list(dict.fromkeys(found))
 
 
 def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
-    """Sentences on (place, tag): what is left out in the same places is named together."""
+    """Return sentences about (place, tag) pairs; tags with the same places share a sentence."""
     places: dict[str, list[str]] = {}
     for place, tag in elements:
         places.setdefault(tag, []).append(place)
@@ -346,7 +350,7 @@ def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
     for tag, where in places.items():
         tags.setdefault(tuple(where), []).append(tag)
     return [f"{where[0]}{f' and {len(where) - 1} more' if len(where) > 1 else ''}: "
-            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not served; left out"
+            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not supported; ignored"
             for where, names in tags.items()]
 
 
@@ -357,7 +361,7 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
             continue
         inside = entry.get(child.tag)
         if inside is _SENSORS:
-            inside = _SENSORS.get(child.get("type") or "", SUPPORTED)  # others are named by type
+            inside = _SENSORS.get(child.get("type") or "", SUPPORTED)  # reader reports other types
         if inside is _SDF_JOINT:
             inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)
         name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
@@ -366,12 +370,12 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
         if inside is None or isinstance(inside, tuple) and not _has_value(child, inside, element):
             elements.append((where, f"<{shorten(child.tag)}>{name}"))
         elif isinstance(inside, Mapping):
-            own = f"{child.tag}{name}" if name or _is_in_world(inside) else ""
-            _collect(child, inside, ", ".join(filter(None, (where, own))), elements)
+            label = f"{child.tag}{name}" if name or _is_in_world(inside) else ""
+            _collect(child, inside, ", ".join(filter(None, (where, label))), elements)
 
 
 def _is_in_world(block: Mapping[str, Entry]) -> bool:
-    """Whether a block is part of a world, where its tag says which one it is."""
+    """Return whether a block belongs to a world, where its tag alone identifies it."""
     pending = [_PHYSICS, _SCENE, BLOCKS["world"]["wind"]]
     for one in pending:
         pending += (inner for inner in one.values() if isinstance(inner, Mapping))
@@ -379,7 +383,7 @@ def _is_in_world(block: Mapping[str, Entry]) -> bool:
 
 
 def _has_value(element: Element, values: tuple, block: Element) -> bool:
-    """Whether an element's value is one of these: words, numbers, or that of a sibling."""
+    """Return whether an element's value is one of `values`: text, a number, or a sibling's name."""
     text = _read_value(element)
     for value in values:
         if isinstance(value, float):

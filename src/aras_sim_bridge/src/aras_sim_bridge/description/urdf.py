@@ -1,4 +1,4 @@
-"""URDF text -> RobotDescription: the tree, and what each link weighs, shows and touches."""
+"""Reader of URDF text into a RobotDescription: joint tree, inertias, visuals and collisions."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -40,12 +40,14 @@ def parse_urdf(
     """Read and check a URDF.
 
     Args:
-        xml: the document, xacro already expanded, or what safe_xml.parse made of it.
-        resolve_package: package name -> directory, for `package://` in mesh file names.
-        base_directory: what relative mesh paths are relative to; None refuses them.
+        xml: the document with xacro already expanded, or the element that `safe_xml.parse`
+            returned for it.
+        resolve_package: returns the directory of a package, for `package://` in mesh file names.
+        base_directory: folder to which relative mesh paths are relative; None rejects them.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to fix it.
+        DescriptionError: an element is invalid; the message names the element, the problem and how
+            to fix it.
     """
     robot = safe_xml.parse(xml, "URDF")
     tree = parse_tree(robot)
@@ -92,11 +94,13 @@ def parse_urdf(
 
 
 def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
-    """Make each planar joint <name> two prismatic ones in its plane, <name>_x and <name>_y, which
-    move links without mass, and a continuous one about its normal.
+    """Replace each planar joint <name> by three joints.
+
+    These are two prismatic joints in the plane, <name>_x and <name>_y, which move massless links,
+    and a continuous joint about the normal.
 
     Raises:
-        DescriptionError: a joint or link of such a name exists.
+        DescriptionError: a joint or link with such a name already exists.
     """
     joints: dict[str, Joint] = {}
     for joint in tags.joints.values():
@@ -107,8 +111,8 @@ def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
         for side, along in (("x", (1.0, 0.0, 0.0)), ("y", (0.0, 1.0, 0.0))):
             name = f"{joint.name}_{side}"
             if name in tags.joints or name in tags.links:
-                raise DescriptionError(f"joint '{joint.name}': it needs a joint and a link "
-                                       f"'{name}' of its own; rename the other one")
+                raise DescriptionError(f"joint '{joint.name}': it needs an extra joint and link "
+                                       f"named '{name}'; rename yours")
             tags.links[name] = Link(name, None)
             tags.poses[name] = tags.poses[joint.child]
             limits = JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)
@@ -121,8 +125,11 @@ def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
 
 def _assemble(whole: RobotDescription, tags: gazebo_tags.GazeboTags, warnings: list[str]
                ) -> RobotDescription:
-    """The robot with the links and joints that its `<gazebo>` tags add, and without its floating
-    joints: what these carry is free. A root that carries nothing else is left out with them."""
+    """Return the robot with the links and joints of its `<gazebo>` tags added.
+
+    Floating joints are removed, so that their children become free trees. A root link without
+    mass, visuals or other joints is removed as well.
+    """
     links, poses = {**whole.links, **tags.added_links}, tags.poses
     if WORLD not in links and any(one.joint.parent == WORLD for one in tags.added_joints):
         links, poses = {WORLD: Link(WORLD, None), **links}, {**poses, WORLD: Pose()}
@@ -179,7 +186,7 @@ def _read_link(name: str, element: Element, resolve: Resolve, warnings: list[str
 
 
 def _read_transmission(element: Element) -> Transmission:
-    """As written; what is missing stays empty, so that the hardware can say what Gazebo would."""
+    """Read a `<transmission>` unchecked; the hardware reports missing elements as Gazebo does."""
     name = element.get("name") or ""
     joints, interfaces = [], []
     for node in element.findall("joint"):
@@ -193,7 +200,7 @@ def _read_transmission(element: Element) -> Transmission:
 
 
 def _compute_link_poses(tree: UrdfTree) -> dict[str, Pose]:
-    """Poses of the links in the root's frame, with all joints at 0."""
+    """Return the poses of the links in the root's frame, with all joints at 0."""
     below: dict[str, list[Joint]] = {}
     for joint in tree.joints.values():
         below.setdefault(joint.parent, []).append(joint)

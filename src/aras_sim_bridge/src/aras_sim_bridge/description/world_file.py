@@ -1,4 +1,4 @@
-"""An SDF world file: gravity, physics step and pace, models and lights."""
+"""Reader of SDF world files: gravity, physics step and real-time rate, models and lights."""
 
 from __future__ import annotations
 
@@ -16,19 +16,24 @@ from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
-MOST_SIMILAR_WARNINGS = 3  # warnings that differ only in the part of the world that they are about
-# Where a warning applies, before what it says.
+MOST_SIMILAR_WARNINGS = 3  # similar warnings, about different parts, that are all printed
+# The prefix of a warning that says which part it is about, and the rest.
 _PART = re.compile(r"((?:model '[^']*'|link '[^']*'|visual '[^']*'|collision '[^']*')[,:] )+(.*)")
 
 
 @dataclass(frozen=True)
 class WorldFile:
-    """time_step: s. gravity: m/s². update_rate: steps per second of wall time; 0: free.
+    """Content of a world file; missing numbers have Gazebo's defaults.
 
-    models, lights: what stands in the file, in its order. scene: what is around.
-    ground_plane: whether Gazebo's is to be added, because no file was given. Absent numbers are
-    Gazebo's defaults. warnings: what the file asks for in vain, one sentence each. time_ns:
-    simulated time at which it begins. link_attacher: whether the plug-in of this name is in it.
+    Attributes:
+        time_step: s.
+        gravity: m/s².
+        update_rate: physics steps per second of wall time; 0 for as fast as possible.
+        models, lights: in file order.
+        ground_plane: whether to add Gazebo's ground plane, because no file was given.
+        warnings: one sentence for each part of the file that is ignored.
+        time_ns: simulated time at the start.
+        link_attacher: whether the world has the plug-in gazebo_ros_link_attacher.
     """
 
     time_step: float = 0.001
@@ -48,15 +53,15 @@ def load_world(
 ) -> WorldFile:
     """Read an SDF world file: gravity, physics step, models, lights and scene.
 
-    `SimulationConfig` takes its numbers and lights, `populate` puts its models into a simulation.
+    `SimulationConfig` uses the numbers and lights; `populate` spawns the models in a simulation.
 
     Args:
         path: of the file; an empty path gives Gazebo's defaults.
-        resolve_package: the directory of a package, by its name.
+        resolve_package: returns the directory of a package.
 
     Raises:
-        DescriptionError: no such file, not SDF, something in it that cannot be built, or a number
-            that is none.
+        DescriptionError: the file is missing, is not SDF, or has an element or number that is
+            invalid.
     """
     if not path:
         return WorldFile()
@@ -68,7 +73,7 @@ def load_world(
     root = safe_xml.parse(text, where)
     world = root.find("world") if root.tag in ("sdf", "gazebo") else None
     if world is None:
-        raise DescriptionError(f"{where}: there is no <sdf><world> in it")
+        raise DescriptionError(f"{where}: it contains no <sdf><world>")
     try:
         content = read_sdf(root, resolve_package, os.path.dirname(os.path.abspath(path)))
         scene = read_scene(world.find("scene"))
@@ -102,8 +107,11 @@ def load_world(
 
 
 def _group_warnings(warnings: Sequence[str]) -> list[str]:
-    """One sentence for what more than MOST_ALIKE parts of models have in common, such as a missing
-    mesh: that of the first part, with the number of the others."""
+    """Merge similar warnings, such as those of a missing mesh that many links use.
+
+    If more than MOST_SIMILAR_WARNINGS warnings differ only in the part of the model, the first is
+    returned with the number of the others.
+    """
     groups: dict[str, list[str]] = {}
     for warning in warnings:
         found = _PART.match(warning)
@@ -121,11 +129,12 @@ def populate(spawn: Callable[..., object], world: WorldFile,
 
     Args:
         spawn: `Simulation.spawn`, or a function with the same arguments.
-        world: as `load_world` returned it.
-        warn: called with one sentence for each model that cannot be simulated, which is left out.
+        world: the result of `load_world`.
+        warn: called with one sentence for each model that cannot be simulated; such models are not
+            spawned.
 
     Raises:
-        SimError: a model cannot be simulated, and there is no `warn`.
+        SimError: a model cannot be simulated, and `warn` is None.
     """
     for model in world.models:
         try:
@@ -134,4 +143,4 @@ def populate(spawn: Callable[..., object], world: WorldFile,
         except SimError as error:
             if warn is None:
                 raise SimError(f"model '{model.name}' of the world file: {error}") from None
-            warn(f"model '{model.name}' is left out: {error}")
+            warn(f"model '{model.name}' is ignored: {error}")

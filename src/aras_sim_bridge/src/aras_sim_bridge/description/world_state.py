@@ -1,4 +1,4 @@
-"""`<state>`: what Gazebo's window writes of a running world when it saves it."""
+"""The `<state>` of a world, in which Gazebo saves the current poses of a running simulation."""
 
 from __future__ import annotations
 
@@ -21,10 +21,12 @@ _UNSCALED = (1.0, 1.0, 1.0)
 
 
 class WorldState:
-    """A world's `<state>`; None is that of a world without one.
+    """The `<state>` of a world; None for a world without one.
 
-    time_ns: simulated time at which it was saved. insertions: models and lights that came while it
-    ran. deleted: names of what went.
+    Attributes:
+        time_ns: simulated time at which the world was saved.
+        insertions: models and lights that were added while the simulation ran.
+        deleted: names of models and lights that were removed.
     """
 
     def __init__(self, state: Element | None) -> None:
@@ -44,21 +46,23 @@ class WorldState:
 
     def place(self, models: list[RobotDescription], lights: list[Light], warnings: list[str]
                ) -> tuple[list[RobotDescription], list[Light]]:
-        """Models and lights where the state has them; a sentence in `warnings` for what it says
-        in vain."""
+        """Return models and lights with the poses of the state.
+
+        Entries without a matching model or light add a sentence to `warnings`.
+        """
         states = {kind: self._list_states(kind) for kind in ("model", "light")}
         known = {"model": {m.name for m in models}, "light": {one.name for one in lights}}
         for kind, found in states.items():
-            lost = sorted(found.keys() - known[kind] - self.deleted)
-            if lost:
+            missing = sorted(found.keys() - known[kind] - self.deleted)
+            if missing:
                 warnings.append(f"<state> places {kind}s that do not exist: "
-                                f"{', '.join(map(shorten, lost))}; ignored")
+                                f"{', '.join(map(shorten, missing))}; ignored")
         def place_item(kind: str, one: Item, apply_state: Callable[[Item, Element], Item]) -> Item:
             state = states[kind].get(one.name)
             try:
                 return one if state is None else apply_state(one, state)
             except DescriptionError as error:
-                warnings.append(f"{error}; that state is left out")
+                warnings.append(f"{error}; this part of the state is ignored")
                 return one
 
         moving: list[str] = []
@@ -67,7 +71,7 @@ class WorldState:
             for model in models
         ]
         if moving:
-            warnings.append(f"<state> has {', '.join(moving)} in motion; all begins at rest")
+            warnings.append(f"<state> has {', '.join(moving)} in motion; all models start at rest")
         return models, [place_item("light", light, _place_light) for light in lights]
 
     def _list_states(self, kind: str) -> dict[str, Element]:
@@ -81,7 +85,7 @@ def _read_pose(element: Element, where: str) -> Pose | None:
 
 
 def _list_links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element]]:
-    """Names and elements of a model's links and, as inner::link, of those of the models in it."""
+    """Yield names and elements of a model's links; those of nested models are named inner::link."""
     for node in state.findall("link"):
         yield prefix + (node.get("name") or ""), node
     for inner in state.findall("model"):
@@ -89,7 +93,10 @@ def _list_links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element
 
 
 def _is_moving(state: Element) -> bool:
-    """Whether a link is faster than what is left of a body at rest: 1 cm/s or 0.01 rad/s."""
+    """Return whether a link is faster than the residual motion of a body at rest.
+
+    The threshold is 1 cm/s or 0.01 rad/s.
+    """
     speeds = (
         parse_numbers(find_text(node, "velocity"), 6, f"<state>: link '{name}': velocity", (0.0,))
         for name, node in _list_links(state)
@@ -104,7 +111,7 @@ def _place_light(light: Light, state: Element) -> Light:
 
 def _place_model(model: RobotDescription, state: Element, moving: list[str],
                   warnings: list[str]) -> RobotDescription:
-    """moving: gets the model's name where it is saved in motion."""
+    """Return a model in its saved state; if it was moving, its name is added to `moving`."""
     if _is_moving(state):
         moving.append(model.name)
     where = f"model '{model.name}'"
@@ -112,10 +119,10 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
     scale = parse_numbers(find_text(state, "scale"), 3, f"<state>: {where}: scale", _UNSCALED)
     links = {name: _read_pose(node, f"{where}, link '{name}'") for name, node in _list_links(state)}
     bodies = (model, *model.parts)
-    lost = sorted(links.keys() - {name for body in bodies for name in body.links})
-    if lost:
+    missing = sorted(links.keys() - {name for body in bodies for name in body.links})
+    if missing:
         warnings.append(f"<state> places links of {where} that do not exist: "
-                        f"{', '.join(map(shorten, lost))}; ignored")
+                        f"{', '.join(map(shorten, missing))}; ignored")
     if min(scale) <= 0.0:
         warnings.append(f"<state>: {where}: scale {scale} is not positive; ignored")
         scale = _UNSCALED
@@ -131,8 +138,8 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
     for part in bodies[1:]:
         at = links.get(part.root) or pose @ Pose.from_rpy(*part.initial_pose)
         joints |= _compute_joint_positions(part, {**links, part.root: at})
-        own = pose.inverse() @ at
-        parts.append(replace(part, initial_pose=(own.xyz, own.rpy)))
+        part_pose = pose.inverse() @ at
+        parts.append(replace(part, initial_pose=(part_pose.xyz, part_pose.rpy)))
     return replace(bodies[0], initial_pose=(pose.xyz, pose.rpy), initial_joints=joints,
                    parts=tuple(parts))
 
@@ -140,11 +147,14 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
 def _compute_joint_positions(
     model: RobotDescription, links: dict[str, Pose | None]
 ) -> dict[str, float]:
-    """rad or m of the joints whose two links have a pose in the world."""
+    """Return the positions (rad or m) of the joints for which both link poses are known.
+
+    `links` holds poses in the world; poses across fixed joints are added.
+    """
     for joint in model.joints.values():
         if joint.kind == "fixed" and links.get(joint.child) is None and links.get(joint.parent):
             links[joint.child] = links[joint.parent] @ joint.pose
-    for joint in reversed(model.joints.values()):  # a joint's own frame stands on its child
+    for joint in reversed(model.joints.values()):  # from children to parents
         if joint.kind == "fixed" and links.get(joint.parent) is None and links.get(joint.child):
             links[joint.parent] = links[joint.child] @ joint.pose.inverse()
     positions = {}
@@ -164,7 +174,7 @@ def _compute_joint_positions(
 
 
 def _scale_link(link: Link, scale: Vector3) -> Link:
-    """The link's shapes larger, in place, as Gazebo scales; its mass stays."""
+    """Return the link with its shapes scaled as in Gazebo; poses and mass are unchanged."""
     return replace(
         link,
         visuals=tuple(

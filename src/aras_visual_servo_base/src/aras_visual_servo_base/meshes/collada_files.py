@@ -1,4 +1,4 @@
-"""COLLADA files (.dae), read by pycollada; what it would pass over in silence is refused here."""
+"""Reader of COLLADA files (.dae) with pycollada; errors that it ignores are reported here."""
 
 from __future__ import annotations
 
@@ -16,31 +16,32 @@ from ..errors import DescriptionError
 from ..urdf import Rgba
 from .mesh import Mesh, check_reach, from_indices
 
-# Parts of a look that pycollada does not know or that refer to nothing are left out.
+# pycollada ignores unsupported and unresolved parts of materials.
 _UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
-_MOST_NODES = 100_000  # a few kB of nodes that show each other twice make more than any memory
+_MOST_NODES = 100_000  # nodes that reference others twice let a file of a few kB exhaust the memory
 
 
 def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
          find_texture: Callable[[Path, str], str | None], default_colour: Rgba) -> list[Mesh]:
-    """One mesh for each primitive that the scene shows, in metres.
+    """Read one mesh for each primitive in the scene, in metres.
 
-    The unit is applied and the up axis is not, as in Gazebo and rviz.
+    As in Gazebo and rviz, the unit is applied, but not the up axis.
 
     Args:
-        folder: what texture files are relative to.
-        check_size: refuses numbers of triangles and of meshes.
-        picture: path of a texture, None for one that is missing: grey is drawn then.
+        folder: folder to which paths of texture files are relative.
+        check_size: raises an error for too many triangles or meshes.
+        find_texture: returns the path of a texture file, or None if it is missing.
+        default_colour: colour of surfaces whose texture is missing.
 
     Raises:
-        DescriptionError: saying what is missing or wrong.
+        DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
     root = _parse_root(data)
     try:
-        checked = ElementTree.tostring(root)  # without comments, which cost pycollada the text
+        checked = ElementTree.tostring(root)  # without comments, after which pycollada loses text
         document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
-    except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
-        raise DescriptionError(f"its parts do not fit together: {_format_error(error)}") from None
+    except Exception as error:  # pycollada raises errors of many types for damaged files
+        raise DescriptionError(f"its parts do not match: {_format_error(error)}") from None
     known = {geometry.id for geometry in document.geometries}
     for geometry in root.findall("library_geometries/geometry"):
         if geometry.find("mesh") is not None and geometry.get("id") not in known:
@@ -49,16 +50,16 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
                                    f"cannot be read: {safe_xml.shorten(why, 200)}")
     for instance in root.iter("instance_geometry"):
         if _find_reference(instance, "url") not in known:
-            raise DescriptionError("its scene shows a geometry that is not there: "
+            raise DescriptionError("its scene contains a geometry that does not exist: "
                                    f"'{safe_xml.shorten(instance.get('url'))}'")
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
     meshes: list[Mesh] = []
     count = 0
     for node, placed in _find_geometries(document.scene):
-        looks = {
-            look.symbol: _read_material(look.target, folder, find_texture, default_colour)
-            for look in node.materials
+        appearances = {
+            material.symbol: _read_material(material.target, folder, find_texture, default_colour)
+            for material in node.materials
         }
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
@@ -66,10 +67,10 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 count += len(primitive)
                 check_size(count, len(meshes) + 1)
-                look = looks.get(primitive.material, (None, None))
-                meshes.append(_make_mesh(primitive, *look).apply_affine(metres @ placed))
+                appearance = appearances.get(primitive.material, (None, None))
+                meshes.append(_make_mesh(primitive, *appearance).apply_affine(metres @ placed))
     if not meshes:
-        raise DescriptionError("its scene shows no triangles")
+        raise DescriptionError("its scene contains no triangles")
     return meshes
 
 
@@ -78,8 +79,10 @@ def _format_error(error: Exception) -> str:
 
 
 def _parse_root(data: bytes) -> Element:
-    """The root element, once every array holds as many finite numbers as it says: pycollada takes
-    zero for what is not finite and does not ask for the count."""
+    """Return the root element after a check that the length of each array matches its count.
+
+    pycollada replaces numbers that are not finite by zero, and does not check counts.
+    """
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -96,7 +99,7 @@ def _parse_root(data: bytes) -> Element:
         if count != len(values):
             raise DescriptionError(f"<float_array> of {count} has {len(values)} numbers")
         if not np.isfinite(values).all():
-            raise DescriptionError("<float_array> holds a number that is not finite")
+            raise DescriptionError("<float_array> contains a number that is not finite")
     for tag in ("instance_geometry", "instance_node", "instance_visual_scene"):
         for instance in root.iter(tag):
             _find_reference(instance, "url")
@@ -119,20 +122,20 @@ def _parse_root(data: bytes) -> Element:
 
 
 def _check_primitive(primitive: Element) -> None:
-    """As many indices as the counts ask for."""
+    """Check that a primitive has the number of indices that its counts require."""
     what = f"<{primitive.tag}>"
     count = safe_xml.parse_integer(primitive.get("count"), f"{what}: count")
     offsets = [safe_xml.parse_integer(part.get("offset"), "<input>: offset")
                for part in primitive.findall("input")]
     if not offsets or min(offsets) < 0 or max(offsets) > 64:
-        raise DescriptionError(f"{what} has no <input>, or one at an offset that cannot be")
+        raise DescriptionError(f"{what} has no <input>, or one with an invalid offset")
     corners = 3 * count
     if primitive.tag == "polylist":
         each = primitive.find("vcount")
         each = np.zeros(0) if each is None else _parse_numbers(each, float)
         if len(each) != count or (each < 3).any():
             raise DescriptionError(f"{what} of {count}: <vcount> has {len(each)} numbers; each "
-                                   "polygon has three corners or more")
+                                   "polygon needs at least three corners")
         corners = each.sum()
     found = 0 if primitive.find("p") is None else len(_parse_numbers(primitive.find("p"), float))
     if count < 0 or found != corners * (max(offsets) + 1):
@@ -140,11 +143,11 @@ def _check_primitive(primitive: Element) -> None:
 
 
 def _find_reference(element: Element, name: str) -> str:
-    """What '#name' refers to; other files are never read."""
+    """Return the id in a reference '#id'; references to other files are errors."""
     value = element.get(name) or ""
     if not value.startswith("#"):
         raise DescriptionError(f"<{element.tag}>: {name} '{safe_xml.shorten(value)}' does not "
-                               "begin with #")
+                               "start with #")
     return value[1:]
 
 
@@ -152,12 +155,12 @@ def _parse_numbers(element: Element, kind: type) -> np.ndarray:
     try:
         return np.array((element.text or "").split(), dtype=kind)
     except (ValueError, OverflowError):
-        raise DescriptionError(f"<{element.tag}> holds what is no number") from None
+        raise DescriptionError(f"<{element.tag}> contains text that is not a number") from None
 
 
 def _find_geometries(scene: collada.scene.Scene | None
            ) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
-    """Geometries that the scene shows, with their places in it (4, 4)."""
+    """Yield the geometries in the scene with their poses (4, 4)."""
     pending = [(node, np.eye(4)) for node in reversed(scene.nodes)] if scene is not None else []
     for _ in range(_MOST_NODES):
         if not pending:
@@ -173,14 +176,14 @@ def _find_geometries(scene: collada.scene.Scene | None
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive leaves out
-        raise DescriptionError("<polygons> has one of fewer than three corners")
+    if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive does not check
+        raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 
 
 def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
           ) -> Mesh:
-    """The triangles in their geometry's own frame and unit."""
+    """Return the mesh of the triangles, in the frame and unit of their geometry."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
     uv = normals = np.zeros((0, 3))
@@ -196,7 +199,7 @@ def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, te
 def _read_material(material: collada.material.Material, folder: Path,
           find_texture: Callable[[Path, str], str | None], default_colour: Rgba
           ) -> tuple[Rgba | None, str | None]:
-    """Colour and texture file of a material's diffuse light, None where it has none."""
+    """Return the diffuse colour and the texture file of a material; None for a missing one."""
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if isinstance(diffuse, collada.material.Map):
         file = folder / diffuse.sampler.surface.image.path

@@ -25,9 +25,9 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class GripperGoal:
-    """Goal of a gripper: a position, rad or m, and the largest effort, N m or N.
+    """Goal of a gripper: a position (rad or m) and the largest effort (N m or N).
 
-    The effort counts if the joint is driven by efforts.
+    The effort has an effect only if the joint is driven by effort.
     """
 
     position: float
@@ -36,8 +36,14 @@ class GripperGoal:
 
 @dataclass(frozen=True, slots=True)
 class GripperResult:
-    """Where the joint was (rad or m) when a goal ended, the last command's effort (N m or N),
-    whether it stood still short of the goal, or was there; text: why a goal was rejected."""
+    """State of a gripper when its goal ended.
+
+    Attributes:
+        position: rad or m.
+        effort: effort of the last command, N m or N.
+        stalled: whether the joint stopped before it reached the goal.
+        text: reason why a goal was rejected.
+    """
 
     position: float = 0.0
     effort: float = 0.0
@@ -47,21 +53,23 @@ class GripperResult:
 
 
 class GripperActionController(Controller):
-    """Takes a joint to the position of a goal; the goal succeeds within `goal_tolerance` of it, and
-    is aborted once the joint has been slower than `stall_velocity_threshold` for `stall_timeout`,
-    as it is when the fingers hold something. Semantics of ros_controllers' of the same name.
+    """Move a joint to the position of a goal, with the semantics of ros_controllers.
+
+    The goal succeeds within `goal_tolerance` of its position. It is aborted if the joint is slower
+    than `stall_velocity_threshold` for `stall_timeout`, for example because the fingers hold an
+    object.
 
     Parameters: `joint`; `goal_tolerance` (0.01 rad or m), `max_effort` (0, N m or N, before the
     first goal and after a cancel), `stall_velocity_threshold` (0.001 rad/s or m/s),
     `stall_timeout` (1 s).
 
-    The simulation's thread alone calls it. Listeners are called last in each method.
+    All methods must be called in the simulation thread. Each calls its listeners last.
     """
 
     action_kind = "gripper_command"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError on a missing joint or gains and ill-typed parameters."""
+        """Read joint, gains and parameters. Raises ControllerError if one is missing or invalid."""
         super().init(hardware, parameters, context)
         given = partial(read, parameters, where=context.where, fault=ControllerError)
         self._handle = self.take_handle(hardware, given("joint", str))
@@ -76,13 +84,13 @@ class GripperActionController(Controller):
         self._desired = GripperGoal(0.0)
 
     def _init_output(self, parameters: Mapping) -> None:
-        """Read what turning a position into a command needs."""
+        """Read the parameters that `_command` needs."""
 
     def _start_output(self) -> None:
-        """A command with which nothing moves."""
+        """Write a command that holds the joint."""
 
     def _command(self, period: float) -> float:
-        """Write the command; returns the effort that is told of it."""
+        """Write the command and return its effort."""
         raise NotImplementedError
 
     def starting(self, time_ns: int) -> None:
@@ -102,18 +110,18 @@ class GripperActionController(Controller):
         _announce(self._end_goal(PREEMPTED, GripperResult()))
 
     def reset(self) -> None:
-        """The clock was put back: the time of standing still counts anew."""
+        """Restart the stall timer, because the clock was reset."""
         super().reset()
         self._last_motion_ns = None
 
     def update(self, time_ns: int, period: float) -> None:
-        """See how the goal goes, command."""
+        """Check the goal and write the command."""
         ended = self._check_goal(time_ns) if self._goal is not None else None
         self._effort = self._command(period)
         _announce(ended)
 
     def _check_goal(self, time_ns: int) -> GoalHandle | None:
-        """Check the active goal; returns it if it has ended."""
+        """Check the active goal and return it if it has ended."""
         position, speed = self._handle.position, abs(self._handle.velocity)
         if abs(self._desired.position - position) < self._tolerance:
             return self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
@@ -124,9 +132,10 @@ class GripperActionController(Controller):
         return None
 
     def submit_goal(self, goal: GripperGoal) -> GoalHandle[GripperGoal, GripperResult]:
-        """Go there and say how it went; ends the goal before.
+        """Start a goal, which replaces the previous one.
 
-        The handle comes back active, or rejected with the reason in its result.
+        Returns:
+            The handle: active, or rejected with the reason in its result.
         """
         handle = GoalHandle(goal)
         refused = ""
@@ -144,7 +153,7 @@ class GripperActionController(Controller):
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Stay where the joint is if `handle` is the active goal; returns whether it was."""
+        """Hold the current position if `handle` is the active goal; return whether it was."""
         if self._goal is not handle:
             return False
         ended = self._end_goal(PREEMPTED, GripperResult())
@@ -164,7 +173,7 @@ class GripperActionController(Controller):
 
 @register("position_controllers/GripperActionController", interface=POSITION)
 class PositionGripperController(GripperActionController):
-    """Command the position of the goal, and report the effort of the goal, as upstream does."""
+    """Command the position of the goal, and report the goal's effort, as in ros_controllers."""
 
     def _start_output(self) -> None:
         self._handle.position_command = self._handle.position
@@ -176,7 +185,7 @@ class PositionGripperController(GripperActionController):
 
 @register("effort_controllers/GripperActionController", interface=EFFORT)
 class EffortGripperController(GripperActionController):
-    """effort = PID(position error, -velocity), at most the effort of the goal.
+    """Command effort = PID(position error, -velocity), limited to the effort of the goal.
 
     The gains are in `gains/<joint>`.
     """
@@ -184,8 +193,8 @@ class EffortGripperController(GripperActionController):
     def _init_output(self, parameters: Mapping) -> None:
         joint, where = self._handle.name, self.context.where
         gains = read(parameters, "gains", Mapping, where, ControllerError, {})
-        own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-        self._pid = Pid.from_parameters(own, f"{where}/gains/{joint}")
+        joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+        self._pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
         self.pids = {f"gains/{joint}": self._pid}
 
     def get_loop_gains(self) -> dict[str, tuple[float, float]]:

@@ -1,4 +1,4 @@
-"""The loop of one joint that a commanded controller closes, or hands its command through."""
+"""Control loop of one joint of a commanded controller."""
 
 from collections.abc import Callable
 from math import inf
@@ -25,25 +25,27 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import column, jit
 
-# rad; within half a turn, and inside the limits, it is the short way
+# rad; a smaller difference is always the shortest way, so the limits need not be checked
 LARGEST_PLAIN_DIFFERENCE = 3.14
 
-# What becomes of a command: it is handed on, or is the set point of a position or a speed PID.
+# Use of the command: forwarded, or set point of a position PID or a velocity PID.
 FORWARD, POSITION_PID, SPEED_PID = range(3)
-# Columns of a loop's row: those of a Pid, these, and those of an Interpolation. Which handle of the
-# robot's, which of its commands, which kind; whether the joint turns, its limits; last command,
-# set point, error and output; whether set points are interpolated; updates made.
+# Columns of a loop's row: those of a Pid, the ones below, and those of a CommandInterpolator. The
+# index of the robot's handle, the column of its command, and the kind of loop; whether the joint is
+# angular, and its limits; last command, set point, error and output; whether set points are
+# interpolated; number of updates.
 (_HANDLE, _TARGET, _KIND, _IS_ANGULAR, _LOWER, _UPPER, _COMMAND, _SET_POINT, _ERROR, _OUTPUT,
  _INTERPOLATES, _UPDATES, _INTERPOLATION) = range(PID_COLUMNS, PID_COLUMNS + 13)
 LOOP_COLUMNS = _INTERPOLATION + INTERPOLATION_COLUMNS
 
 
 class JointLoop:
-    """Output for one joint: effort, velocity or position, as the gains mean it; a view of its row.
+    """Control loop of one joint; its state is stored in `row`, which compiled code updates.
 
-    The set point of a position PID is the last command within the URDF's limits; with `interpolate`
-    it moves there instead of stepping. The error goes the short way round where the joint and its
-    limits allow.
+    The output is an effort, velocity or position, depending on the controller. The set point of a
+    position PID is the last command, limited to the URDF's position limits; with `interpolate` it
+    moves there instead of stepping. The error of an angular joint is the shortest that the limits
+    allow.
     """
 
     __slots__ = (
@@ -72,11 +74,13 @@ class JointLoop:
         pid: Pid | None = None,
         interpolate: bool = False,
     ) -> None:
-        """A loop of this kind in a row (39,) of its controller's.
+        """Create a loop of this kind whose state is stored in `row` (39,).
 
         Args:
-            index: of the handle among the robot's. target: column of its command.
-            warn: takes a line for the log. label: the controller's name there.
+            index: index of the handle among the robot's handles.
+            target: column of the handle's command.
+            warn: logs one line.
+            label: name of the controller in log lines.
         """
         self.handle, self.pid, self.row, self._kind = handle, pid, row, kind
         self._warn, self._label = warn, label
@@ -91,12 +95,12 @@ class JointLoop:
 
     @property
     def gains(self) -> tuple[float, float]:
-        """How much the output falls with the joint's position, and with its velocity."""
+        """Decrease of the output per unit of joint position, and per unit of joint velocity."""
         gains = self.pid.gains
         return (0.0, gains.p) if self._kind == SPEED_PID else (gains.p, gains.d)
 
     def bind(self, row: np.ndarray) -> None:
-        """Go on in this row (39,)."""
+        """Copy the state of the loop into this array row (39,), and store it there from now on."""
         row[:] = self.row
         self.row = row
         self._interpolation.row = row[_INTERPOLATION:]
@@ -104,7 +108,7 @@ class JointLoop:
             self.pid.row = row[:PID_COLUMNS]
 
     def start(self) -> None:
-        """Hold the present position within the limits, or be at rest, with a fresh PID."""
+        """Reset the PID and hold the current position within the limits, or command 0."""
         row, stays = self.row, 0.0
         if self._kind == POSITION_PID or self._kind == FORWARD and row[_TARGET] == Q_COMMAND:
             stays = min(max(self.handle.position, row[_LOWER]), row[_UPPER])
@@ -115,18 +119,18 @@ class JointLoop:
             self.pid.reset()
 
     def restart(self, time_ns: int) -> None:
-        """Start from the present position towards the last command, with a fresh PID."""
+        """Reset the PID and move from the current position to the last command."""
         command = self.row.item(_COMMAND)
         self.start()
         self.set_command(command, time_ns)
 
     def set_command(self, command: float, time_ns: int) -> None:
-        """Go to `command` (rad, m or per s, N m, N), which arrived in the cycle at `time_ns`."""
+        """Set a command (rad, m, or per s, N m, N) that arrived in the cycle at `time_ns`."""
         set_loop_command(self.row, command, time_ns)
         self.warn_beyond_limits(command, time_ns)
 
     def warn_beyond_limits(self, command: float, time_ns: int) -> None:
-        """Say that a command which was taken is beyond the limits, if it is."""
+        """Log a warning if a command exceeded the position limits."""
         reachable = self.row.item(_COMMAND)
         if abs(reachable - command) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
             self._warn(
@@ -136,7 +140,7 @@ class JointLoop:
             )
 
     def make_state(self, time_ns: int, period: float) -> JointControllerState:
-        """This cycle as the state topic shows it; of a speed, process_value_dot stays 0."""
+        """Return the state message of this cycle; for a velocity loop, process_value_dot is 0."""
         handle, gains = self.handle, self.pid.gains
         process = handle.position, handle.velocity
         if self._kind == SPEED_PID:
@@ -149,7 +153,7 @@ class JointLoop:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_loop_command(row, command, time_ns):
-    """Let a loop go to a command, which arrived in the cycle at `time_ns`; where, within limits."""
+    """Set a loop's command in the cycle at `time_ns`; return it limited to the joint's range."""
     row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
     if row[_INTERPOLATES] != 0.0:
         set_interpolation_target(row[_INTERPOLATION:], command, time_ns)
@@ -160,7 +164,7 @@ def set_loop_command(row, command, time_ns):
 
 @jit("f8[:,::1], f8[::1], f8", allocates=False)
 def set_loop_commands(rows, commands, time_ns):
-    """Let loops go to their commands, where these are numbers; whether one is beyond its limits."""
+    """Set the commands of loops, NaN for none; return whether one exceeds its limits."""
     beyond = False
     for k in range(len(rows)):
         if commands[k] == commands[k]:
@@ -170,7 +174,7 @@ def set_loop_commands(rows, commands, time_ns):
 
 @jit("f8[:,::1], f8[:,::1], f8", allocates=False)
 def update_loops(rows, handles, period):
-    """One cycle of loops, `period` s after the last one: their outputs into the handles (h, 6)."""
+    """Compute one cycle of loops after `period` s and write the outputs into the handles (h, 6)."""
     for k in range(len(rows)):
         row = rows[k]
         handle = handles[int(row[_HANDLE])]

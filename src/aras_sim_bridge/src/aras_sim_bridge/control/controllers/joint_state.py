@@ -1,4 +1,4 @@
-"""joint_state_controller/JointStateController: reads all joints, commands none."""
+"""Joint state controller, which reads all joints and commands none."""
 
 from collections.abc import Mapping
 from math import inf
@@ -21,20 +21,26 @@ _NS_PER_S = 1_000_000_000
 
 @register("joint_state_controller/JointStateController")
 class JointStateController(Controller):
-    """Publish positions, velocities and efforts at `publish_rate` of simulated time.
+    """Publish positions, velocities and efforts at `publish_rate` in simulated time.
 
-    Order: `joints` if given, else by name in byte order, then `extra_joints`. The first sample
-    is in the first cycle; the average rate is exact. A rate of 0 or less never samples.
+    The order of the joints is that of the parameter `joints`, or by name in byte order, followed
+    by `extra_joints`. The first cycle publishes a sample; the average rate is exact. A rate of 0
+    or less publishes nothing.
 
-    A sample bears the time that the coming physics step ends at, as Gazebo's, and holds what was
-    measured before the step. With the parameter `true_stamps` its message bears the time of that.
+    As in Gazebo, the stamp of a sample is the end of the next physics step, although the joints
+    are measured before that step. With the parameter `true_stamps` the stamp is the time of the
+    measurement.
     """
 
     interface = STATE
     state_kind = "joint_states"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError without publish_rate or with an unknown joint in `joints`."""
+        """Read the parameters.
+
+        Raises:
+            ControllerError: `publish_rate` is missing, or `joints` contains an unknown joint.
+        """
         super().init(hardware, parameters, context)
         where = context.where
         rate = read(parameters, "publish_rate", float, where, ControllerError)
@@ -44,7 +50,7 @@ class JointStateController(Controller):
         if "joints" in parameters:
             names = list(read_joint_names(parameters, "joints", where))
         else:
-            # Sorting by code point is sorting by byte for UTF-8.
+            # In UTF-8, sorting by code point is sorting by byte.
             names = sorted(hardware.interfaces[STATE])
         known = list(hardware.handles)
         self._order = [known.index(self.take_handle(hardware, name).name) for name in names]
@@ -57,27 +63,27 @@ class JointStateController(Controller):
 
     @property
     def claimed_resources(self) -> tuple[ClaimedResources, ...]:
-        """The state interface; nothing is claimed by reading."""
+        """The state interface without joints, because reading claims nothing."""
         return (ClaimedResources(f"hardware_interface::{self.interface}", ()),)
 
     def starting(self, time_ns: int) -> None:
-        """Make the first cycle sample; a restart keeps the rhythm."""
+        """Publish in the first cycle; a restart does not change the sampling times."""
         super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
 
     @property
     def _due_ns(self) -> float:
-        # Counting periods instead of adding them up keeps the rate exact for days.
+        # Counting periods instead of adding them avoids accumulated rounding errors.
         return self._start_ns + (self._periods + 1) * self._step_ns
 
     @property
     def is_read_only(self) -> bool:
-        """Whether `update` is not a user's own."""
+        """Whether `update` is not overridden by a user's class."""
         return type(self).update is JointStateController.update
 
     def idle_until(self, time_ns: int) -> float:
-        """Until the next sample is due."""
+        """Return the time of the next sample."""
         if not self.is_read_only:
             return -inf
         if self._rate <= 0.0:
@@ -86,14 +92,14 @@ class JointStateController(Controller):
         return due_ns if due_ns - time_ns <= 2.0 * self._step_ns else -inf
 
     def update(self, time_ns: int, period: float) -> None:
-        """Sample if due."""
+        """Publish a sample if one is due."""
         if self._rate <= 0.0:
             return
         due_ns = self._due_ns
         if due_ns >= time_ns:
             if due_ns - time_ns <= 2.0 * self._step_ns:
                 return
-            # The clock was set back: go on at once, not when it has caught up.
+            # The clock was reset: continue now instead of waiting for the old sampling time.
             self._start_ns = time_ns - 1.001 * self._step_ns
             self._periods = 0
         self._periods += 1
@@ -102,7 +108,7 @@ class JointStateController(Controller):
             listener(self.sample_joints(time_ns))
 
     def list_due_cycles(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
-        """The cycles in which it samples, of those every `step_ns` from `time_ns` to `until_ns`."""
+        """Return those cycles, every `step_ns` from `time_ns` to `until_ns`, that have a sample."""
         found: list[int] = []
         due_ns = self._due_ns
         while (tick_ns := max(_find_next_cycle(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
@@ -112,11 +118,11 @@ class JointStateController(Controller):
         return found
 
     def count_samples(self, count: int) -> None:
-        """So many samples were taken of `handle_rows`, in cycles of `list_due_cycles`."""
+        """Count samples that were taken from `handle_rows` in cycles of `list_due_cycles`."""
         self._periods += count
 
     def sample_joints(self, time_ns: int) -> JointStates:
-        """All joints now."""
+        """Return the current states of all joints."""
         measured = self._rows[self._order].T.tolist()
         positions, velocities, efforts = self._extra
         return JointStates(
@@ -129,14 +135,14 @@ class JointStateController(Controller):
 
 
 def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
-    """The first of the cycles every `step_ns` from `time_ns` on which is later than `due_ns`."""
+    """Return the first cycle after `due_ns`, of those every `step_ns` from `time_ns` on."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 
 def _read_extra_joints(
     parameters: Mapping, where: str, joint_names: set[str]
 ) -> list[tuple[str, float, float, float]]:
-    """extra_joints as (name, position, velocity, effort); known names are skipped."""
+    """Return extra_joints as (name, position, velocity, effort), without known joints."""
     entries = parameters.get("extra_joints", [])
     if not isinstance(entries, list | tuple):
         raise ControllerError(f"parameter {where}/extra_joints must be a list, found {entries!r}")
@@ -144,7 +150,7 @@ def _read_extra_joints(
     for k, entry in enumerate(entries):
         place = f"{where}/extra_joints[{k}]"
         if not isinstance(entry, Mapping):
-            raise ControllerError(f"parameter {place} must hold a name, found {entry!r}")
+            raise ControllerError(f"parameter {place} must have a name, found {entry!r}")
         name = read(entry, "name", str, place, ControllerError)
         values = []
         for key in ("position", "velocity", "effort"):

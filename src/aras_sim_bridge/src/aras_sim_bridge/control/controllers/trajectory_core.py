@@ -1,8 +1,7 @@
-"""What the joint trajectory controllers share.
+"""Base of the joint trajectory controllers, with the semantics of ros_controllers.
 
-Follows spline trajectories from a topic or an action; semantics of ros_controllers' controller of
-the same name. The controller's own clock, `uptime`, adds up the control periods, so a simulated
-clock that is set back does not lose the trajectory.
+They follow spline trajectories from a topic or an action. The controller's own clock, `uptime`, is
+the sum of the control periods, so a reset of the simulated clock does not lose the trajectory.
 """
 
 from collections.abc import Mapping
@@ -43,7 +42,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class _Timer:
-    """Fires at an exact average rate: when last + 1/rate < now, then last += 1/rate."""
+    """Timer with an exact average rate: when last + 1/rate < now, it fires and last += 1/rate."""
 
     __slots__ = ("_step_ns", "_last_ns")
 
@@ -61,10 +60,11 @@ class _Timer:
 
 
 class JointTrajectoryController(Controller):
-    """What the three variants share; they differ in how a desired state becomes a command.
+    """Base of the three variants, which differ in how a desired state becomes a command.
 
-    The simulation's thread alone calls it, so a trajectory acts at once, without a slot. Listeners
-    are called last in each method; they may call back.
+    All methods must be called in the simulation thread, so a trajectory is used immediately instead
+    of being stored in the slot. Each method calls its listeners last; a listener may call the
+    controller.
     """
 
     command_kind = "joint_trajectory"
@@ -72,7 +72,7 @@ class JointTrajectoryController(Controller):
     action_kind = "follow_joint_trajectory"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError on missing joints or gains and ill-typed parameters."""
+        """Read the parameters. Raises ControllerError if a joint, gain or parameter is invalid."""
         super().init(hardware, parameters, context)
         where = context.where
         joints = read_joint_names(parameters, "joints", where)
@@ -98,20 +98,20 @@ class JointTrajectoryController(Controller):
         self._reset_measurements(0)
 
     def _reset_measurements(self, time_ns: int) -> None:
-        """Nothing was measured yet."""
+        """Reset the clocks and set desired, actual and error states to zero."""
         self._time_ns, self._uptime_ns, self._period_ns = time_ns, 0, 0
         self._desired, self._actual, self._errors = (
             [[0.0] * len(self.joints) for _ in range(orders)] for orders in (3, 2, 2)
         )
 
     def _init_output(self, parameters: Mapping, where: str) -> None:
-        """Read what turning a desired state into a command needs."""
+        """Read the parameters that `_command` needs."""
 
     def _start_output(self) -> None:
-        """Commands with which nothing moves."""
+        """Write commands that hold the joints."""
 
     def _command(self, period: float) -> None:
-        """Write the commands for the present desired state and errors."""
+        """Write the commands for the current desired state and errors."""
 
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
@@ -133,7 +133,7 @@ class JointTrajectoryController(Controller):
         _announce(ended)
 
     def update(self, time_ns: int, period: float) -> None:
-        """Sample the trajectory, check tolerances, command."""
+        """Sample the trajectory, check the tolerances and write the commands."""
         self._time_ns = time_ns
         self._period_ns = round(period * _NS_PER_S)
         self._uptime_ns = now_ns = self._uptime_ns + self._period_ns
@@ -151,7 +151,7 @@ class JointTrajectoryController(Controller):
         _announce(ended)
 
     def _sample(self, now_ns: int) -> Segment:
-        """Fill desired, actual and error; returns the first joint's present segment."""
+        """Update desired, actual and error states; return the first joint's current segment."""
         desired, actual, errors = self._desired, self._actual, self._errors
         present = self._segment_indices
         for k, handle in enumerate(self._handles):
@@ -168,7 +168,7 @@ class JointTrajectoryController(Controller):
         return self._segments[0][present[0]]
 
     def _check_goal(self, now_ns: int) -> GoalHandle | None:
-        """Check the active goal's tolerances; returns it if that ended it."""
+        """Check the active goal's tolerances and return the goal if it has ended."""
         errors = self._errors
         for k in range(len(self.joints)):
             segments, index = self._segments[k], self._segment_indices[k]
@@ -176,7 +176,7 @@ class JointTrajectoryController(Controller):
             if segment.goal is not self._goal:
                 continue
             name, error = self.joints[k], errors[0][k]
-            # At the very end a straight line still moves; the goal is judged from the next cycle.
+            # At the end time a straight line still has a velocity; the goal is checked afterwards.
             if now_ns <= segment.end_ns:
                 if not segment.path_tolerance.is_met(error, errors[1][k]):
                     code = ErrorCode.PATH_TOLERANCE_VIOLATED
@@ -207,19 +207,22 @@ class JointTrajectoryController(Controller):
         )
 
     def set_command(self, value: Trajectory) -> None:
-        """Follow a trajectory without a goal; without points, stop.
+        """Follow a trajectory without a goal; a trajectory without points stops the joints.
 
-        Ends the active goal. Raises TrajectoryError (a ControllerError) if it cannot be followed,
-        and the present one goes on.
+        The active goal ends.
+
+        Raises:
+            TrajectoryError: the trajectory cannot be followed; the current one continues.
         """
         self._accept_trajectory(value, None)
         ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a command")
         _announce(ended)
 
     def submit_goal(self, goal: TrajectoryGoal) -> GoalHandle:
-        """Follow a trajectory and say how it went; ends the goal before.
+        """Start an action goal, which replaces the previous one.
 
-        The handle comes back active, or rejected with the reason in its result.
+        Returns:
+            The handle: active, or rejected with the reason in its result.
         """
         handle = GoalHandle(goal)
         ended = None
@@ -236,7 +239,7 @@ class JointTrajectoryController(Controller):
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Stop if `handle` is the active goal; returns whether it was."""
+        """Stop if `handle` is the active goal; return whether it was."""
         if self._goal is not handle:
             return False
         self._hold_position(self._uptime_ns)
@@ -245,9 +248,10 @@ class JointTrajectoryController(Controller):
         return True
 
     def query_state(self, time_ns: int) -> StatePoint:
-        """Desired state at an absolute simulated time, joints in the controller's order.
+        """Return the desired state at a simulated time, in the controller's joint order.
 
-        Raises ControllerError if the controller does not run or the time precedes the trajectory.
+        Raises:
+            ControllerError: the controller is not running, or the time precedes the trajectory.
         """
         if not self._running:
             raise ControllerError(f"controller '{self.context.name}' is not running")
@@ -264,9 +268,10 @@ class JointTrajectoryController(Controller):
         return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
 
     def _accept_trajectory(self, trajectory: Trajectory, goal: GoalHandle | None) -> None:
-        """Make `trajectory` the present one.
+        """Follow `trajectory` from now on.
 
-        Raises TrajectoryError, with nothing changed, if it cannot be followed.
+        Raises:
+            TrajectoryError: the trajectory cannot be followed; the current one continues.
         """
         name = self.context.name
         if not self._running:
@@ -277,7 +282,7 @@ class JointTrajectoryController(Controller):
         try:
             if goal is not None:
                 tolerances = tolerances.override(goal.goal, self.joints)
-            if goal is not None or len(trajectory.points):  # a command without points names none
+            if goal is not None or len(trajectory.points):  # an empty command needs no joint names
                 columns = find_joint_columns(
                     trajectory.joint_names, self.joints, self._allows_partial_goals
                 )
@@ -299,7 +304,7 @@ class JointTrajectoryController(Controller):
         if dropped and not (silent and trajectory.points[0].time_from_start_ns == 0):
             self.context.warn(
                 f"controller '{name}': {dropped} of {len(trajectory.points)} trajectory points "
-                f"are past and dropped"
+                f"are in the past and were dropped"
             )
         self._follow(segments)
 
@@ -310,7 +315,7 @@ class JointTrajectoryController(Controller):
     def _hold_position(
         self, now_ns: int, goal: GoalHandle | None = None, tolerances: Tolerances | None = None
     ) -> None:
-        """Rest at the measured position, or come to rest over stop_trajectory_duration."""
+        """Hold the measured position, or decelerate within stop_trajectory_duration."""
         result = []
         for k, handle in enumerate(self._handles):
             if self._stop_ns == 0 or not self._running:
@@ -324,10 +329,10 @@ class JointTrajectoryController(Controller):
         self._follow(result)
 
     def _plan_braking(self, now_ns: int, position: float, velocity: float) -> Segment:
-        """From the present desired motion to rest, over stop_trajectory_duration.
+        """Plan a stop from the current desired motion within stop_trajectory_duration.
 
-        A spline to the same place at the opposite velocity in twice the time is at rest, by
-        symmetry, halfway.
+        A spline that returns to the same position with the opposite velocity in twice that time is
+        at rest halfway, by symmetry.
         """
         begin = Waypoint(position, velocity, 0.0)
         mirror = Waypoint(position, -velocity, 0.0)

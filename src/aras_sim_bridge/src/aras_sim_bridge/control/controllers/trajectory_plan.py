@@ -1,4 +1,4 @@
-"""From a trajectory message to one list of spline segments a joint."""
+"""Conversion of a trajectory message into a list of spline segments for each joint."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ JointSegments = list[Segment]
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Per joint (in the controller's order): along the path and at the goal; time in ns."""
+    """Path and goal tolerances of each joint, in the controller's order; the goal time is in ns."""
 
     path: tuple[Tolerance, ...]
     goal: tuple[Tolerance, ...]
@@ -37,20 +37,25 @@ class Tolerances:
     def from_parameters(
         cls, parameters: Mapping, where: str, joints: Sequence[str]
     ) -> "Tolerances":
-        """Read the mapping `constraints`. Raises ControllerError on an ill-typed value."""
+        """Read the parameter `constraints`. Raises ControllerError for a value of a wrong type."""
         given = partial(read, parameters, where=where, fault=ControllerError)
         stopped = given("stopped_velocity_tolerance", float, default=0.01)
         path, goal = [], []
         for joint in joints:
-            own = given(joint, Mapping, default={})
+            limits = given(joint, Mapping, default={})
             place = f"{where}/{joint}"
-            path.append(Tolerance(read(own, "trajectory", float, place, ControllerError, 0.0)))
-            goal.append(Tolerance(read(own, "goal", float, place, ControllerError, 0.0), stopped))
+            path.append(Tolerance(read(limits, "trajectory", float, place, ControllerError, 0.0)))
+            at_goal = read(limits, "goal", float, place, ControllerError, 0.0)
+            goal.append(Tolerance(at_goal, stopped))
         time = given("goal_time", float, default=0.0)
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
     def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
-        """With the goal's own tolerances. Raises TrajectoryError on an unknown joint or NaN."""
+        """Return these tolerances overridden by those of a goal.
+
+        Raises:
+            TrajectoryError: a joint is unknown, or a tolerance is not finite.
+        """
         path, at_goal = list(self.path), list(self.goal)
         for tolerances, overrides in ((path, goal.path_tolerance), (at_goal, goal.goal_tolerance)):
             for override in overrides:
@@ -70,7 +75,7 @@ class Tolerances:
         return Tolerances(tuple(path), tuple(at_goal), time_ns)
 
     def apply_to(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
-        """Have a segment of the controller's `joint`th serve a goal."""
+        """Assign a goal and its tolerances to a segment of the joint with index `joint`."""
         segment.goal = goal
         segment.path_tolerance = self.path[joint]
         segment.goal_tolerance = self.goal[joint]
@@ -80,34 +85,35 @@ class Tolerances:
 def _override_tolerance(default: Tolerance, override: JointTolerance) -> Tolerance:
     values = []
     for field in Tolerance._fields:
-        wanted = getattr(override, field)
-        if not isfinite(wanted):
+        tolerance = getattr(override, field)
+        if not isfinite(tolerance):
             raise TrajectoryError(
                 ErrorCode.INVALID_GOAL,
                 f"{field} tolerance of joint '{override.name}' is not finite",
             )
-        values.append(getattr(default, field) if wanted == 0.0 else max(wanted, 0.0))
+        values.append(getattr(default, field) if tolerance == 0.0 else max(tolerance, 0.0))
     return Tolerance(*values)
 
 
 def find_segment(segments: JointSegments, time_ns: int) -> int:
-    """Index of the last segment that has begun at `time_ns`, -1 if none has."""
+    """Return the index of the last segment that has started at `time_ns`, or -1."""
     return bisect_right(segments, time_ns, key=lambda segment: segment.start_ns) - 1
 
 
 def find_joint_columns(
     names: Sequence[str], joints: Sequence[str], partial: bool
 ) -> list[int | None]:
-    """Column in the message of each of the controller's joints, None where it has none.
+    """Return the message column of each of the controller's joints, None if it has none.
 
-    Raises TrajectoryError (INVALID_JOINTS) where the sets do not fit.
+    Raises:
+        TrajectoryError: the joints of message and controller do not match (INVALID_JOINTS).
     """
     unknown = [name for name in names if name not in joints]
     if unknown or len(set(names)) != len(names) or not names:
-        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "none, or one twice"
+        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "empty or repeated"
         raise TrajectoryError(
             ErrorCode.INVALID_JOINTS,
-            f"trajectory's joints do not fit ({what}); the controller has {', '.join(joints)}",
+            f"joints of the trajectory are wrong ({what}); the controller has {', '.join(joints)}",
         )
     if len(names) != len(joints) and not partial:
         raise TrajectoryError(
@@ -119,18 +125,22 @@ def find_joint_columns(
 
 
 def check_points(trajectory: Trajectory) -> None:
-    """Raises TrajectoryError (INVALID_GOAL) on wrong sizes, times that do not increase, or NaN.
+    """Check sizes, times and numbers of a trajectory's points.
 
-    As upstream, a point may have more values than the trajectory has joints, equally many of each
-    kind; what is beyond the joints counts for nothing.
+    As in ros_controllers, the lists of a point may be longer than the number of joints if all have
+    the same length; additional values are ignored.
+
+    Raises:
+        TrajectoryError: sizes differ, times do not increase or a number is not finite
+            (INVALID_GOAL).
     """
     size = len(trajectory.joint_names)
     previous: int | None = None
     for k, point in enumerate(trajectory.points):
         for field in ("positions", "velocities", "accelerations"):
             values = getattr(point, field)
-            wanted = max(size, len(point.positions))
-            if len(values) != wanted and (len(values) or field == "positions"):
+            expected_count = max(size, len(point.positions))
+            if len(values) != expected_count and (len(values) or field == "positions"):
                 raise TrajectoryError(
                     ErrorCode.INVALID_GOAL,
                     f"trajectory point {k} has {len(values)} {field} for {size} joints",
@@ -157,14 +167,21 @@ def plan_segments(
     goal: GoalHandle | None = None,
     tolerances: Tolerances | None = None,
 ) -> tuple[list[JointSegments], int]:
-    """Segments of all joints from `next_ns`, the next control cycle, on.
+    """Plan the segments of all joints from `next_ns`, the next control cycle, on.
 
-    The current trajectory is kept until `start_ns`, where the new one begins; then comes a bridge
-    to its first point that is not past. `wraps` says which joints turn endlessly: for those the
-    new points are shifted by full turns so that the bridge goes the short way. Joints without a
-    column keep their current segments, which serve the new goal. Returns the segments and the
-    number of dropped points.
-    Raises TrajectoryError if every point is past.
+    The current trajectory remains until `start_ns`, where the new one starts. A connecting segment
+    leads to the first new point that is not in the past. Joints without a column keep their
+    current segments, which belong to the new goal from now on.
+
+    Args:
+        wraps: whether each joint is continuous; the new points of such a joint are shifted by full
+            turns so that the connecting segment takes the shortest way.
+
+    Returns:
+        The segments, and the number of points that are in the past and were dropped.
+
+    Raises:
+        TrajectoryError: all points are in the past.
     """
     points = [p for p in trajectory.points if start_ns + p.time_from_start_ns > next_ns]
     dropped = len(trajectory.points) - len(points)
@@ -172,21 +189,21 @@ def plan_segments(
         late = (next_ns - start_ns - trajectory.points[-1].time_from_start_ns) / _NS_PER_S
         raise TrajectoryError(
             ErrorCode.INVALID_GOAL,
-            f"all {dropped} trajectory points are past, the last one by {late:.3f} s; check the "
-            f"header stamp and time_from_start",
+            f"all {dropped} trajectory points are in the past, the last one by {late:.3f} s; check "
+            f"the header stamp and time_from_start",
         )
     bridge_ns = max(start_ns, next_ns)
     result = []
     for joint, column in enumerate(columns):
         present = current[joint]
         first = find_segment(present, next_ns)
-        if column is None:  # as upstream, what it still has to do is the new goal's too
+        if column is None:  # as in ros_controllers, its remaining segments belong to the new goal
             for segment in present[max(first, 0) :]:
                 segment.goal = goal
             result.append(present)
             continue
         last = find_segment(present, bridge_ns)
-        kept = present[max(first, 0) : last + 1] if start_ns > next_ns else []
+        remaining = present[max(first, 0) : last + 1] if start_ns > next_ns else []
         new = _plan_joint(
             points, column, Waypoint(*present[max(last, 0)].sample(bridge_ns)), wraps[joint],
             start_ns, bridge_ns,
@@ -194,7 +211,7 @@ def plan_segments(
         if goal is not None and tolerances is not None:
             for segment in new:
                 tolerances.apply_to(segment, goal, joint)
-        result.append([*kept, *new])
+        result.append([*remaining, *new])
     return result, dropped
 
 
@@ -206,7 +223,7 @@ def _plan_joint(
     start_ns: int,
     bridge_ns: int,
 ) -> JointSegments:
-    """The bridge from `start` and the segments between the points, for one joint."""
+    """Plan the connecting segment from `start` and the segments between points, for one joint."""
     shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
     waypoints = [_make_waypoint(point, column, shift) for point in points]
     times = [start_ns + point.time_from_start_ns for point in points]
@@ -228,9 +245,9 @@ def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoin
 
 
 def _count_turns(present: float, desired: float) -> float:
-    """Full turns to add to `desired` so that it lies within half a turn of `present`."""
+    """Return the multiple of 2π that, added to `desired`, brings it within π of `present`."""
     distance = angles.shortest_angular_distance(present, desired)
-    # At exactly half a turn the direction of the plain difference is kept.
+    # At exactly half a turn the sign of the plain difference decides.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
         distance = fabs(distance) if desired > present else -fabs(distance)
     return round((present + distance - desired) / (2.0 * pi)) * 2.0 * pi

@@ -225,7 +225,7 @@ class Stack(Feature):
         ])
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """See Feature.needs_of."""
+        """Return what the feature needs of one camera's image."""
         return frozenset().union(*(
             f.get_needs(*cameras) for f in self.features
             if not {*cameras}.isdisjoint(f.cameras or ("",))
@@ -250,7 +250,7 @@ class Stack(Feature):
         )
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         return np.vstack([f.desired_interaction(goal) for f in self.features])
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
@@ -265,13 +265,13 @@ class Stack(Feature):
         ))  # fmt: skip
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         for feature in self.features:
             feature.check(goal)
         self._combine_descriptions()
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         for feature in self.features:
             feature.reset()
 

@@ -46,7 +46,7 @@ class NumberedPoints(PointFeature):
     needs = frozenset((Need.CORNERS,))
 
     def points(self, observation: Observation) -> np.ndarray:
-        """See PointFeature.points."""
+        """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError(
                 f"{self.name}: no corners in this observation: has the target any? (area needs "
@@ -98,7 +98,7 @@ class CornerFeature(NumberedPoints):
         return count
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
         points, up_to = self._match_to_goal(observation, desired)
         w = compute_inverse_depth(get_plane(observation), points)
@@ -129,12 +129,12 @@ class CornerFeature(NumberedPoints):
         return change
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         desired = self.read_desired_points(goal)
         return self.interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         super().check(goal)
         try:
             desired = self.read_desired_points(goal)
@@ -161,14 +161,14 @@ class PolarPoints(CornerFeature):
     component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         rho = np.hypot(points[:, 0], points[:, 1])
         if rho.min() < MIN_LENGTH:
             raise MeasurementError("a point lies on the optical axis: it has no polar angle")
         return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         rho = np.hypot(points[:, 0], points[:, 1])[:, None]
         c, s = (points / rho).T[:, :, None]
         x, y = _split_point_interaction(points, inverse_depth)
@@ -187,11 +187,11 @@ class Points3D(CornerFeature):
     component_tolerances, component_units = POINT_TOLERANCES, ("m", "m", "m")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         return backproject(points, inverse_depth).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         X, Y, Z = backproject(points, inverse_depth).T
         L = np.zeros((len(X), 3, 6))
         L[:, 0, 0] = L[:, 1, 1] = L[:, 2, 2] = -1.0
@@ -217,11 +217,11 @@ class Depth(CornerFeature):
         return 1
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         return np.log(backproject(points, inverse_depth).mean(axis=0)[2:])
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         X, Y, Z = backproject(points, inverse_depth).mean(axis=0)
         return np.array([[0.0, 0.0, -1.0 / Z, -Y / Z, X / Z, 0.0]])
 
@@ -268,13 +268,13 @@ class Lines(EdgeFeature):
     component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         start, _, _, d = self.edges(points)
         rho = -d[:, 1] * start[:, 0] + d[:, 0] * start[:, 1]
         return np.stack([rho, np.arctan2(d[:, 0], -d[:, 1])], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         start, _, length, d = self.edges(points)
         x, y, _, _, _, angle = self.edge_rates(points, inverse_depth, length, d)
         along = (d * start).sum(axis=1)[:, None]
@@ -291,13 +291,13 @@ class Segments(EdgeFeature):
     component_units = ("", "", "", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         start, end, length, d = self.edges(points)
         middle = 0.5 * (start + end)
         return np.hstack([middle, length, np.arctan2(d[:, 1:], d[:, :1])]).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         _, _, length, d = self.edges(points)
         x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
         rows = [0.5 * (x + far_x), 0.5 * (y + far_y), longer, angle]
@@ -313,14 +313,14 @@ class NormalisedSegments(EdgeFeature):
     component_units = ("", "", "", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         start, end, length, d = self.edges(points)
         middle = 0.5 * (start + end)
         angle = np.arctan2(d[:, 1:], d[:, :1])
         return np.hstack([middle / length, 1.0 / length, angle]).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         start, end, length, d = self.edges(points)
         x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
         xm, ym = (0.5 * (start + end)).T[:, :, None]
@@ -350,12 +350,12 @@ class VanishingPoints(CornerFeature):
         return 2
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         X, Y, W = self._compute_directions(points).T
         return np.stack([W / np.hypot(X, Y), np.arctan2(Y, X)], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         L = np.zeros((2, 2, 6))
         for i, (X, Y, W) in enumerate(self._compute_directions(points)):
             a = np.hypot(X, Y)

@@ -62,7 +62,7 @@ class Kernel(Feature):
     max_pixel_ratio: ClassVar[float] = 2.0
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         if goal.kernel is None:
             raise ConfigurationError(
                 f"{goal.name} holds no kernel features: teach them (rosrun "
@@ -74,7 +74,7 @@ class Kernel(Feature):
             raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         kernel = goal.kernel
         self._check_camera(observation, goal)
         data = observation.kernel

@@ -106,7 +106,7 @@ class Luminance(Feature):
         self.reset()
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         self._last_error: tuple[np.ndarray, np.ndarray] | None = None
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
@@ -115,7 +115,7 @@ class Luminance(Feature):
         return {"png": base64.b64encode(png).decode()}
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         if goal.depth is None and goal.plane is None:
             raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
         try:
@@ -132,7 +132,7 @@ class Luminance(Feature):
         self._rays = None
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         if self._goal is not goal:
             self.check(goal)
         now = self._smooth(get_grey_image(observation))
@@ -259,7 +259,7 @@ class LuminanceDCT(LuminanceMap):
     count: ClassVar[int] = 20
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
-        """See LuminanceMap.basis."""
+        """Return the basis B (count, pixels)."""
         rows, columns = rays.x.shape
         orders = sorted(
             ((p, q) for p in range(8) for q in range(8) if p + q), key=lambda o: (sum(o), o)
@@ -281,7 +281,7 @@ class LuminancePCA(LuminanceMap):
     spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # of width, rad, of size
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
-        """See LuminanceMap.basis."""
+        """Return the basis B (count, pixels)."""
         random = np.random.default_rng(0)
         rows, columns = self._desired.shape
         shift, turn, size = self.spread
@@ -310,7 +310,7 @@ class PhotometricMoments(LuminanceMap):
     order: ClassVar[int] = 3
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
-        """See LuminanceMap.basis."""
+        """Return the basis B (count, pixels)."""
         x, y = rays.x.astype(float), rays.y.astype(float)
         reach = min(np.abs(x).max(), np.abs(y).max())
         weight = np.exp(-4.0 * ((x**2 + y**2) / reach**2) ** 2)

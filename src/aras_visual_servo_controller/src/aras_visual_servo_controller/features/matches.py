@@ -50,7 +50,7 @@ class Matches(Luminance):
         self._matcher = cv2.BFMatcher(norm)
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         super().check(goal)
         places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
         if len(places) < MIN_MATCHES or goal.camera is None:
@@ -64,7 +64,7 @@ class Matches(Luminance):
         self._desired_points = np.column_stack([x, y])
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         points, desired = self._match_keypoints(observation, goal)
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
@@ -146,7 +146,7 @@ class MatchesPose(Matches):
     names, tolerances, units = zip(*PoseInGoalFrame.components, strict=True)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         points, desired = self._match_keypoints(observation, goal)
         super().measure(observation, goal)
         plane = goal.plane or Plane.fronto_parallel(goal.depth)

@@ -134,11 +134,11 @@ class MomentFeature(Feature):
         self._goal_moments: _GoalMoments | None = None
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         self._prepare_goal(goal)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         at = self._prepare_goal(goal)
         moments = observation.moments
         if moments is None:
@@ -164,7 +164,7 @@ class MomentFeature(Feature):
         return FeatureMeasurement(found.values, at.s, error, found.L, ambiguity=up_to)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         return self._prepare_goal(goal).L
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:

@@ -69,18 +69,18 @@ class PointFeature(Feature):
         """
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         self._match_rotation = 0.0
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         corners = self.read_desired_points(goal)
         self._set_count(len(corners))
         if goal.depth is None and goal.plane is None:
             raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         return {"points": np.asarray(self.points(observation), float).tolist()}
 
     def read_desired_points(self, goal: Goal) -> np.ndarray:
@@ -104,7 +104,7 @@ class PointFeature(Feature):
         return points
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
         points, up_to = self._match_to_goal(observation, desired)
         inverse_depth = compute_inverse_depth(get_plane(observation), points)
@@ -113,12 +113,12 @@ class PointFeature(Feature):
                         ambiguity=up_to)  # fmt: skip
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         desired = self.read_desired_points(goal)
         return point_interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy."""
+        """Return the accuracy of s in the image measured last."""
         if not observation.corner_accuracy:
             return None
         desired = self.read_desired_points(goal)
@@ -206,7 +206,7 @@ class Points(PointFeature):
     is_ordered: ClassVar[bool] = False
 
     def points(self, observation: Observation) -> np.ndarray:
-        """See PointFeature.points."""
+        """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError("no corners in this observation: is the target a polygon?")
         return observation.corners

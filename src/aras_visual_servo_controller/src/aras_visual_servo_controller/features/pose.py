@@ -51,7 +51,7 @@ class RelativePose(NumberedPoints):
         raise NotImplementedError
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         super().check(goal)
         places = self._backproject_goal(goal)
         if len(places) < 4 or are_collinear(places):
@@ -61,7 +61,7 @@ class RelativePose(NumberedPoints):
             )
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         places = self._backproject_goal(goal)
         points, up_to = self._match_to_goal(observation, self.read_desired_points(goal))
         c_T_g = estimate_planar_pose(places, points)
@@ -80,7 +80,7 @@ class RelativePose(NumberedPoints):
         return self.desired_interaction(goal) @ np.linalg.pinv(L) @ points
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         return self.compute_from_pose(np.eye(4), self._backproject_goal(goal).mean(axis=0))[1]
 
     def _backproject_goal(self, goal: Goal) -> np.ndarray:
@@ -107,7 +107,7 @@ class ThetaU(RelativePose):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         return _compute_rotation(c_T_g)
 
 
@@ -121,7 +121,7 @@ class Translation(RelativePose):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         return _compute_translation(c_T_g)
 
 
@@ -137,7 +137,7 @@ class TranslationCamera(RelativePose):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         place = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
         return place, np.hstack([-np.eye(3), skew(place)])
 
@@ -151,7 +151,7 @@ class PoseInGoalFrame(RelativePose):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         return compute_goal_frame_feature(c_T_g)
 
 
@@ -170,7 +170,7 @@ class PoseCamera(RelativePose):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         place = TranslationCamera.compute_from_pose(self, c_T_g, origin)
         return _stack(place, _compute_rotation(c_T_g))
 
@@ -184,7 +184,7 @@ class TwoAndHalfD(RelativePose):
     def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         X, Y, Z = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
         x, y = X / Z, Y / Z
         turn, L_turn = _compute_rotation(c_T_g)

@@ -54,7 +54,7 @@ class RemoteCameraFeature(Feature):
         self.directions = tuple(modelled.tolist())
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         view = observation.cameras[self.camera]
         found = self.feature.measure(view, self._make_camera_goal(goal))
         if view.twist_from_control is None:
@@ -70,18 +70,18 @@ class RemoteCameraFeature(Feature):
         )
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         L = self.feature.desired_interaction(self._make_camera_goal(goal))
         if self.camera == goal.camera_name:
             return L
         return L @ adjoint(_compute_control_pose(goal, self.camera))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy."""
+        """Return the accuracy of s in the image measured last."""
         return self.feature.accuracy(observation.cameras[self.camera], self._make_camera_goal(goal))
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         if self.camera not in goal.cameras:
             raise ConfigurationError(
                 f"{goal.name} has no view of camera '{self.camera}': teach it with this scheme"
@@ -94,15 +94,15 @@ class RemoteCameraFeature(Feature):
         )))  # fmt: skip
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         return self.feature.teach(observation.cameras[self.camera])
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         self.feature.reset()
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """See Feature.needs_of."""
+        """Return what the feature needs of one camera's image."""
         return self.feature.get_needs(*cameras)
 
     def _make_camera_goal(self, goal: Goal) -> Goal:

@@ -39,7 +39,7 @@ class StereoPoints(Feature):
         self._set_count(4)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         first = observation.cameras[self.cameras[0]]
         points, up_to = self._match_points(observation, goal)
         places = triangulate(*points, self._compute_relative_pose(observation.cameras))
@@ -78,7 +78,7 @@ class StereoPoints(Feature):
         return np.transpose(effects) @ accuracy
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         for name in self.cameras:
             if name not in goal.cameras:
                 raise ConfigurationError(
@@ -93,7 +93,7 @@ class StereoPoints(Feature):
         self._set_count(len(self._triangulate_goal(goal)))
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
         if len(found[0]) == len(found[1]):  # in the order of the first camera's
@@ -101,7 +101,7 @@ class StereoPoints(Feature):
         return {"points": [np.asarray(points, float).tolist() for points in found]}
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         for numbering in self._point_features:
             numbering.reset()
 
@@ -156,7 +156,7 @@ class StereoPose(StereoPoints):
     def compute_from_points(
         self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See StereoPoints.of_places."""
+        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) in space."""
         s, L = compute_goal_frame_feature(estimate_rigid_motion(desired_points, points))
         return s, L, np.zeros(6)
 

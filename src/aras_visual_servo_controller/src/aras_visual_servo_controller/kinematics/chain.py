@@ -79,7 +79,7 @@ class Chain(NamedTuple):
         return chain
 
     def compute_frames(self, q: np.ndarray) -> np.ndarray:
-        """Compute rotation (9), origin (3) and axis (3) of each joint in the base frame, (n, 15)."""
+        """Compute rotation, origin and axis of each joint in the base frame, as rows (n, 15)."""
         frames = np.empty((len(self.order), 15))
         _compute_frames(*self[:3], *self[4:6], np.asarray(q, float), frames)
         return frames

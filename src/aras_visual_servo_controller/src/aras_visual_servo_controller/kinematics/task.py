@@ -181,7 +181,7 @@ class Task:
 
     @property
     def dropped_reason(self) -> str:
-        """Part of the commanded twist that is not servoed, with the reason; empty if there is none."""
+        """Description of the commanded motion that is not servoed, with the reason; else empty."""
         kept = self.measurable_task
         if kept is self:
             return ""

@@ -304,7 +304,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
          "camera 'wall' stands in the world, and the arm moves nothing that it sees"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
-         "camera 'wall' stands still, and so does what it sees"),
+         "camera 'wall' is fixed, and the arm does not move its target"),
         ({"scheme": "kernel@left+points@right"}, "looks at pictures, and there are none"),
     ],
 )  # fmt: skip

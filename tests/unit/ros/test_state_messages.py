@@ -136,7 +136,7 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
         now[0] += 3.0
     assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 4
     assert graph.lines == [
-        "nobody takes the commands on /two/both: start that controller (rosrun controller_manager "
+        "no controller subscribes to /two/both: start that controller (rosrun controller_manager "
         "controller_manager list), or name another one in ~controllers"]
     face.close()
     assert not graph.publishers

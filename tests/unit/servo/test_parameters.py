@@ -72,7 +72,7 @@ def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
 
 
 @pytest.mark.parametrize(("given", "why"), [
-    ({"scheme": "luminance"}, "holds no picture of luminance"),
+    ({"scheme": "luminance"}, "holds no image of luminance"),
     ({"scheme": "numbered_points", "tracker": "dots"}, "holds no points of the feature"),
 ])  # fmt: skip
 def test_what_an_outline_does_not_tell_is_still_to_be_taught(arm, given, why):

@@ -160,7 +160,7 @@ class Feature(ABC):
         """
         if type(self).teach is not Feature.teach and self.name not in goal.features:
             raise ConfigurationError(
-                f"{goal.name} holds nothing of the feature '{self.name}': teach it (rosrun "
+                f"{goal.name} holds no data of the feature '{self.name}': teach it (rosrun "
                 "aras_visual_servo_controller teach --scheme ...)"
             )
 
@@ -283,7 +283,7 @@ def _check_stackable(feature: Feature, stackable: bool) -> None:
     if not stackable:
         name = feature.name or type(feature).__name__
         raise ConfigurationError(
-            f"{name} is judged by other numbers than those the law gets and cannot be stacked: "
+            f"{name} has other published errors than those the law gets and cannot be stacked: "
             "use it alone, without weights"
         )
 
@@ -297,10 +297,10 @@ def get_plane(observation: Observation) -> Plane:
     if observation.plane is not None:
         return observation.plane
     if observation.depth is not None:
-        raise MeasurementError("the depth image knows no depth at the target")
+        raise MeasurementError("the depth image has no depth at the target")
     raise MeasurementError(
-        "nothing tells the target's plane in this view: it is worked out from the goal's depth and "
-        "the camera's pose"
+        "the target's plane is not known in this view: it needs the depth of the goal and the pose "
+        "of the camera"
     )
 
 

@@ -53,7 +53,7 @@ class _PixelRays:
         scale = by_column_x * by_row_y - by_row_x * by_column_y
         inside = (slice(BORDER, -BORDER),) * 2
         if min(camera.width, camera.height) < 4 * BORDER:
-            raise MeasurementError("the picture is too small for photometric servoing")
+            raise MeasurementError("the image is too small for photometric servoing")
 
         def crop(values: np.ndarray) -> np.ndarray:
             return np.ascontiguousarray(values[inside], np.float32)
@@ -125,11 +125,11 @@ class Luminance(Feature):
             grey = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_GRAYSCALE)
         except (KeyError, TypeError, ValueError, cv2.error) as error:
             raise ConfigurationError(
-                f"{goal.name} holds no picture of {self.name}: teach it (rosrun "
+                f"{goal.name} holds no image of {self.name}: teach it (rosrun "
                 f"aras_visual_servo_controller teach --scheme {self.name})"
             ) from error
         if grey is None:
-            raise ConfigurationError(f"{goal.name}: the picture of {self.name} is damaged")
+            raise ConfigurationError(f"{goal.name}: the image of {self.name} is damaged")
         self._goal, self._goal_image, self._desired = goal, grey, self._smooth(grey)
         self._rays = None
 
@@ -140,7 +140,7 @@ class Luminance(Feature):
         now = self._smooth(get_grey_image(observation))
         if now.shape != self._desired.shape:
             raise MeasurementError(
-                f"the picture has {now.shape[1]} x {now.shape[0]} pixels, the goal's "
+                f"the image has {now.shape[1]} x {now.shape[0]} pixels, the goal's "
                 f"{self._desired.shape[1]} x {self._desired.shape[0]}"
             )
         if self._rays is None or self._rays.camera != observation.camera:
@@ -205,7 +205,7 @@ class Luminance(Feature):
         ) or _compare_lenses(taught, camera)
         if difference:
             raise MeasurementError(
-                f"the picture of {goal.name} was taught with another camera ({difference}): teach "
+                f"the image of {goal.name} was taught with another camera ({difference}): teach "
                 "it again (rosrun aras_visual_servo_controller teach)"
             )
 
@@ -333,7 +333,7 @@ def square_root(H: np.ndarray, g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """
     values, vectors = np.linalg.eigh(H)
     if not values[0] > EIGENVALUE_TOLERANCE * values[-1]:
-        raise MeasurementError("the picture has too little texture for photometric servoing")
+        raise MeasurementError("the image has too little texture for photometric servoing")
     roots = np.sqrt(values)
     return vectors.T @ g / roots, roots[:, None] * vectors.T
 
@@ -362,5 +362,5 @@ def get_grey_image(observation: Observation) -> np.ndarray:
     """
     image = observation.image
     if image is None:
-        raise MeasurementError("no picture in this observation: exact features have none")
+        raise MeasurementError("no image in this observation: exact features have none")
     return image if image.ndim == 2 else cv2.cvtColor(np.asarray(image), cv2.COLOR_RGB2GRAY)

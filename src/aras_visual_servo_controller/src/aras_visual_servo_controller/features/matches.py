@@ -57,9 +57,8 @@ class Matches(Luminance):
         places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
         if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: {len(places)} keypoints in its picture, {MIN_MATCHES} are needed: "
-                "teach "
-                "it before a target with texture, or servo on moments"
+                f"{goal.name}: {len(places)} keypoints in its image, {MIN_MATCHES} are needed: "
+                "teach it with a textured target, or servo on moments"
             )
         self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
@@ -126,9 +125,8 @@ class Matches(Luminance):
                 x, y, _ = observation.camera.normalise(*places[in_image[inliers]].T)
                 return np.column_stack([x, y]), self._desired_points[in_goal[inliers]]
         raise MeasurementError(
-            f"{len(pairs)} keypoints match the goal's picture, {MIN_MATCHES} that agree are "
-            "needed: is "
-            "the target in view, and textured?"
+            f"{len(pairs)} keypoints match the goal image, {MIN_MATCHES} consistent ones are "
+            "needed: is the target in view, and textured?"
         )
 
 

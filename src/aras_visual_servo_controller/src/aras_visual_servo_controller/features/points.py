@@ -139,8 +139,8 @@ class PointFeature(Feature):
             return compute_inverse_depth(goal.plane or Plane.fronto_parallel(goal.depth), desired)
         except MeasurementError as error:
             raise ConfigurationError(
-                f"{goal.name}: {error}, where that is believed to be mounted: check the camera's "
-                "place (believed, camera_xyz, camera_rpy) and the goal"
+                f"{goal.name}: {error}, for the assumed camera mounting: check the camera's "
+                "pose (calibration_offset, camera_xyz, camera_rpy) and the goal"
             ) from error
 
     def _match_to_goal(
@@ -169,7 +169,7 @@ class PointFeature(Feature):
             raise MeasurementError("a point of the target is not finite")
         if points.shape == desired.shape:
             return points
-        message = f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
+        message = f"{len(np.atleast_1d(points))} points are visible, the goal has {len(desired)}"
         if points is not observation.corners or observation.contour is None:
             raise MeasurementError(message)
         try:

@@ -3,7 +3,7 @@
 The goal's points and their plane give 3-D points; the pose follows from a homography, refined by
 Gauss-Newton on the image points. No model of the target is needed. Frames: c the current camera,
 g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
-References: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE RAM 13(4), 2006
+g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
 (position-based control in both frames); E. Malis, F. Chaumette and S. Boudet, 2 1/2 D visual
 servoing, IEEE Transactions on Robotics and Automation 15(2), 1999.
 """

@@ -219,13 +219,13 @@ class DifferentialIK:
     ) -> list[str]:
         """Explain as text why a part of the desired twist is infeasible."""
         if is_straight:
-            return ["the arm is stretched: what is asked lies beyond its reach"]
+            return ["the arm is stretched: the commanded motion leads beyond its reach"]
         if is_stopped:
             return []  # the joint that is stopped at its limit has already been named
         missing = np.abs(infeasible_twist * self._scale)
         main = np.flatnonzero(missing > 0.5 * missing.max())
         words = ", ".join(f"{DIRECTIONS[i]} {infeasible_twist[i]:.3g} {UNITS[i]}" for i in main)
-        return [f"lost, the arm cannot do it here: {words}"]
+        return [f"the arm cannot produce this motion here: {words}"]
 
 
 def solve_ik(

@@ -1,4 +1,4 @@
-"""Between ROS messages and the plain data of the loop."""
+"""Conversion between ROS messages and the data of the loop."""
 
 from __future__ import annotations
 
@@ -14,12 +14,12 @@ from ..msg import ServoReport, ServoState
 from ..records.outcomes import PoseUncertainty
 from ..records.state import ServoState as State
 
-# Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.
+# Placeholder for an image without valid intrinsics, which is not used for computation.
 UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))
 
 
 def read_camera(message: ImageMoments) -> tuple[CameraModel, str]:
-    """The camera that measured, and what is wrong with it in words."""
+    """Return the camera of a message, and the fault of its intrinsics as text ('' if none)."""
     try:
         return CameraModel.from_message(message), ""
     except VisionError as error:
@@ -27,7 +27,7 @@ def read_camera(message: ImageMoments) -> tuple[CameraModel, str]:
 
 
 def read_moments(message: ImageMoments) -> tuple[Moments | None, str]:
-    """The moments of a message, or why there are none."""
+    """Return the moments of a message, or the reason why there are none."""
     if not message.valid:
         return None, message.reason or "the target is not visible"
     try:
@@ -37,7 +37,7 @@ def read_moments(message: ImageMoments) -> tuple[Moments | None, str]:
 
 
 def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
-    """The original's record of one image; its stamp is the caller's."""
+    """Convert the state of one image to a ServoState message; the caller sets the stamp."""
     message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
     message.header.frame_id = frame
     message.joint_names = list(names)
@@ -60,7 +60,7 @@ def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, 
 
 
 def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
-    """How the loop stands."""
+    """Convert the state of the loop to a ServoReport message; the caller sets the stamp."""
     message = ServoReport(
         phase=state.phase, outcome=state.outcome, reason=state.reason, remedy=state.remedy
     )
@@ -89,7 +89,7 @@ def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> Ser
 
 
 def make_twist_message(twist: np.ndarray) -> Twist:
-    """A geometry_msgs/Twist of (6,)."""
+    """Convert a twist (6,) to geometry_msgs/Twist."""
     message = Twist()
     values = [float(v) for v in twist]
     message.linear.x, message.linear.y, message.linear.z = values[:3]

@@ -1,4 +1,4 @@
-"""From the messages of one image back to the loop's record of it; any version of their classes."""
+"""Conversion of recorded messages, of this or an older version, to states of the loop."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ if TYPE_CHECKING:
 
 
 def read_state(message: ServoState, report: ServoReport | None = None) -> State:
-    """The state that a message and the report of the same image tell; what no report tells is NaN.
+    """Convert a ServoState and the report of the same image to a state.
 
-    Read back, a decision has no task and a resolution neither L nor Jacobian.
+    Values that only the report contains are NaN without it. The scheme output has no task, and the
+    IK solution has neither L nor Jacobian.
     """
     stamp, names = message.header.stamp.to_sec(), tuple(message.joint_names)
     decision = resolution = joints = None
@@ -60,6 +61,6 @@ def read_state(message: ServoState, report: ServoReport | None = None) -> State:
 
 
 def read_twist(message: Twist) -> np.ndarray:
-    """(6,) of a geometry_msgs/Twist."""
+    """Convert a geometry_msgs/Twist to (6,)."""
     return np.array([getattr(part, axis) for part in (message.linear, message.angular)
                      for axis in "xyz"])  # fmt: skip

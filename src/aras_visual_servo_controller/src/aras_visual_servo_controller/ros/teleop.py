@@ -1,4 +1,4 @@
-"""Teleoperation on a running graph: keys, gamepad, and the commands that come of them."""
+"""Teleoperation of a running robot by keyboard and gamepad."""
 
 from __future__ import annotations
 
@@ -28,10 +28,10 @@ PERIOD = 0.02  # s of wall time between two commands
 
 
 class Teleop:
-    """One person at a terminal, one arm."""
+    """Teleoperation of one arm by one operator at a terminal."""
 
     def __init__(self) -> None:
-        """ConfigurationError: no robot, or a joint that it has not."""
+        """Connect to the robot; ConfigurationError without a robot or for an unknown joint."""
         settings, arm = read_robot_settings({})
         self._arm = arm
         self._limits, self._space = settings.make_limits(arm), settings.namespace.rstrip("/")
@@ -52,11 +52,11 @@ class Teleop:
         rospy.Subscriber(f"{self._space}/joint_states", JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
-        with contextlib.suppress(OSError):  # without a gamepad there are still the keys
+        with contextlib.suppress(OSError):  # no gamepad: the keyboard is enough
             self._gamepad = JoyDevice(device)
 
     def run(self) -> int:
-        """Until q or ^C; returns the exit status."""
+        """Run until q or ^C is pressed, and return the exit status."""
         print(keyboard.__doc__)
         if self._gamepad is not None:
             print(HELP)
@@ -84,20 +84,20 @@ class Teleop:
             if self._jog.reason:
                 print(self._jog.reason)
         elif key in keyboard.KEYS:
-            command, told = keyboard.step_joint(key, command, self._limits, self._joints)
-            print(told)
+            command, text = keyboard.step_joint(key, command, self._limits, self._joints)
+            print(text)
             way = keyboard.KEYS[key][0]
             self._command_topics.send(command, self._joints[way])
         else:
-            moves, told = self._keys.press(key, self._jog, time.monotonic())
+            moves, text = self._keys.press(key, self._jog, time.monotonic())
             if moves:
                 self._stop_controller()
-            if told:
-                print(told)
+            if text:
+                print(text)
         return command
 
     def _send_command(self) -> bool:
-        """Send what the drive comes to; whether anything was sent."""
+        """Send the current command of the jog motion, if there is one; return whether there is."""
         with self._jog_lock:
             command = self._jog.update(time.monotonic(), self._measured)
         if command is None:
@@ -117,12 +117,12 @@ class Teleop:
             self._jog.set_twist(twist, time.monotonic())
 
     def _stop_controller(self) -> None:
-        """Once: a controller that servoes would command the joints as well."""
+        """Stop the controller before the first motion, since it also commands the joints."""
         if self._has_stopped_controller:
             return
         self._has_stopped_controller = True
         if stop_controller(self._space):
-            print("the controller is stopped: its service start lets it go on")
+            print("the controller is stopped; its service start resumes it")
 
     def _on_joints(self, message: JointState) -> None:
         with contextlib.suppress(MeasurementError):
@@ -135,7 +135,7 @@ class Teleop:
 
 
 def main() -> int:
-    """Run until q or ^C; returns the exit status."""
+    """Run until q or ^C is pressed, and return the exit status."""
     if not sys.stdin.isatty():
         print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
         return 1

@@ -1,7 +1,7 @@
-"""The loop's ticks between two images, compiled: joint states in, commands out.
+"""Compiled updates of the loop between two images: joint states in, commands out.
 
-What Driver.joints does with one joint state after another while the arm servoes and nothing is out
-of the ordinary: the same compiled functions, without the objects between them.
+They replace LoopRunner.add_joint_state for successive joint states while the arm servoes and
+nothing unusual happens. They use the same compiled functions, without the Python objects.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..loop.task_executor import ROUNDING
 if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
-# Of `clock`: the last tick, the latest joint state, when the velocities were worked out and for how
-# long at least, when something was sent, s; which of the two tasks is pursued.
+# Indices of `clock`: last update, latest joint state, solution of the velocities and its validity,
+# last command, s; index of the current one of the two tasks.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
-# Of `rows`, (n,) each: command and its velocity, velocities that are kept, what was sent last;
-# positions and velocities of the latest joint state; whether a limit stopped a joint.
+# Indices of `rows`, (n,) each: command and its velocity, current solution, command that was sent
+# last; positions and velocities of the latest joint state; whether a limit stopped a joint.
 COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
-# Of `settings`: see ServoSettings; when the last image was answered and for how long that is fresh,
-# s; when the second task is taken up, and when a third would be.
+# Indices of `settings`: fields of ServoSettings; time and validity of the last processed image, s;
+# start times of the second task and of a possible third, s.
 (
     LONGEST_STEP,
     WATCHDOG,
@@ -44,7 +44,7 @@ COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
     SECOND_TASK_TIME,
     THIRD_TASK_TIME,
 ) = range(8)
-# What became of a joint state: not taken, as Python has to look at it; nothing new to send; sent.
+# Results of an update: Python must process the joint state; no new command; a new command.
 NEEDS_PYTHON, SAME_COMMAND, NEW_COMMAND = range(3)
 UPDATE_SIGNATURE = (
     f"Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], "
@@ -75,14 +75,18 @@ def process_joint_state(
     limits,
     has_acceleration_limits,
 ):
-    """One joint state and the tick it brings; where it is ODD, Python begins with it anew.
+    """Process one joint state and compute the command; return NEEDS_PYTHON to fall back to Python.
 
     Args:
-        q, v, stamp: (n,), (n,) and s of the joint state. chain: see Chain.
-        clock, rows, settings: see above. last, numbers, goal, pulls, folds, limits: of
-            `resolved`. bounds: (3, n) of plausible joint states. lead: (n,).
-        L, rates, modelled: (2, k, 6), (2, k), (2, 6) of the task, and of the one after it.
-        accelerates: whether there are limits of acceleration.
+        q, v, stamp: (n,), (n,) and s of the joint state.
+        chain: fields of the Chain.
+        clock, rows, settings: arrays with the indices above.
+        last_velocities, setting_values, goal, range_tasks, elbows, limits: as in
+            `solve_velocities`.
+        bounds: (3, n) bounds of plausible joint states.
+        lead: (n,) distance by which a command may be ahead of its joint.
+        L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) of the current task and the next.
+        has_acceleration_limits: whether accelerations are limited.
     """
     t = max(stamp, clock[NOW])
     gone, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
@@ -98,8 +102,8 @@ def process_joint_state(
     if has_jumped(q, rows[Q], v, rows[V], lead, gone):
         return NEEDS_PYTHON
     task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
-    lasts = max(clock[VALID_FOR], period) - 1e-9
-    if task != clock[TASK] or not t - clock[SOLVED_AT] < lasts:
+    valid_for = max(clock[VALID_FOR], period) - 1e-9
+    if task != clock[TASK] or not t - clock[SOLVED_AT] < valid_for:
         found = solve_velocities(
             *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], desired_rates[task],
             modelled[task], np.zeros(len(q)), range_tasks, elbows, limits, max(dt, period),
@@ -144,13 +148,13 @@ def process_joint_state(
 
 
 class CompiledUpdates:
-    """A driver's state as `process_joint_state` takes it, and back."""
+    """Conversion of a runner's state to the arrays of `process_joint_state`, and back."""
 
     def __init__(self, runner: LoopRunner) -> None:
         self._runner = runner
         servo, resolver = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
-        # A resolver, tasks or an arm of somebody's own are asked in Python.
+        # User-defined inverse kinematics, tasks and arms can only be called from Python.
         self._is_possible = (
             type(arm) is Arm and type(resolver) is DifferentialIK and not resolver.other_tasks
             and settings.output == "position"
@@ -162,8 +166,9 @@ class CompiledUpdates:
                            resolver.has_acceleration_limits)  # fmt: skip
 
     def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
-        """Arguments of `process_joint_state` from `chain` on; None where the next tick is not one
-        of them.
+        """Return the arguments of `process_joint_state` from `chain` on.
+
+        Return None if Python must process the next joint state.
         """
         driver = self._runner
         servo, newest = driver.servo, driver.history.newest
@@ -179,10 +184,10 @@ class CompiledUpdates:
         if following.L.shape != task.L.shape:
             return None
         settings = servo.settings
-        kept = pursuit.cached_velocities or (-inf, np.zeros(len(motion.names)), 0.0, "")
-        self._clock = np.array([driver.update_time, newest.stamp, kept[0], kept[2], -inf, 0.0])
+        cached = pursuit.cached_velocities or (-inf, np.zeros(len(motion.names)), 0.0, "")
+        self._clock = np.array([driver.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
         self._rows = np.array([
-            motion.command, motion.velocity, kept[1], driver.sent_values, newest.positions,
+            motion.command, motion.velocity, cached[1], driver.sent_values, newest.positions,
             newest.velocities, np.zeros(len(motion.names)),
         ])  # fmt: skip
         due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
@@ -200,14 +205,19 @@ class CompiledUpdates:
 
     @property
     def command(self) -> np.ndarray:
-        """(n,) where the command stands."""
+        """Current command (n,)."""
         return self._rows[COMMAND]
 
     def apply_results(
         self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray
     ) -> None:
-        """Take back what `process_joint_state` made of the first joint states (m, 2, n), at stamps
-        in s: commands (m, n)."""
+        """Apply the results of `process_joint_state` to the runner.
+
+        Args:
+            stamps: stamps of the processed joint states, s.
+            samples: joint states (m, 2, n), of which the first len(stamps) were processed.
+            commands: commands (m, n).
+        """
         driver, clock, rows = self._runner, self._clock, self._rows
         servo = driver.servo
         pursuit, names = servo.executor, servo.arm.names

@@ -94,7 +94,7 @@ class Predictive(FeatureSchemeBase):
         )  # fmt: skip
         if not np.isfinite(found.x).all():
             raise MeasurementError("the predicted path cannot be fitted")
-        return found.x, "" if found.success else "visibility cannot be kept on this way"
+        return found.x, "" if found.success else "the target cannot be kept in view on this path"
 
     def _compute_borders(
         self, observation: Observation, s: np.ndarray

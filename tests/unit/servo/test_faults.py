@@ -108,7 +108,8 @@ FAULTS = {
     "text for features": (answering(features="abcd"), "features of no numbers"),
     "NaN in a rate of its own": (
         answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "returned the error_drift"),
-    "short rate of its own": (answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
+    "short rate of its own": (
+        answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
     "few names": (answering(names=("x",)), "for 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),
 }
@@ -195,8 +196,8 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
     ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\): 2 numbers above 0 are needed"),
     ({"tolerances": None}, {}, "has tolerances None: 2 numbers above 0 are needed"),
-    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*: one finite number for each name"),
-    ({}, {"error_drift": [1.0]}, "returned the error_drift .*: one finite number for each name"),
+    ({}, {"error_drift": [1.0, np.nan]}, "the error_drift .*: one finite number for each name"),
+    ({}, {"error_drift": [1.0]}, "the error_drift .*: one finite number for each name"),
     ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
     ({}, {"task": 3}, "returned the task int instead of a Task"),
 ])  # fmt: skip

@@ -195,7 +195,7 @@ class Task:
         count = int((self.uncertainty > MAX_UNCERTAINTY).sum())
         least = float(self.uncertainty[self.uncertainty > MAX_UNCERTAINTY].min())
         known = "no feature shows more than noise there" if least == np.inf else (
-            f"one image determines the camera's position there to {100.0 * least:.0f} % of the depth"
+            f"one image locates the camera there to {100.0 * least:.0f} % of the depth"
         )  # fmt: skip
         return (
             f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}): "

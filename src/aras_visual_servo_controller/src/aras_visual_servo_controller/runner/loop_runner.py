@@ -431,6 +431,6 @@ class LoopRunner:
         self._report(ServoState(now, phase, found.kind, reason, found.remedy))
 
     def _make_silence_outcome(self, kind: str, reason: str) -> Outcome:
-        """Return the outcome while nothing is received, with the remedy of a stopped clock if any."""
+        """Return the outcome while nothing is received, with the remedy of a stopped clock."""
         found = make_outcome(kind, reason)
         return found.with_remedy(RESUME_ADVICE) if self._describe_stopped_clock() else found

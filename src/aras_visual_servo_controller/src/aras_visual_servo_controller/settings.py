@@ -379,13 +379,13 @@ class Settings(Parameters):
         """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
         control = next(iter(arms))
-        plane, held = (self._make_outline_plane(), {}) if goal is None else (None, goal.cameras)
+        plane, goals = (self._make_outline_plane(), {}) if goal is None else (None, goal.cameras)
         return CameraRig(
             FeatureObserver(
                 arm, scheme.get_needs(*(("", name) if name == control else (name,))) | depth,
                 self.make_segmentation(),
-                self.make_tracker(held[name].marker if name in held else ""),
-                held[name].compute_plane if name in held else plane, name,
+                self.make_tracker(goals[name].marker if name in goals else ""),
+                goals[name].compute_plane if name in goals else plane, name,
             )
             for name, arm in arms.items()
         )  # fmt: skip
@@ -409,10 +409,10 @@ class Settings(Parameters):
         """Construct the segmentation of the target; ConfigurationError if it is not valid."""
         where = f"{where}segmentation"
         try:
-            given = self.segmentation
-            if self.marker and "marker" not in given:
-                given = {"marker": self.marker, **given}
-            found = build(Segmentation, given, where, ConfigurationError)
+            options = self.segmentation
+            if self.marker and "marker" not in options:
+                options = {"marker": self.marker, **options}
+            found = build(Segmentation, options, where, ConfigurationError)
         except SegmentationError as error:
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":
@@ -435,9 +435,9 @@ class Settings(Parameters):
             return None
         from aras_visual_servo_camera.trackers import TRACKERS
 
-        given = vars(self) | {"marker": self.marker or marker}
+        options = vars(self) | {"marker": self.marker or marker}
         try:
             known = [parameter.name for parameter in TRACKERS.list_parameters(name)]
-            return TRACKERS.create(name, **{key: given[key] for key in known if key in given})
+            return TRACKERS.create(name, **{key: options[key] for key in known if key in options})
         except (VisionError, DescriptionError) as error:
             raise ConfigurationError(str(error)) from None

@@ -241,14 +241,14 @@ class Stack(Feature):
             _check_stackable(feature, part.error_summary is None)
         rates = [np.broadcast_to(p.error_drift, np.shape(p.s)) for p in parts]
         # The motion is unambiguous if one feature shows it completely.
-        blind = {p.ambiguity for p in parts}
+        ambiguities = {p.ambiguity for p in parts}
         return FeatureMeasurement(
             s=np.concatenate([p.s for p in parts]),
             desired=np.concatenate([p.desired for p in parts]),
             error=np.concatenate([p.error for p in parts]),
             L=np.vstack([p.L for p in parts]),
             error_drift=np.concatenate(rates),
-            ambiguity="" if "" in blind else ", ".join(sorted(blind)),
+            ambiguity="" if "" in ambiguities else ", ".join(sorted(ambiguities)),
             notes=tuple(note for p in parts for note in p.notes),
         )
 

@@ -103,12 +103,13 @@ class CornerFeature(NumberedPoints):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
-        points, up_to = self._match_to_goal(observation, desired)
+        points, ambiguity = self._match_to_goal(observation, desired)
         w = compute_inverse_depth(get_plane(observation), points)
         s = self.values(points, w)
         goal_s = self.values(desired, self._compute_goal_inverse_depth(goal, desired))
         error = self._wrap_change(s - goal_s, wrap_together)
-        return FeatureMeasurement(s, goal_s, error, self.interaction(points, w), ambiguity=up_to)
+        L = self.interaction(points, w)
+        return FeatureMeasurement(s, goal_s, error, L, ambiguity=ambiguity)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """Return the accuracy of s, propagated from that of the points by finite differences."""

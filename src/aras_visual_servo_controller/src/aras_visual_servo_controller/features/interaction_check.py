@@ -158,11 +158,11 @@ def _compare_rows(
     if not (relative <= tolerance).all():
         row = int(np.argmax(np.nan_to_num(relative, nan=np.inf)))
         column = int(np.argmax(np.abs(np.nan_to_num(L - differences, nan=np.inf)[row])))
-        given, found = L[row, column] / units[column], differences[row, column] / units[column]
+        actual, found = L[row, column] / units[column], differences[row, column] / units[column]
         name = feature.names[row] if row < len(feature.names) else str(row)
         raise SchemeError(
             f"{feature.name}: row '{name}' of L is off by {100.0 * relative[row]:.2g} % (tolerance "
-            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L says {given:.4g}, "
-            f"finite differences {found:.4g}"
+            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L says "
+            f"{actual:.4g}, finite differences {found:.4g}"
         )
     return relative

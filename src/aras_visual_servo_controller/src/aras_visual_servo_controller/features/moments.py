@@ -138,14 +138,15 @@ class MomentFeature(Feature):
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
-        at = self._prepare_goal(goal)
+        goal_moments = self._prepare_goal(goal)
         moments = observation.moments
         if moments is None:
             raise MeasurementError("no moments in this observation: is it the segmented target's?")
-        formulas = at.select_formulas(moments)
+        formulas = goal_moments.select_formulas(moments)
         try:
             found = camera_features.compute_moment_features(
-                moments, formulas, self._estimate_plane(observation, moments, at), at.reference,
+                moments, formulas, self._estimate_plane(observation, moments, goal_moments),
+                goal_moments.reference,
                 self.anisotropy,
             )  # fmt: skip
         except (VisionError, ArithmeticError) as error:
@@ -153,14 +154,14 @@ class MomentFeature(Feature):
         if found.degenerate:
             name, reason = next(iter(found.degenerate.items()))
             raise MeasurementError(f"feature {name} is undefined: {reason}")
-        error = found.values - at.s
-        up_to = ""
+        error = found.values - goal_moments.s
+        ambiguity = ""
         for i, formula in enumerate(formulas):
             if formula == FULL_ALPHA:
                 error[i] = wrap(error[i])
             elif formula == ALPHA:
-                error[i], up_to = wrap(error[i], np.pi), "180°"
-        return FeatureMeasurement(found.values, at.s, error, found.L, ambiguity=up_to)
+                error[i], ambiguity = wrap(error[i], np.pi), "180°"
+        return FeatureMeasurement(found.values, goal_moments.s, error, found.L, ambiguity=ambiguity)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """Return the interaction matrix L (k, 6) at the goal."""
@@ -168,17 +169,18 @@ class MomentFeature(Feature):
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """Return the accuracy of s, from displacements of the goal's outline."""
-        at = self._prepare_goal(goal)
+        goal_moments = self._prepare_goal(goal)
         if not observation.pixel_count:
             noise = observation.corner_accuracy  # exact outline with noise on its corners
-            return noise * at.slopes if noise and observation.moments is not None else None
+            is_known = noise and observation.moments is not None
+            return noise * goal_moments.slopes if is_known else None
         size = OUTLINE_ACCURACY / sqrt(observation.pixel_count) / observation.camera.K[0]
         if goal.camera != observation.camera:
-            return size * at.slopes
-        found = size * SAME_CAMERA_PART * at.slopes
+            return size * goal_moments.slopes
+        found = size * SAME_CAMERA_PART * goal_moments.slopes
         mu20, mu11, mu02 = goal.moments.second
         if hypot(mu20 - mu02, 2.0 * mu11) < ROUND_TOLERANCE * (mu20 + mu02):
-            for i, formula in enumerate(at.select_formulas(goal.moments)):
+            for i, formula in enumerate(goal_moments.select_formulas(goal.moments)):
                 if formula.startswith("alpha"):
                     found[i] /= SAME_CAMERA_PART
         return found

@@ -107,11 +107,11 @@ class PointFeature(Feature):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         desired = self.read_desired_points(goal)
-        points, up_to = self._match_to_goal(observation, desired)
+        points, ambiguity = self._match_to_goal(observation, desired)
         inverse_depth = compute_inverse_depth(get_plane(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
         return FeatureMeasurement(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
-                        ambiguity=up_to)  # fmt: skip
+                        ambiguity=ambiguity)  # fmt: skip
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
         """Return the interaction matrix L (k, 6) at the goal."""
@@ -195,8 +195,8 @@ class PointFeature(Feature):
         turns = np.angle(fits[good])
         chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._match_rotation))))))
         self._match_rotation = float(turns[chosen])
-        up_to = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
-        return np.roll(points, -int(good[chosen]), axis=0), up_to
+        ambiguity = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
+        return np.roll(points, -int(good[chosen]), axis=0), ambiguity
 
 
 @FEATURES.register("points")

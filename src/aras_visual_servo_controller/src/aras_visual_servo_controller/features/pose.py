@@ -62,12 +62,12 @@ class RelativePose(NumberedPoints):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         places = self._backproject_goal(goal)
-        points, up_to = self._match_to_goal(observation, self.read_desired_points(goal))
+        points, ambiguity = self._match_to_goal(observation, self.read_desired_points(goal))
         c_T_g = estimate_planar_pose(places, points)
         origin = places.mean(axis=0)
         s, L = self.compute_from_pose(c_T_g, origin)
         desired, _ = self.compute_from_pose(np.eye(4), origin)
-        return FeatureMeasurement(s, desired, s - desired, L, ambiguity=up_to)
+        return FeatureMeasurement(s, desired, s - desired, L, ambiguity=ambiguity)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
         """Return the accuracy of s, propagated from that of the points by least squares."""

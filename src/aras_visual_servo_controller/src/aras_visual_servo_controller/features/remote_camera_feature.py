@@ -48,8 +48,8 @@ class RemoteCameraFeature(Feature):
         self.weights = feature.weights
         modelled = np.array(feature.directions, bool)
         if control_T_camera is not None:
-            brought = np.abs(adjoint(control_T_camera)[:, modelled])
-            modelled = (brought > ROUNDING).any(axis=1)
+            mapped = np.abs(adjoint(control_T_camera)[:, modelled])
+            modelled = (mapped > ROUNDING).any(axis=1)
         self.directions = tuple(modelled.tolist())
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:

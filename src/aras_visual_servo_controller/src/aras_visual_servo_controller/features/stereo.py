@@ -41,13 +41,14 @@ class StereoPoints(Feature):
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""
         first = observation.cameras[self.cameras[0]]
-        points, up_to = self._match_points(observation, goal)
+        points, ambiguity = self._match_points(observation, goal)
         places = triangulate(*points, self._compute_relative_pose(observation.cameras))
         s, L, desired = self.compute_from_points(places, self._triangulate_goal(goal))
         since = first.compute_change_since_exposure(L)
         return FeatureMeasurement(
-            s + since, desired, s + since - desired, first.transform_to_control(L), ambiguity=up_to
-        )
+            s + since, desired, s + since - desired, first.transform_to_control(L),
+            ambiguity=ambiguity,
+        )  # fmt: skip
 
     def compute_from_points(
         self, points: np.ndarray, desired_points: np.ndarray
@@ -137,15 +138,15 @@ class StereoPoints(Feature):
 
     def _match_points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
         """Return points (2, n, 2) of both cameras in the goal's order, and the ambiguity."""
-        found, blind = [], []
+        found, ambiguities = [], []
         views = (observation.cameras[name] for name in self.cameras)
         for numbering, view, goal_points in zip(
             self._point_features, views, self._read_goal_points(goal), strict=True
         ):
-            points, up_to = numbering._match_to_goal(view, goal_points)
+            points, ambiguity = numbering._match_to_goal(view, goal_points)
             found.append(points)
-            blind.append(up_to)
-        return np.stack(found), min(blind)
+            ambiguities.append(ambiguity)
+        return np.stack(found), min(ambiguities)
 
 
 @FEATURES.register("stereo_pose")

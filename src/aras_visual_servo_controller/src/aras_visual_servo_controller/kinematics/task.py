@@ -152,11 +152,11 @@ class Task:
         a direction that no feature shows.
         """
         u, s, _ = self._svd
-        seen = s > self.rank_tolerance * s[0]
+        is_measurable = s > self.rank_tolerance * s[0]
         noise = np.full(len(s), float(self.accuracy)) if np.ndim(self.accuracy) == 0 else (
             np.linalg.norm(u.T @ self.accuracy, axis=1)
         )  # fmt: skip
-        return np.divide(noise, s, out=np.full(len(s), np.inf), where=seen)
+        return np.divide(noise, s, out=np.full(len(s), np.inf), where=is_measurable)
 
     @property
     def rank(self) -> int:
@@ -171,10 +171,10 @@ class Task:
         """
         if not np.any(self.accuracy) and self.rank_tolerance == ROUNDING_TOLERANCE:
             return self
-        kept = self.uncertainty <= MAX_UNCERTAINTY
-        if kept.all():
+        is_certain = self.uncertainty <= MAX_UNCERTAINTY
+        if is_certain.all():
             return self
-        u = self._svd[0][:, kept].T
+        u = self._svd[0][:, is_certain].T
         if not len(u):
             return Task(np.zeros((1, 6)), np.zeros(1), self.modelled, self.depth)
         return Task(u @ self.L, u @ self.desired_rate, self.modelled, self.depth)
@@ -182,14 +182,14 @@ class Task:
     @property
     def dropped_reason(self) -> str:
         """Description of the commanded motion that is not servoed, with the reason; else empty."""
-        kept = self.measurable_task
-        if kept is self:
+        measurable = self.measurable_task
+        if measurable is self:
             return ""
-        given = kept.twist
-        lost = np.abs((self.twist - given) / self._scale)
-        main = np.flatnonzero(lost > 0.3 * lost.max())
+        achieved = measurable.twist
+        missing = np.abs((self.twist - achieved) / self._scale)
+        main = np.flatnonzero(missing > 0.3 * missing.max())
         parts = ", ".join(
-            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {given[i]:.3g} {UNITS[i]}"
+            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {achieved[i]:.3g} {UNITS[i]}"
             for i in main
         )
         count = int((self.uncertainty > MAX_UNCERTAINTY).sum())

@@ -21,14 +21,14 @@ def read_node_settings() -> tuple[Settings, dict[str, object]]:
     Raises:
         ConfigurationError: one line about a wrong parameter, scheme, law or goal.
     """
-    given = rospy.get_param("~", {})
-    given.pop(GAINS[1:], None)
-    given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
-    settings = Settings.from_mapping(given, find_package_folder())
+    raw_settings = rospy.get_param("~", {})
+    raw_settings.pop(GAINS[1:], None)
+    raw_settings.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
+    settings = Settings.from_mapping(raw_settings, find_package_folder())
     settings.list_cameras(settings.make_scheme())  # reports a wrong scheme before a robot is there
     if settings.desired != "auto":
         settings.load_goal()
-    return settings, given
+    return settings, raw_settings
 
 
 def find_package_folder() -> Path:

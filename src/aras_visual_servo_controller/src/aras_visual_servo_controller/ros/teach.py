@@ -30,8 +30,8 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
             averaged are unusable; with the reason.
     """
     init_node("teach", anonymous=True)
-    given = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
-    settings, arm = read_robot_settings(given)
+    raw_settings = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
+    settings, arm = read_robot_settings(raw_settings)
     scheme, package = settings.make_scheme(), settings.package
     urdf = str(rospy.get_param(settings.description))
     arms = {settings.list_cameras(scheme)[0]: arm, **settings.make_other_cameras(urdf, arm)}

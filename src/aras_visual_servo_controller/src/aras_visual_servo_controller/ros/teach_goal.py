@@ -43,7 +43,7 @@ def main(argv: list[str] | None = None) -> int:
         epilog="example: rosrun aras_visual_servo_controller teach "
         "goal.yaml --scheme points --depth 0.3",
     )  # fmt: skip
-    given = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
+    command_line = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
     parser.add_argument("file", type=Path, help="YAML file to write")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--geometry", type=Path, help="goal file with the target's geometry")
@@ -57,7 +57,7 @@ def main(argv: list[str] | None = None) -> int:
                         "the geometry of the demo's target)")  # fmt: skip
     parser.add_argument("--timeout", type=float, default=60.0, help="time to wait for images, s "
                         "(default 60)")  # fmt: skip
-    arguments = parser.parse_args(given)
+    arguments = parser.parse_args(command_line)
     try:
         if arguments.images < 1 or not arguments.timeout > 0.0:
             raise ConfigurationError("--images and --timeout have to be above 0")
@@ -67,13 +67,13 @@ def main(argv: list[str] | None = None) -> int:
             if arguments.urdf is None:
                 raise ConfigurationError("--geometry needs --urdf, the robot's description")
             goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
-            heading = "What an exact camera sees of the target at this pose, by its geometry."
+            heading = "View of an exact camera on the target at this pose, from its geometry."
         else:
             from .teach import collect_views  # only this needs ROS
 
             goal = collect_views(arguments)
             heading = f"Taught from {arguments.images} images."
-        heading += f"\nMade by: teach {shlex.join(given)}"
+        heading += f"\nMade by: teach {shlex.join(command_line)}"
         arguments.file.write_text(goal.to_yaml(heading), encoding="utf-8")
     except (ServoError, OSError) as error:
         print(f"teach: {error}", file=sys.stderr)

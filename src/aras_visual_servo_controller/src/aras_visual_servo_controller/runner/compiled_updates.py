@@ -89,8 +89,8 @@ def process_joint_state(
         has_acceleration_limits: whether accelerations are limited.
     """
     t = max(stamp, clock[NOW])
-    gone, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
-    if not dt > 0.0 or gone > settings[WATCHDOG]:
+    elapsed, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
+    if not dt > 0.0 or elapsed > settings[WATCHDOG]:
         return NEEDS_PYTHON
     if (
         t - settings[ANSWER_TIME] > settings[ANSWER_LIFETIME]
@@ -99,7 +99,7 @@ def process_joint_state(
         return NEEDS_PYTHON
     if find_implausible_joint(q, v, bounds[0], bounds[1], bounds[2])[0] >= 0:
         return NEEDS_PYTHON
-    if has_jumped(q, rows[Q], v, rows[V], lead, gone):
+    if has_jumped(q, rows[Q], v, rows[V], lead, elapsed):
         return NEEDS_PYTHON
     task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
     valid_for = max(clock[VALID_FOR], period) - 1e-9

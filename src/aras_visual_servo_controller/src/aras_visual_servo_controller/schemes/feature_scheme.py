@@ -113,34 +113,37 @@ class FeatureScheme(FeatureSchemeBase):
         if self.smoothing > 0.0:
             filtered = self._filter_error(filtered, observation.stamp)
         scale = np.repeat((goal.distance, 1.0), 3)
-        rotated = scale * _compute_pseudo_inverse_error(
+        camera_error = scale * _compute_pseudo_inverse_error(
             modelled * scale, filtered, self.feature.weights
         )
-        wanted = self.law.desired_error_rate(filtered, modelled, rotated, t, observation.dt)
-        wanted = check_array(self.law, "desired_error_rate", wanted, filtered.shape)
+        desired_rate = self.law.desired_error_rate(
+            filtered, modelled, camera_error, t, observation.dt
+        )
+        desired_rate = check_array(self.law, "desired_error_rate", desired_rate, filtered.shape)
         if self.interaction == "mean":
             # The mean L converges as 2 tan(theta / 2), not theta: limit the rate to that of pi.
-            wanted = wanted * (np.pi / max(float(np.linalg.norm(rotated[3:])), np.pi))
+            angle = float(np.linalg.norm(camera_error[3:]))
+            desired_rate = desired_rate * (np.pi / max(angle, np.pi))
         if self.ratio is not None:
-            wanted = self.ratio * wanted
-        judged = measured.error_summary
+            desired_rate = self.ratio * desired_rate
+        summary = measured.error_summary
         return SchemeOutput(
             names=self.names,
-            features=measured.s if judged is None else judged,
-            desired=measured.desired if judged is None else np.zeros_like(judged),
-            error=measured.error if judged is None else judged,
+            features=measured.s if summary is None else summary,
+            desired=measured.desired if summary is None else np.zeros_like(summary),
+            error=measured.error if summary is None else summary,
             task=Task.from_interaction(
                 L,
-                wanted - measured.error_drift,
+                desired_rate - measured.error_drift,
                 self._modelled,
                 self.feature.weights,
                 goal.distance,
                 **self._estimate_accuracy(L, observation, goal),
             ),
             L=L,
-            residual=None if judged is None else measured.error,
-            error_drift=measured.error_drift if judged is None else 0.0,
-            filtered_error=filtered if self.smoothing > 0.0 and judged is None else None,
+            residual=None if summary is None else measured.error,
+            error_drift=measured.error_drift if summary is None else 0.0,
+            filtered_error=filtered if self.smoothing > 0.0 and summary is None else None,
             ambiguity=measured.ambiguity,
             notes=measured.notes,
         )

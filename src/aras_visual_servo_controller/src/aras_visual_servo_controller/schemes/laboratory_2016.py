@@ -40,11 +40,13 @@ class Laboratory2016(FeatureSchemeBase):
         inverse[:2, 3] = -measured.s[1], measured.s[0]
         L = np.zeros((4, 6))
         L[:, modelled] = np.linalg.inv(inverse)
-        rotated = np.zeros(6)
-        rotated[modelled] = inverse @ measured.error
-        wanted = self.law.desired_error_rate(measured.error, L, rotated, t, observation.dt)
+        camera_error = np.zeros(6)
+        camera_error[modelled] = inverse @ measured.error
+        desired_rate = self.law.desired_error_rate(
+            measured.error, L, camera_error, t, observation.dt
+        )
         twist = np.zeros(6)
-        twist[modelled] = np.array(self.ratio) * (inverse @ wanted)
+        twist[modelled] = np.array(self.ratio) * (inverse @ desired_rate)
         return SchemeOutput(
             names=self.names,
             features=measured.s,

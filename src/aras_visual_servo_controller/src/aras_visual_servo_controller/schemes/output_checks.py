@@ -52,8 +52,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         measurement = FeatureMeasurement(
             **{name: getattr(measurement, name) for name in fields if hasattr(measurement, name)}
         )
-    names, judged = len(tuple(feature.names)), measurement.error_summary
-    count = names if judged is None else np.size(measurement.error)
+    names, summary = len(tuple(feature.names)), measurement.error_summary
+    count = names if summary is None else np.size(measurement.error)
     arrays = {
         field: _read_shaped(where, field, getattr(measurement, field), (count,))
         for field in ("s", "desired", "error")
@@ -62,8 +62,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     if np.ndim(measurement.error_drift) or not isinstance(measurement.error_drift, float):
         shape = () if np.ndim(measurement.error_drift) == 0 else (count,)
         arrays["error_drift"] = _read_shaped(where, "error_drift", measurement.error_drift, shape)
-    if judged is not None:
-        arrays["error_summary"] = _read_shaped(where, "error_summary", judged, (names,))
+    if summary is not None:
+        arrays["error_summary"] = _read_shaped(where, "error_summary", summary, (names,))
     if isinstance(measurement.notes, str):
         arrays["notes"] = (measurement.notes,)
     if not isinstance(measurement.ambiguity, str):

@@ -41,15 +41,15 @@ class Partitioned(FeatureSchemeBase):
         )
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
-        rotated = solve_least_squares(L, error, ROUNDING_TOLERANCE)
-        wanted = self.law.desired_error_rate(error, L, rotated, t, observation.dt)
+        camera_error = solve_least_squares(L, error, ROUNDING_TOLERANCE)
+        desired_rate = self.law.desired_error_rate(error, L, camera_error, t, observation.dt)
         size = float(np.linalg.norm(error))
-        gain = -float(wanted @ error) / size**2 if size > 0.0 else 0.0
+        gain = -float(desired_rate @ error) / size**2 if size > 0.0 else 0.0
         depth = float(np.mean(-1.0 / L[0::2, 0]))
         twist = np.zeros(6)
         twist[2] = gain * depth * 0.5 * np.log(_compute_area(desired) / _compute_area(points))
         twist[5] = gain * float(wrap(_compute_angle(points) - _compute_angle(desired)))
-        rest = wanted - measured.error_drift - L @ twist
+        rest = desired_rate - measured.error_drift - L @ twist
         twist[~AXIAL_DIRECTIONS] = solve_least_squares(
             np.ascontiguousarray(L[:, ~AXIAL_DIRECTIONS]), rest, ROUNDING_TOLERANCE
         )

@@ -78,9 +78,9 @@ class Predictive(FeatureSchemeBase):
         dt = self.horizon / self.steps
         times = dt * np.arange(1, self.steps + 1)
         rows = np.vstack([tau * L for tau in times])
-        wanted = np.concatenate([(np.exp(-gain * tau) - 1.0) * error for tau in times])
+        desired_change = np.concatenate([(np.exp(-gain * tau) - 1.0) * error for tau in times])
         H = rows.T @ rows + self.effort * np.eye(6)
-        g = -rows.T @ wanted
+        g = -rows.T @ desired_change
         low, high = self._compute_borders(observation, s)
         ahead = self.horizon * L
         found = self._minimize(

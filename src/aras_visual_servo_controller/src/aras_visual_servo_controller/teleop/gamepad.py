@@ -38,8 +38,8 @@ def compute_twist(axes: Sequence[float], buttons: Sequence[int]) -> np.ndarray |
         axes: -1 to 1, positive to the left and up.
         buttons: 1 while pressed.
     """
-    held = [SPEEDS[b] for b in (SLOW, FAST) if b < len(buttons) and buttons[b]]
-    if not held:
+    speeds = [SPEEDS[b] for b in (SLOW, FAST) if b < len(buttons) and buttons[b]]
+    if not speeds:
         return None
     twist = np.zeros(6)
     for i, direction in enumerate(DIRECTIONS):
@@ -48,7 +48,7 @@ def compute_twist(axes: Sequence[float], buttons: Sequence[int]) -> np.ndarray |
         if not np.isfinite(value) or abs(value) < DEADBAND:
             continue
         part = (abs(min(max(value, -1.0), 1.0)) - DEADBAND) / (1.0 - DEADBAND)
-        twist[i] = sign * max(held) * MAX_TWIST[i] * np.copysign(part, value)
+        twist[i] = sign * max(speeds) * MAX_TWIST[i] * np.copysign(part, value)
     return twist
 
 

@@ -474,7 +474,7 @@ def test_elbows_are_found_in_the_chain():
     (elbow,) = find_elbows(make("ur5"))
     assert make("ur5").names[elbow.joint] == "elbow_joint"
     assert find_elbows(make("panda")) == ()
-    with pytest.raises(ConfigurationError, match="J2 is no elbow.*J3"):
+    with pytest.raises(ConfigurationError, match="J2 is not an elbow.*J3"):
         find_elbows(make("aras"), {"J2": 1})
     with pytest.raises(ConfigurationError, match="use -1 or 1"):
         find_elbows(make("aras"), {"J3": 0})

@@ -372,7 +372,7 @@ def test_stereo_follows_a_target_that_was_carried_away():
         ("stereo_points", two(), r"reads 2 cameras: name them, as stereo_points@left,right"),
         ("stereo_points@left", two(), "reads 2 cameras: name them"),
         ("stereo_pose@left,right", {"left": {"model": LEFT}, "right": {"model": RIGHT}},
-         "cameras left and right are 0.0 mm apart and tell no depth"),
+         "cameras left and right are 0.0 mm apart, too close to measure depth"),
     ],
 )  # fmt: skip
 def test_stereo_wants_two_cameras_apart(scheme, cameras, words):

@@ -501,7 +501,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
         there = goal.world_T_camera @ matrix_from_xyz_rpy((0.0, apart, 0.0), (0.0, 0.0, 0.0))
         close = replace(goal, other_cameras={"right": replace(right, world_T_camera=there)})
-        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart and tell no depth"
+        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart, too close to measure depth"
                 if refused else "behind")
         with pytest.raises(ConfigurationError, match=told):
             scheme.check(close)

@@ -87,7 +87,7 @@ class Settings(Parameters):
                 raise ConfigurationError(f"{where}{name} is '', must be a text that is not empty")
             if name in GRAPH_NAMES and not LEGAL_NAME.fullmatch(value or "x"):
                 raise ConfigurationError(
-                    f"{where}{name} is '{value}', which is no name on a ROS graph: use letters, "
+                    f"{where}{name} is '{value}', which is not a ROS graph name: use letters, "
                     "digits, _ and /"
                 )
         settings = cls(**values, package=package)
@@ -237,8 +237,8 @@ class Settings(Parameters):
         if isinstance(arm, Arm) and not np.isfinite(limits.velocity).all():
             name = arm.names[int(np.flatnonzero(~np.isfinite(limits.velocity))[0])]
             raise ConfigurationError(
-                f"nothing limits the speed of {name}: its <limit> in the robot description says no "
-                "velocity: give one there or as ~max_velocity (rad/s, m/s)"
+                f"{name} has no speed limit: add a velocity to its <limit> in the robot "
+                "description, or set ~max_velocity (rad/s, m/s)"
             )
         return limits
 

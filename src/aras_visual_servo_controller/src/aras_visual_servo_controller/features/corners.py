@@ -94,7 +94,7 @@ class CornerFeature(NumberedPoints):
 
     @abstractmethod
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """Compute L (k, 6) for the same arguments."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths 1/Z (n,), 1/m."""
 
     def count_elements(self, count: int) -> int:
         """Return the number of elements for `count` points."""

@@ -107,7 +107,7 @@ class Kernel(Feature):
         return FeatureMeasurement(k, kernel.features, error, L / scale[:, None], ambiguity="180°")
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """Return the accuracy: pixels are counted as a whole, and one row is about a tolerance."""
+        """Return the accuracy: one row of pixels changes a feature by about its tolerance."""
         return np.diag(self.tolerances)
 
     @staticmethod
@@ -131,7 +131,7 @@ def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarr
     # Ratio of the kernel steps to the angular size of a pixel, for rows relative to columns.
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
-    # The rows run along the optical y axis, the columns along x; rows to columns is against z.
+    # Along the rows is the optical y axis, along the columns x; rows to columns is against z.
     L[1, 0] = area * J[1, 1] * fx * DELTA_Y / depth
     L[0, 1] = area * J[0, 0] * fy * DELTA_X / depth
     L[:3, 2] = np.array([row_centre * J[0, 0], column_centre * J[1, 1], J[2, 2]]) * area / depth

@@ -283,7 +283,7 @@ class LuminancePCA(LuminanceMap):
 
     count: ClassVar[int] = 20
     views: ClassVar[int] = 80
-    spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # of the width, rad, of the size
+    spread: ClassVar[tuple[float, float, float]] = (0.1, 0.2, 0.1)  # shift / width, rad, scale
 
     def make_basis(self, rays: _PixelRays) -> np.ndarray:
         """Return the basis B (count, pixels)."""

@@ -34,9 +34,10 @@ from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
 FULL_ALPHA_ORDER = 4  # order of the moments that alpha over the full turn needs, with its L
-# Rms effect of each of HARMONICS displacements of the outline, px times the target's width in px.
-# If image and goal come from the same camera, their errors are nearly equal and SAME_CAMERA_PART
-# remains. Measured on squares of 15 to 55 px, rendered with and without physics (0.01 to 0.04).
+# Rms amplitude of each of HARMONICS displacements of the measured outline, px times the target's
+# width in px. If image and goal come from the same camera, their errors are nearly equal, and only
+# SAME_CAMERA_PART of the amplitude counts. Measured on squares of 15 to 55 px, rendered with and
+# without physics (0.01 to 0.04).
 OUTLINE_ACCURACY, SAME_CAMERA_PART = 0.03, 0.12
 # Relative difference of the second moments below which the target is nearly round: pixel noise then
 # determines alpha, and alpha counts as taught with another camera.
@@ -216,7 +217,7 @@ class ImageMoments(MomentFeature):
     """s = xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
 
     formulas = names = camera_features.PAPER_FEATURES
-    # For means over 1 s. Joint friction leaves smaller errors, camera noise a tenth.
+    # For means over 1 s: joint friction causes smaller errors, camera noise a tenth of these.
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.005)
     units = ("m", "m", "m", "rad")
     directions = LEVEL_CAMERA

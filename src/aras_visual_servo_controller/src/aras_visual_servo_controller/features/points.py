@@ -32,7 +32,7 @@ from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 # If the goal was taught with the same camera, image and goal have nearly the same measurement
 # errors. Their difference is the first number in px plus the second times the mean distance of the
 # points from the goal. Measured on corners of targets 8 to 40 px wide, 0.001 to 0.3 px from the
-# goal: 0.0025 px and 0.15 of the distance; in 120 runs, six tenths of these bound the final errors.
+# goal: 0.0025 px and 0.15 of the distance. About half of this bounds the final errors of 120 runs.
 SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
 # Factor on the corner spread that the sides of the outline give, at a distance of 1 px. It grows
 # with the square root of the distance, for distances above MIN_DISTANCE px. Measured on 1 092

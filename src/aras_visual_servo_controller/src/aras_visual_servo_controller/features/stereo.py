@@ -88,8 +88,8 @@ class StereoPoints(Feature):
         apart = float(np.linalg.norm(self._compute_relative_pose(goal.cameras)[:3, 3]))
         if apart < MIN_DISPARITY * goal.distance:
             raise ConfigurationError(
-                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart "
-                "and tell no depth: move one of them"
+                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart"
+                ", too close to measure depth: move one of them"
             )
         self._set_count(len(self._triangulate_goal(goal)))
 

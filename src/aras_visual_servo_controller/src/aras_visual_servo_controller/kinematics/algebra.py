@@ -29,7 +29,7 @@ def svd(a):
             if not abs(a[i, j]) < np.inf:
                 raise np.linalg.LinAlgError("singular values of a matrix that is not finite")
             largest = max(largest, abs(a[i, j]))
-    rows, turn = np.zeros((r, length)), np.eye(r)  # turn @ the shorter side = rows
+    rows, turn = np.zeros((r, length)), np.eye(r)  # invariant: turn @ (shorter side of a) = rows
     if largest > 0.0:  # scaling prevents overflow and underflow of the squares
         for i in range(r):
             for j in range(length):

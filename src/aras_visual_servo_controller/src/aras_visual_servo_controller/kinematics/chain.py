@@ -156,7 +156,7 @@ def compute_pose_and_jacobian(
     camera, target = np.empty(15), np.empty(15)
     _transform_frame(base if end_joints[0] < 0 else frames[end_joints[0]], tip_frames[0], camera)
     _transform_frame(base if end_joints[1] < 0 else frames[end_joints[1]], tip_frames[1], target)
-    # The camera in the target's frame.
+    # Pose of the camera in the target's frame.
     dx, dy, dz = camera[9] - target[9], camera[10] - target[10], camera[11] - target[11]
     for i in range(3):
         tx, ty, tz = target[i], target[3 + i], target[6 + i]

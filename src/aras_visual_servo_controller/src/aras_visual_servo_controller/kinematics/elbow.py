@@ -62,7 +62,7 @@ def find_elbows(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Elbow,
     for name, side in sides.items():
         if name not in known:
             hint = suggest(name, known)
-            raise ConfigurationError(f"joint {name} is no elbow of this arm; {hint}")
+            raise ConfigurationError(f"joint {name} is not an elbow of this arm; {hint}")
         if side not in (-1, 1):
             raise ConfigurationError(f"side of the elbow {name} is {side!r}: use -1 or 1")
     return tuple(folds)

@@ -21,11 +21,11 @@ MAX_UNCERTAINTY = 0.3
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """L v = desired_rate, with v = (vx, vy, vz, wx, wy, wz) of the camera in its optical frame.
+    """Camera task L v = desired_rate, where v is the camera twist in the optical frame.
 
     A scheme returns a task for each image. `DifferentialIK` finds the joint velocities q_dot that
-    solve L J q_dot = desired_rate in the least-squares sense, with the arm's Jacobian J. v is in
-    m/s and rad/s.
+    solve L J q_dot = desired_rate in the least-squares sense, with the arm's Jacobian J.
+    v = (vx, vy, vz, wx, wy, wz) is in m/s and rad/s.
 
     Attributes:
         L: (k, 6) interaction matrix with all six columns, k <= 6; a taller matrix is reduced to

@@ -20,7 +20,9 @@ class ProportionalIntegral(Law):
 
     gain: float = gain(5.0)
     integral: float = parameter(2.0, "1/s^2", above=0.0, help="gain of the integral")
-    bound: float = parameter(1.0, above=0.0, help="largest integral part over the proportional one")
+    bound: float = parameter(
+        1.0, above=0.0, help="maximum ratio of the integral term to the proportional term"
+    )
 
     def reset(self) -> None:
         """Clear the state kept between images."""

@@ -19,7 +19,9 @@ class SlidingMode(Law):
     """
 
     gain: float = gain(5.0)
-    reach: float = parameter(0.02, "1/s", above=0.0, help="rate of the switch, units of the error")
+    reach: float = parameter(
+        0.02, "1/s", above=0.0, help="rate of the switching term, in units of the error"
+    )
     width: float = parameter(0.01, above=0.0, help="boundary layer, units of the error")
 
     def check(self) -> None:

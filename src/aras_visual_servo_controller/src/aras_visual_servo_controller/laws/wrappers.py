@@ -20,7 +20,9 @@ class ContinuousStart(Law):
     """
 
     law: Law = parameter(internal=True)
-    mu: float = parameter(4.0, "1/s", above=0.0, help="rate at which the first motion is let in")
+    mu: float = parameter(
+        4.0, "1/s", above=0.0, help="rate at which the initial motion is blended in"
+    )
 
     def reset(self) -> None:
         """Clear the state kept between images."""

@@ -17,8 +17,8 @@ from ..records.state import CONVERGED, STOPPED, ServoState
 from ..runner.loop_runner import LoopRunner
 from .ros_publisher import RosPublisher
 
-FEEDBACK_PERIOD = 0.05  # s of wall time
-STATUS_PERIOD = 0.2  # s of wall time, as in actionlib
+FEEDBACK_PERIOD = 0.05  # s of wall time between two feedback messages
+STATUS_PERIOD = 0.2  # s of wall time between two status messages, as in actionlib
 
 
 class LoopOwner(Protocol):

@@ -21,7 +21,7 @@ from .node_settings import read_node_settings
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
-WATCH_PERIOD = 0.02  # s of wall time
+WATCH_PERIOD = 0.02  # s of wall time between two checks
 SHUTDOWN_TIME = 0.2  # s of wall time for rospy's threads to send the last messages
 
 

@@ -25,7 +25,7 @@ def read_node_settings() -> tuple[Settings, dict[str, object]]:
     raw_settings.pop(GAINS[1:], None)
     raw_settings.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
     settings = Settings.from_mapping(raw_settings, find_package_folder())
-    settings.list_cameras(settings.make_scheme())  # reports a wrong scheme before a robot is there
+    settings.list_cameras(settings.make_scheme())  # report errors now, without a robot
     if settings.desired != "auto":
         settings.load_goal()
     return settings, raw_settings

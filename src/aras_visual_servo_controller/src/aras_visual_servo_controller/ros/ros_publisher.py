@@ -17,8 +17,8 @@ from .commands import CommandTopics, publish
 from .foreign_commands import ForeignCommandListener
 from .messages import make_report_message, make_state_message
 
-LISTENERS_TIMEOUT = 5.0  # s of wall time
-REPEAT_WARNING = 5.0  # s of wall time
+LISTENERS_TIMEOUT = 5.0  # s of wall time to wait for a recorder
+REPEAT_WARNING = 5.0  # s of wall time between two warnings
 
 
 class RosPublisher:

@@ -141,7 +141,7 @@ class Scheme(SchemeBase):
 
 
 class JointController(SchemeBase):
-    """A controller that computes joint commands itself, such as MPC; constructed as `Yours()`.
+    """A controller that computes joint commands itself, such as MPC; constructed without arguments.
 
     `process_image` is called for each image. `update` is called for each joint state and returns
     positions, velocities or accelerations of the n joints in the order of `arm.names`. The

@@ -19,9 +19,9 @@ from aras_visual_servo_base.poses import logarithm
 from ..features.base import FeatureMeasurement
 from ..observation.observation import Observation
 
-# Length of 1 rad, as a part of the translation that moves the features as far as 1 rad does.
+# Weight of 1 rad, as a part of the translation that moves the features as far as 1 rad does.
 ROTATION_WEIGHT = 0.5
-MIN_STEP = 1 / 600  # part of that translation; half of a feature change so small is noise
+MIN_STEP = 1 / 600  # part of that translation at which half of the feature change is noise
 UNKNOWN_MOTION = 0.6  # m; that translation if L is zero
 LONGEST_JUMP = 1.0  # a larger change of an error is an angle that wrapped
 

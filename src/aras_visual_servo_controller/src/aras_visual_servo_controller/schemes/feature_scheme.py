@@ -79,7 +79,7 @@ class FeatureScheme(FeatureSchemeBase):
             )
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
         self.ratio = None if ratio is None else np.array(ratio, float)
-        # With another L than that of the current view, the error does not reveal camera errors.
+        # The error can reveal a wrong camera model only if L belongs to the current view.
         self.can_check_camera = interaction == "current" and self.feature.is_geometric
         self._filter_state: tuple[float, np.ndarray] | None = None
 

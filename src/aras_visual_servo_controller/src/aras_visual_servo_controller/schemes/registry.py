@@ -65,7 +65,7 @@ def create_scheme(
             made.cameras = cameras[0]
         return made
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
-        raise ConfigurationError(f"scheme '{wrong[0]}' is no feature: it cannot be stacked")
+        raise ConfigurationError(f"scheme '{wrong[0]}' is not a feature and cannot be stacked")
     features = [
         construct("scheme", n, cls, ConfigurationError)
         for n, cls in zip(names, found, strict=True)
@@ -124,7 +124,7 @@ def check_scheme(scheme: object, name: str) -> object:
         if not hasattr(scheme, attribute):
             raise ConfigurationError(f"scheme '{name}': {type(scheme).__name__} has no {attribute}")
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
-        if isinstance(getattr(scheme, attribute), single):  # one, not in a tuple
+        if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
             value = getattr(scheme, attribute)
             setattr(scheme, attribute, (value,) if value else ())
     if np.ndim(scheme.tolerances) == 0 and isinstance(scheme.tolerances, int | float):

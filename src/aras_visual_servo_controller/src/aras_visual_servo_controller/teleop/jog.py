@@ -120,7 +120,7 @@ class Jog:
         return self._command.copy()
 
     def _ramp(self, desired: np.ndarray, dt: float) -> None:
-        """Move the ramped speed towards the desired one on a straight line of the speed space."""
+        """Move the ramped speed towards the desired one, so that a twist keeps its direction."""
         max_speeds = np.array(MAX_TWIST) if self._is_camera_twist else self.max_speeds
         difference = desired - self._ramped
         largest = float(np.max(np.abs(difference) / max_speeds))

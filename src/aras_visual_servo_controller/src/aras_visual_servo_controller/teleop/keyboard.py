@@ -39,7 +39,7 @@ KEYS = {
     "\x1b[A": ("along", STEP),
     "\x1b[B": ("along", -STEP),
 }
-# Row of the camera's twist, and sign: x right, y down, z forward.
+# Component of the camera twist and its sign for each key: x right, y down, z forward.
 CAMERA_KEYS = {
     "a": (0, -1.0), "d": (0, 1.0), "w": (1, -1.0), "s": (1, 1.0), "r": (2, 1.0), "f": (2, -1.0),
     "i": (3, 1.0), "k": (3, -1.0), "o": (4, 1.0), "u": (4, -1.0), "l": (5, 1.0), "j": (5, -1.0),

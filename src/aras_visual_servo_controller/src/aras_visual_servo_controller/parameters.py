@@ -196,11 +196,11 @@ class Parameters:
         for key, topic in (("namespace", "image_raw"), ("features", "moments")):
             used_by: dict[str, str] = {}
             for name in self.cameras:
-                space = getattr(self.get_camera(name), key)
-                if (other := used_by.setdefault(space, name)) != name:
+                namespace = getattr(self.get_camera(name), key)
+                if (other := used_by.setdefault(namespace, name)) != name:
                     raise ConfigurationError(
-                        f"{where}cameras: {other} and {name} both listen to {space}/{topic}: give "
-                        f"each its own {key}"
+                        f"{where}cameras: {other} and {name} both listen to {namespace}/{topic}: "
+                        f"give each its own {key}"
                     )
 
 

@@ -279,18 +279,18 @@ class Settings(Parameters):
             ConfigurationError: a parameter names an unknown joint.
         """
         sides = self.elbow
-        folds = find_elbows(arm)
+        elbows = find_elbows(arm)
         if isinstance(sides, float):
-            sides = {arm.names[fold.joint]: sides for fold in folds}
+            sides = {arm.names[elbow.joint]: sides for elbow in elbows}
         if not isinstance(sides, Mapping | None):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
         if sides and self.joints:  # ignore elbows whose joints are not all in use
-            elbows = [arm.names[fold.joint] for fold in folds]
-            sides = {n: s for n, s in sides.items() if n in elbows or n not in arm.names}
+            elbow_names = [arm.names[elbow.joint] for elbow in elbows]
+            sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:
-            folds = find_elbows(arm, sides)
+            elbows = find_elbows(arm, sides)
         tasks: list[SecondaryTask] = []
         if self.posture or self.limit_avoidance or self.singularity_avoidance:
             from .kinematics import JointLimitAvoidance, PostureTask, SingularityAvoidance
@@ -304,7 +304,7 @@ class Settings(Parameters):
         numbers = IKSettings(hold_gain=self.hold_gain)
         if goal is not None and is_free_camera(arm):
             numbers = IKSettings.for_free_camera(goal.distance, self.hold_gain)
-        return DifferentialIK(arm, limits, tasks, numbers, folds)
+        return DifferentialIK(arm, limits, tasks, numbers, elbows)
 
     def make_servo(
         self,

@@ -18,6 +18,7 @@ def svd(a):
     r = min(m, n), which may be 0; the singular values are in descending order. The algorithm is
     one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). The
     vector of a zero singular value is 0 on the longer side.
+
     Raises:
         numpy.linalg.LinAlgError: an element is not finite.
     """

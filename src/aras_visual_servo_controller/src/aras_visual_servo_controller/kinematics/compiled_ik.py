@@ -268,8 +268,8 @@ def _solve_within_ranges(
     solution, spare = fixed, fixed
     for _ in range(count + 1):
         near, back = False, True
-        for fold in elbows:
-            near |= free[int(fold[0])] and abs(q[int(fold[0])] - fold[1]) < reach_bend
+        for elbow in elbows:
+            near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
         if near:  # try the Jacobian of bent elbows, used if it bends the elbows further
             solution, spare = _solve_damped(
                 bent_jacobian,
@@ -283,11 +283,11 @@ def _solve_within_ranges(
                 damping[1],
                 limits[4],
             )
-            for fold in elbows:
-                joint = int(fold[0])
-                bend = q[joint] - fold[1]
+            for elbow in elbows:
+                joint = int(elbow[0])
+                bend = q[joint] - elbow[1]
                 if free[joint] and abs(bend) < reach_bend:
-                    side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else fold[2]
+                    side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
                     back &= solution[joint] * side > 0.0
         if not (near and back):
             solution, spare = _solve_damped(
@@ -303,10 +303,10 @@ def _solve_within_ranges(
                 limits[4],
             )
         done = True
-        for fold in elbows:
-            joint = int(fold[0])
-            if free[joint] and _passes_straight(q, fold, solution, reach_bend, dt):
-                fixed[joint] = -0.5 * (q[joint] - fold[1]) / dt
+        for elbow in elbows:
+            joint = int(elbow[0])
+            if free[joint] and _passes_straight(q, elbow, solution, reach_bend, dt):
+                fixed[joint] = -0.5 * (q[joint] - elbow[1]) / dt
                 free[joint], straight, done = False, True, False
         if not done:
             continue
@@ -339,15 +339,15 @@ def _bend_elbows(q, elbows, reach_bend):
     `elbows` has one row of the fields of Elbow for each elbow.
     """
     bent, other = q.copy(), False
-    for fold in elbows:
-        joint = int(fold[0])
-        bend = q[joint] - fold[1]
+    for elbow in elbows:
+        joint = int(elbow[0])
+        bend = q[joint] - elbow[1]
         if abs(bend) < reach_bend:
-            side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else fold[2]
+            side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
             more, other = side * reach_bend - bend, True
             bent[joint] += more
-            bent[int(fold[3])] += fold[5] * more
-            bent[int(fold[4])] += fold[6] * more
+            bent[int(elbow[3])] += elbow[5] * more
+            bent[int(elbow[4])] += elbow[6] * more
     return bent, other
 
 
@@ -480,9 +480,9 @@ def solve_velocities(
         low, high = compute_velocity_ranges(q, limits, REUSE_TIME)
         for i in range(len(q)):
             reusable &= low[i] <= velocities[i] <= high[i]
-        for fold in elbows:
+        for elbow in elbows:
             reusable &= not (
-                moving[int(fold[0])] and _passes_straight(q, fold, velocities, reach, REUSE_TIME)
+                moving[int(elbow[0])] and _passes_straight(q, elbow, velocities, reach, REUSE_TIME)
             )
     return (
         velocities, primary, twist, multiply_vector(jacobian, velocities), missing, part, slowest,

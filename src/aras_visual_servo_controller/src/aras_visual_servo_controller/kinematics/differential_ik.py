@@ -136,7 +136,7 @@ class DifferentialIK:
         units = np.where(arm.is_prismatic, self.settings.prismatic_unit, 1.0)
         self.limit_rows = np.array([*astuple(self.limits)[1:], units], float)
         self.has_acceleration_limits = bool(np.isfinite(self.limits.acceleration).any())
-        self.elbow_rows = np.array([astuple(fold) for fold in self.elbows], float).reshape(-1, 7)
+        self.elbow_rows = np.array([astuple(elbow) for elbow in self.elbows], float).reshape(-1, 7)
         range_tasks: list[JointRangeTask] = []
         if self.tasks:
             from .secondary_tasks import JointRangeTask

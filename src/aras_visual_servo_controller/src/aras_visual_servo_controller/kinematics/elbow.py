@@ -53,19 +53,19 @@ def find_elbows(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Elbow,
     """
     sides = sides or {}
     places, axes = arm.joint_frames(np.zeros(len(arm.names)))
-    folds = []
+    elbows = []
     for joint in range(1, len(arm.names) - 1):
-        fold = _make_elbow(arm, joint, places, axes, sides.get(arm.names[joint], 1.0))
-        if fold is not None:
-            folds.append(fold)
-    known = [arm.names[fold.joint] for fold in folds]
+        elbow = _make_elbow(arm, joint, places, axes, sides.get(arm.names[joint], 1.0))
+        if elbow is not None:
+            elbows.append(elbow)
+    known = [arm.names[elbow.joint] for elbow in elbows]
     for name, side in sides.items():
         if name not in known:
             hint = suggest(name, known)
             raise ConfigurationError(f"joint {name} is not an elbow of this arm; {hint}")
         if side not in (-1, 1):
             raise ConfigurationError(f"side of the elbow {name} is {side!r}: use -1 or 1")
-    return tuple(folds)
+    return tuple(elbows)
 
 
 def _make_elbow(

@@ -224,9 +224,9 @@ def _reduce_rows(
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
     """Reduce L to six rows with the same normal equations, and so the same solutions.
 
-    With L^T L = V S^2 V^T, the rows are S V^T and the rates S^-1 V^T L^T rate. A smaller matrix is
-    reduced by a QR decomposition instead, which keeps full precision. An accuracy that is one
-    number does not change.
+    With L^T L = V S^2 V^T, the rows are S V^T and the rates S^-1 V^T L^T rate. A matrix of up
+    to 512 rows is reduced by a QR decomposition instead, which keeps full precision. An accuracy
+    that is one number does not change.
     """
     apart = np.ndim(accuracy) == 2
     if len(L) <= 512:

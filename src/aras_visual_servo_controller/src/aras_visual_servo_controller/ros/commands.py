@@ -38,25 +38,25 @@ class CommandTopics:
         Raises:
             ConfigurationError: the controllers of a joint accept other commands only.
         """
-        space, group = settings.namespace.rstrip("/"), settings.command_topic
+        namespace, group = settings.namespace.rstrip("/"), settings.command_topic
         self._names, self.is_self_subscribed = tuple(names), False
         self._order = range(len(names))
         self._group_publisher: rospy.Publisher | None = None
         self._joint_publishers: dict[str, rospy.Publisher] = {}
         if group:
-            topic = group if group.startswith("/") else f"{space}/{group}"
+            topic = group if group.startswith("/") else f"{namespace}/{group}"
             self._group_publisher = rospy.Publisher(topic, Float64MultiArray, queue_size=QUEUE_SIZE)
             return
         found = choose_controllers(
-            get_namespace(space or "/"), names, kind, settings.controllers, space
+            get_namespace(namespace or "/"), names, kind, settings.controllers, namespace
         )
         if found[0].is_group:
-            topic = f"{space}/{found[0].name}/command"
+            topic = f"{namespace}/{found[0].name}/command"
             self._order = [list(names).index(joint) for joint in found[0].joints]
             self._group_publisher = rospy.Publisher(topic, Float64MultiArray, queue_size=QUEUE_SIZE)
             return
         for name, one in zip(names, found, strict=True):
-            topic = f"{space}/{one.name}/command"
+            topic = f"{namespace}/{one.name}/command"
             self._joint_publishers[name] = rospy.Publisher(topic, Float64, queue_size=QUEUE_SIZE)
 
     def send(self, values: np.ndarray, joint: str = "") -> None:

@@ -67,24 +67,24 @@ class LoopServices:
         start_time, initial_state = None, self._owner.publisher.latest_state
         self._owner.runner.start()
         while not rospy.is_shutdown():
-            driver, state = self._owner.runner, self._owner.publisher.latest_state
+            runner, state = self._owner.runner, self._owner.publisher.latest_state
             if self._action.is_preempt_requested():
-                driver.stop("preempted")
+                runner.stop("preempted")
                 self._action.set_preempted(self._make_result("stopped", "preempted"))
                 return
-            phase, outcome = driver.servo.phase, driver.servo.outcome
+            phase, outcome = runner.servo.phase, runner.servo.outcome
             if state is not None and state is not initial_state:
                 self._action.publish_feedback(_make_feedback(state))
                 if state.phase == CONVERGED:
                     self._action.set_succeeded(self._make_result(state.outcome, state.reason))
                     return
             if phase == STOPPED:
-                reason = outcome.reason or driver.servo.reason
+                reason = outcome.reason or runner.servo.reason
                 self._action.set_aborted(self._make_result(outcome.kind, reason, outcome.remedy))
                 return
             start_time = rospy.get_time() if start_time is None else start_time
             if 0.0 < goal.timeout < rospy.get_time() - start_time:
-                driver.stop("the timeout of the action goal has expired")
+                runner.stop("the timeout of the action goal has expired")
                 kind = outcome.kind if outcome.kind != "running" else "timed_out"
                 reason = outcome.reason or f"not converged within {goal.timeout:g} s"
                 self._action.set_aborted(self._make_result(kind, reason, outcome.remedy))

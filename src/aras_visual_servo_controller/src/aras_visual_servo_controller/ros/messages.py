@@ -41,21 +41,21 @@ def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, 
     message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
     message.header.frame_id = frame
     message.joint_names = list(names)
-    decision, resolution = state.scheme_output, state.ik_solution
-    if decision is not None:
-        message.feature_names = list(decision.names)
-        message.features = np.asarray(decision.features).tolist()
-        message.desired_features = np.asarray(decision.desired).tolist()
-        message.error = np.asarray(decision.error).tolist()
+    output, solution = state.scheme_output, state.ik_solution
+    if output is not None:
+        message.feature_names = list(output.names)
+        message.features = np.asarray(output.features).tolist()
+        message.desired_features = np.asarray(output.desired).tolist()
+        message.error = np.asarray(output.error).tolist()
     message.camera_twist = make_twist_message(state.desired_twist)
     if state.joints is not None:
         message.joint_positions = state.joints.positions.tolist()
     if state.command is not None:
         message.joint_commands = state.command.tolist()
     message.joint_velocities = [0.0] * len(names)
-    if resolution is not None:
-        message.joint_velocities = resolution.velocities.tolist()
-        message.singular_values = resolution.singular_values.tolist()
+    if solution is not None:
+        message.joint_velocities = solution.velocities.tolist()
+        message.singular_values = solution.singular_values.tolist()
     return message
 
 
@@ -72,19 +72,19 @@ def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> Ser
     )
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
     message.scale, message.computation_time = 1.0, state.computation_time
-    left = state.arrival_status.pose_uncertainty or PoseUncertainty()
-    message.open_distance, message.open_angle = left.distance, left.angle
+    uncertainty = state.arrival_status.pose_uncertainty or PoseUncertainty()
+    message.open_distance, message.open_angle = uncertainty.distance, uncertainty.angle
     if state.scheme_output is not None and state.scheme_output.filtered_error is not None:
         message.filtered_error = np.asarray(state.scheme_output.filtered_error).tolist()
-    resolution = state.ik_solution
-    if resolution is not None:
-        message.infeasible_twist = make_twist_message(resolution.infeasible_twist)
-        message.rank_lj = resolution.rank
-        message.singular_values_lj = resolution.singular_values.tolist()
-        message.null_direction = resolution.null_direction.tolist()
-        message.manipulability = resolution.manipulability
-        message.margins = resolution.margins.tolist()
-        message.scale = resolution.scale
+    solution = state.ik_solution
+    if solution is not None:
+        message.infeasible_twist = make_twist_message(solution.infeasible_twist)
+        message.rank_lj = solution.rank
+        message.singular_values_lj = solution.singular_values.tolist()
+        message.null_direction = solution.null_direction.tolist()
+        message.manipulability = solution.manipulability
+        message.margins = solution.margins.tolist()
+        message.scale = solution.scale
     return message
 
 

@@ -35,17 +35,17 @@ class RosPublisher:
     def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
         """Advertise the topics; `frame` is the optical frame of the control camera."""
         self._settings, self.names, self._frame = settings, tuple(names), frame
-        space = settings.namespace.rstrip("/")
+        namespace = settings.namespace.rstrip("/")
         self.command_topics = CommandTopics(settings, self.names, settings.output)
         self.foreign_commands = ForeignCommandListener(self.command_topics)
         self.state_publisher = rospy.Publisher(
-            f"{space}/controller/state", ServoState, queue_size=5
+            f"{namespace}/controller/state", ServoState, queue_size=5
         )
         self._report_publisher = rospy.Publisher(
-            f"{space}/controller/diagnosis", ServoReport, queue_size=5
+            f"{namespace}/controller/diagnosis", ServoReport, queue_size=5
         )
         self._twist_publisher = rospy.Publisher(
-            f"{space}/controller/camera_twist", TwistStamped, queue_size=5
+            f"{namespace}/controller/camera_twist", TwistStamped, queue_size=5
         )
         self.latest_state: State | None = None
         self._logged, self._log_time = ("", ""), -math.inf

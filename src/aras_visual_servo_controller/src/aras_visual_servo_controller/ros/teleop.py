@@ -34,7 +34,7 @@ class Teleop:
         """Connect to the robot; ConfigurationError without a robot or for an unknown joint."""
         settings, arm = read_robot_settings({})
         self._arm = arm
-        self._limits, self._space = settings.make_limits(arm), settings.namespace.rstrip("/")
+        self._limits, self._namespace = settings.make_limits(arm), settings.namespace.rstrip("/")
         self._joints = {
             way: str(rospy.get_param(f"~{way}", name))
             for way, name in keyboard.choose_step_joints(arm.names).items()
@@ -49,7 +49,8 @@ class Teleop:
         self._has_joint_state, self._jog_lock = threading.Event(), threading.Lock()
         self._has_stopped_controller, self._last_reason = False, ""
         self._gamepad: JoyDevice | None = None
-        rospy.Subscriber(f"{self._space}/joint_states", JointState, self._on_joints, queue_size=1)
+        topic = f"{self._namespace}/joint_states"
+        rospy.Subscriber(topic, JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
         with contextlib.suppress(OSError):  # no gamepad: the keyboard is enough
@@ -61,7 +62,7 @@ class Teleop:
         if self._gamepad is not None:
             print(HELP)
         while not self._has_joint_state.wait(2.0):
-            print(f"waiting for joint states on {self._space}/joint_states")
+            print(f"waiting for joint states on {self._namespace}/joint_states")
         command = self._measured
         with keyboard.raw_terminal():
             while not rospy.is_shutdown():
@@ -121,7 +122,7 @@ class Teleop:
         if self._has_stopped_controller:
             return
         self._has_stopped_controller = True
-        if stop_controller(self._space):
+        if stop_controller(self._namespace):
             print("the controller is stopped; its service start resumes it")
 
     def _on_joints(self, message: JointState) -> None:

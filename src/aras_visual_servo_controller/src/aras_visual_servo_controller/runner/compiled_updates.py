@@ -152,43 +152,43 @@ class CompiledUpdates:
 
     def __init__(self, runner: LoopRunner) -> None:
         self._runner = runner
-        servo, resolver = runner.servo, runner.servo.differential_ik
+        servo, differential_ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
         # User-defined inverse kinematics, tasks and arms can only be called from Python.
         self._is_possible = (
-            type(arm) is Arm and type(resolver) is DifferentialIK and not resolver.other_tasks
+            type(arm) is Arm and type(ik) is DifferentialIK and not ik.other_tasks
             and settings.output == "position"
             and not (runner.settings.lockstep or runner.settings.dry)
         )  # fmt: skip
         if self._is_possible:
-            self._constant_arguments = (resolver.range_tasks, resolver.elbow_rows,
-                resolver.limit_rows,
-                           resolver.has_acceleration_limits)  # fmt: skip
+            self._constant_arguments = (
+                ik.range_tasks, ik.elbow_rows, ik.limit_rows, ik.has_acceleration_limits,
+            )  # fmt: skip
 
     def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
         """Return the arguments of `process_joint_state` from `chain` on.
 
         Return None if Python must process the next joint state.
         """
-        driver = self._runner
-        servo, newest = driver.servo, driver.history.newest
-        pursuit, motion, resolver = servo.executor, servo.integrator, servo.differential_ik
-        task, pending = pursuit.task, pursuit.pending_tasks
+        runner = self._runner
+        servo, newest = runner.servo, runner.history.newest
+        executor, integrator, differential_ik = servo.executor, servo.integrator, servo.differential_ik
+        task, pending = executor.task, executor.pending_tasks
         if (
-            not self._is_possible or newest is None or task is None or pursuit.is_joint_controlled
-            or not servo.is_only_executing or driver.sent_values is None
-            or resolver.goal is None or "solve" in vars(resolver)
+            not self._is_possible or newest is None or task is None or executor.is_joint_controlled
+            or not servo.is_only_executing or runner.sent_values is None
+            or ik.goal is None or "solve" in vars(ik)
         ):  # fmt: skip
             return None
         following = pending[0][1] if pending else task
         if following.L.shape != task.L.shape:
             return None
         settings = servo.settings
-        cached = pursuit.cached_velocities or (-inf, np.zeros(len(motion.names)), 0.0, "")
-        self._clock = np.array([driver.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
+        cached = executor.cached_velocities or (-inf, np.zeros(len(integrator.names)), 0.0, "")
+        self._clock = np.array([runner.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
         self._rows = np.array([
-            motion.command, motion.velocity, cached[1], driver.sent_values, newest.positions,
-            newest.velocities, np.zeros(len(motion.names)),
+            integrator.command, integrator.velocity, cached[1], runner.sent_values,
+            newest.positions, newest.velocities, np.zeros(len(integrator.names)),
         ])  # fmt: skip
         due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
         numbers = np.array([
@@ -197,9 +197,9 @@ class CompiledUpdates:
         ])  # fmt: skip
         both = task, following
         return (
-            tuple(servo.arm.chain), self._clock, self._rows, resolver.last_velocities,
-            servo.arm.plausible_bounds, motion.lead, numbers, resolver.setting_values,
-            resolver.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
+            tuple(servo.arm.chain), self._clock, self._rows, ik.last_velocities,
+            servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
+            ik.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
             np.array([t.modelled for t in both]), *self._constant_arguments,
         )  # fmt: skip
 
@@ -218,22 +218,24 @@ class CompiledUpdates:
             samples: joint states (m, 2, n), of which the first len(stamps) were processed.
             commands: commands (m, n).
         """
-        driver, clock, rows = self._runner, self._clock, self._rows
-        servo = driver.servo
-        pursuit, names = servo.executor, servo.arm.names
+        runner, clock, rows = self._runner, self._clock, self._rows
+        servo = runner.servo
+        executor, names = servo.executor, servo.arm.names
         if clock[TASK]:
-            pursuit.task = pursuit.pending_tasks.popleft()[1]
-        pursuit.cached_velocities = clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), ""
+            executor.task = executor.pending_tasks.popleft()[1]
+        executor.cached_velocities = (
+            clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), "",
+        )  # fmt: skip
         if not stamps:
             return
         for array in (samples, commands):
             array.setflags(write=False)
-        taken = [
+        processed = [
             JointSample(stamp, names, *sample)
             for stamp, sample in zip(stamps, samples, strict=False)
         ]
         servo.integrator.set_command(rows[COMMAND], rows[VELOCITY])
         servo.apply_updates(
-            taken[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
+            processed[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
         )
-        driver.apply_updates(taken, commands, rows[SENT_COMMAND], clock.item(SENT_AT))
+        runner.apply_updates(processed, commands, rows[SENT_COMMAND], clock.item(SENT_AT))

@@ -47,15 +47,15 @@ def compute(
     name = name or type(scheme).__name__
     is_controller = isinstance(scheme, JointController)
     answer = scheme.process_image if is_controller else scheme.compute
-    decision = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
-    if not isinstance(decision, SchemeOutput):
+    output = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
+    if not isinstance(output, SchemeOutput):
         raise SchemeError(
-            f"scheme {name} returned {type(decision).__name__} instead of a SchemeOutput"
+            f"scheme {name} returned {type(output).__name__} instead of a SchemeOutput"
         )
-    count = len(tuple(decision.names))
+    count = len(tuple(output.names))
     arrays = {}
     for field in ("features", "desired", "error"):
-        array = to_float_array(getattr(decision, field))
+        array = to_float_array(getattr(output, field))
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
             raise SchemeError(f"scheme {name} returned {field} of {shape} for {count} names")
@@ -74,18 +74,18 @@ def compute(
             f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers "
             "above 0 are needed, one for each name"
         )
-    rate = to_float_array(decision.error_drift)
+    rate = to_float_array(output.error_drift)
     if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
         raise SchemeError(
-            f"scheme {name} returned the error_drift {decision.error_drift}: one finite number for "
+            f"scheme {name} returned the error_drift {output.error_drift}: one finite number for "
             "each name is needed"
         )
     if is_controller:
-        return dataclasses.replace(decision, task=None, **arrays)
-    if not isinstance(decision.task, Task):
+        return dataclasses.replace(output, task=None, **arrays)
+    if not isinstance(output.task, Task):
         raise SchemeError(
-            f"scheme {name} returned the task {type(decision.task).__name__} instead of a Task"
+            f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
-    if all(arrays[field] is getattr(decision, field) for field in arrays):
-        return decision  # the usual case: no array was converted
-    return dataclasses.replace(decision, **arrays)
+    if all(arrays[field] is getattr(output, field) for field in arrays):
+        return output  # the usual case: no array was converted
+    return dataclasses.replace(output, **arrays)

@@ -152,7 +152,7 @@ class CompiledUpdates:
 
     def __init__(self, runner: LoopRunner) -> None:
         self._runner = runner
-        servo, differential_ik = runner.servo, runner.servo.differential_ik
+        servo, ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
         # User-defined inverse kinematics, tasks and arms can only be called from Python.
         self._is_possible = (
@@ -172,7 +172,7 @@ class CompiledUpdates:
         """
         runner = self._runner
         servo, newest = runner.servo, runner.history.newest
-        executor, integrator, differential_ik = servo.executor, servo.integrator, servo.differential_ik
+        executor, integrator, ik = servo.executor, servo.integrator, servo.differential_ik
         task, pending = executor.task, executor.pending_tasks
         if (
             not self._is_possible or newest is None or task is None or executor.is_joint_controlled

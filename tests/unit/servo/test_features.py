@@ -782,7 +782,7 @@ def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="goal does not say the target's depth"):
+    with pytest.raises(ConfigurationError, match="goal contains no depth of the target"):
         feature.check(replace(goal, depth=None, plane=None))
     nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":

@@ -89,7 +89,7 @@ class Feature(ABC):
         directions: (6,) bool, camera directions vx ... wz that it controls; the others are held.
         weights: (k,) of the components in the least squares; None: all equal.
         is_geometric: whether s follows from the image positions of the target's points. The output
-            of a network does not, so a deviation from L says nothing about the camera.
+            of a network does not, so a deviation from L does not indicate a camera error.
         is_stackable: whether it can be a part of a Stack. False if it has an error_summary, so that
             other numbers are compared with the tolerances than those the law gets.
     """

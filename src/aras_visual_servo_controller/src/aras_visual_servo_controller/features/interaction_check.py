@@ -162,7 +162,7 @@ def _compare_rows(
         name = feature.names[row] if row < len(feature.names) else str(row)
         raise SchemeError(
             f"{feature.name}: row '{name}' of L is off by {100.0 * relative[row]:.2g} % (tolerance "
-            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L says "
+            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L is "
             f"{actual:.4g}, finite differences {found:.4g}"
         )
     return relative

@@ -54,7 +54,7 @@ class _GoalMoments:
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:

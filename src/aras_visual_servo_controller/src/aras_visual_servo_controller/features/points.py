@@ -78,7 +78,7 @@ class PointFeature(Feature):
         corners = self.read_desired_points(goal)
         self._set_count(len(corners))
         if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """Return the data of the view at the goal that the goal file stores."""

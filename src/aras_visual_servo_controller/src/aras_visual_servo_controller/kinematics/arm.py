@@ -319,7 +319,7 @@ def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint
         if link == camera_frame:
             return path
         raise DescriptionError(
-            f"link '{link}' carries no camera sensor that would say along which axis it looks: "
+            f"link '{link}' carries no camera sensor that defines a viewing direction: "
             f"describe '{camera_frame}' in it, z forward, x right and y down, or name as "
             "camera_frame a link that looks along its z axis"
         )

@@ -104,7 +104,7 @@ class ImageInput:
             message.header.stamp.to_nsec(), image.pixels, image.encoding, depth,
             name=self._observer.name, target_mask=labelled, camera=camera,
         )  # fmt: skip
-        look: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
+        observe_frame: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
             frame, joints, self._observer, commands=commands
         )
-        self._runner.add_image(frame.stamp, look, frame.name)
+        self._runner.add_image(frame.stamp, observe_frame, frame.name)

@@ -63,7 +63,7 @@ class MeasurementInput:
         )  # fmt: skip
         frame = Frame(message.header.stamp.to_nsec(), name=self._observer.name, camera=camera,
                       target=target)  # fmt: skip
-        look: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
+        observe_frame: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
             frame, joints, self._observer, commands=commands
         )
-        self._runner.add_image(frame.stamp, look, frame.name)
+        self._runner.add_image(frame.stamp, observe_frame, frame.name)

@@ -23,7 +23,7 @@ SPEEDS = {SLOW: 0.3, FAST: 1.0}  # part of the maximum speeds
 AXES = {"vx": (0, -1.0), "vy": (1, -1.0), "wz": (3, -1.0), "vz": (4, 1.0), "wy": (6, -1.0),
         "wx": (7, 1.0)}  # fmt: skip
 HELP = """gamepad: hold a shoulder button (left: slow, right: fast)
-    left stick    along the picture       right stick    along the view, turn about it
+    left stick    parallel to the image   right stick    along and about the optical axis
     cross         tilt"""
 
 EVENT = struct.Struct("IhBB")  # joydev event: time (ms), value, kind, number

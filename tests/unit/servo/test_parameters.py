@@ -107,7 +107,7 @@ def test_the_goal_follows_the_start():
         ({"joints": "J1"}, "~joints is 'J1', must be a list"),
         ({"package": "/"}, "unknown parameter ~package"),
         ({"namespace": "my robot"}, "~namespace is 'my robot', which is not a ROS graph name"),
-        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is no name"),
+        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is not a ROS graph name"),
         ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
     ],
 )

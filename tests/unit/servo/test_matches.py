@@ -228,7 +228,7 @@ def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
 def test_matches_all_in_one_place_agree_on_nothing(picture, monkeypatch):
     told = np.tile([70.0, 100.0], (16, 1))
     feature, goal, seen = matched(picture, monkeypatch, np.full((16, 2), 90.0), told)
-    with pytest.raises(MeasurementError, match="16 keypoints match .*, 8 consistent ones are needed"):
+    with pytest.raises(MeasurementError, match="16 keypoints match .*, 8 consistent ones are"):
         feature.measure(seen, goal)
 
 

@@ -461,7 +461,7 @@ def test_what_is_not_seen_or_was_not_shown_is_said(flown):
         seen.valid, seen.moments, goal.moments = True, None, None
         with pytest.raises(MeasurementError, match="not visible"):
             scheme.compute(seen, goal, 0.0)
-        with pytest.raises(ConfigurationError, match="home holds no moments: teach it again"):
+        with pytest.raises(ConfigurationError, match="home holds no moments: teach it anew"):
             scheme.check(goal)
 
 

@@ -175,7 +175,7 @@ def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeyp
     two = RosPublisher(Settings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye")
     two.state_publisher.impl.connections = [None]
     two.wait_for_listeners()
-    assert 105.0 < now[0] < 105.1 and "has 1 of 2 listeners after 5 s" in graph.lines[0]
+    assert 105.0 < now[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]
     two.state_publisher.impl.connections = [None, None]
     two.wait_for_listeners()
     assert now[0] < 105.1 and len(graph.lines) == 1

@@ -297,7 +297,7 @@ def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done
-    assert why.startswith("no controller runs now: goal_2016.yaml holds no picture"), why
+    assert why.startswith("no controller runs now: goal_2016.yaml holds no image"), why
     wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
     wait_for(lambda: not viewer.told["state"]["controller"], 20.0, "the same of its state")
     # Corners, which the goal's file does not hold, are those of the target's geometry.

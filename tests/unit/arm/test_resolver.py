@@ -94,7 +94,7 @@ def test_fewer_joints_do_what_they_can(joints):
     best = np.linalg.lstsq(scaled, L @ twist, rcond=None)[0]
     assert np.abs(answer.velocities - best).max() < 1e-9
     assert np.abs(answer.infeasible_twist - (twist - arm.jacobian(q) @ best)).max() < 1e-9
-    assert answer.reasons[0].startswith("lost, the arm cannot do it here: ")
+    assert answer.reasons[0].startswith("the arm cannot produce this motion here: ")
     assert answer.rank == len(joints) and len(answer.singular_values) == len(joints)
 
 
@@ -123,7 +123,7 @@ def test_what_is_lost_is_named_from_half_of_the_most_on(asked, named):
         <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
         </robot>""", "camera")
     answer = DifferentialIK(slide).solve(np.zeros(1), Task.from_twist(asked), 0.01)
-    assert answer.reasons == (f"lost, the arm cannot do it here: {named}",)
+    assert answer.reasons == (f"the arm cannot produce this motion here: {named}",)
 
 
 def _roll(arm, q, speed):
@@ -474,7 +474,7 @@ def test_elbows_are_found_in_the_chain():
     (elbow,) = find_elbows(make("ur5"))
     assert make("ur5").names[elbow.joint] == "elbow_joint"
     assert find_elbows(make("panda")) == ()
-    with pytest.raises(ConfigurationError, match="J2 is no elbow.*J3"):
+    with pytest.raises(ConfigurationError, match="J2 is not an elbow.*J3"):
         find_elbows(make("aras"), {"J2": 1})
     with pytest.raises(ConfigurationError, match="use -1 or 1"):
         find_elbows(make("aras"), {"J3": 0})

@@ -87,7 +87,7 @@ class Tape:
         self.trace.append(("reported", state))
 
     def log(self, text) -> None:
-        if "beginning anew" not in text:
+        if "restarting the loop" not in text:
             self.trace.append(("said", text))
 
     def play(self, parts: Assembly, driver: LoopRunner, readings=None) -> list[Any]:

@@ -304,7 +304,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
          "camera 'wall' stands in the world, and the arm moves nothing that it sees"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
-         "camera 'wall' stands still, and so does what it sees"),
+         "camera 'wall' is fixed, and the arm does not move its target"),
         ({"scheme": "kernel@left+points@right"}, "looks at pictures, and there are none"),
     ],
 )  # fmt: skip
@@ -372,7 +372,7 @@ def test_stereo_follows_a_target_that_was_carried_away():
         ("stereo_points", two(), r"reads 2 cameras: name them, as stereo_points@left,right"),
         ("stereo_points@left", two(), "reads 2 cameras: name them"),
         ("stereo_pose@left,right", {"left": {"model": LEFT}, "right": {"model": RIGHT}},
-         "cameras left and right are 0.0 mm apart and tell no depth"),
+         "cameras left and right are 0.0 mm apart, too close to measure depth"),
     ],
 )  # fmt: skip
 def test_stereo_wants_two_cameras_apart(scheme, cameras, words):

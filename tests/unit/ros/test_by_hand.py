@@ -132,7 +132,7 @@ def test_a_held_key_stops_the_controller_and_drives(person):
     assert not stopped  # nothing moves by these
     status, told = person.type(["2"], *[["-"]] * 10, [], *[[]] * 40, [RIGHT])
     assert status == 0 and stopped == [1]
-    assert told.out.count("the controller is stopped: its service start lets it go on") == 1
+    assert told.out.count("the controller is stopped; its service start resumes it") == 1
     assert "+ and - move elbow" in told.out
     slide, elbow = position(1.5)
     ways = sent(person)

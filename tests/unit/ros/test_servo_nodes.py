@@ -464,7 +464,7 @@ def test_an_action_has_its_time(asked, kind, reason, told):
     name, result = asked.server.ended[-1]
     assert (name, result.outcome, result.reason, result.remedy) == ("set_aborted", *told, "fix it")
     assert 4 <= len(asked.life.slept) <= 5
-    assert asked.runner.done[-1] == ("stop", "the time for it is over")
+    assert asked.runner.done[-1] == ("stop", "the timeout of the action goal has expired")
 
 
 # -- the controller node ---------------------------------------------------------------------------

@@ -136,7 +136,7 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
         now[0] += 3.0
     assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 4
     assert graph.lines == [
-        "nobody takes the commands on /two/both: start that controller (rosrun controller_manager "
+        "no controller subscribes to /two/both: start that controller (rosrun controller_manager "
         "controller_manager list), or name another one in ~controllers"]
     face.close()
     assert not graph.publishers
@@ -175,7 +175,7 @@ def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeyp
     two = RosPublisher(Settings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye")
     two.state_publisher.impl.connections = [None]
     two.wait_for_listeners()
-    assert 105.0 < now[0] < 105.1 and "has 1 of 2 listeners after 5 s" in graph.lines[0]
+    assert 105.0 < now[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]
     two.state_publisher.impl.connections = [None, None]
     two.wait_for_listeners()
     assert now[0] < 105.1 and len(graph.lines) == 1

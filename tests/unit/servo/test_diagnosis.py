@@ -137,7 +137,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     class Counting(Twice):
         def measure(self, observation, goal):
             if observation.stamp > 0.5:
-                raise MeasurementError("9 points are seen, the goal has 8")
+                raise MeasurementError("9 points are visible, the goal has 8")
             return super().measure(observation, goal)
 
     rig = Rig(the_servo(scheme=FeatureScheme(Counting(), Proportional(3.0))), near(1))
@@ -145,7 +145,7 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     assert states[-1].phase == "holding" and states[-1].outcome == "running"
     states = rig.run(1.0)
     outcome = rig.servo.outcome
-    assert outcome.kind == "target_lost" and "9 points are seen" in outcome.reason
+    assert outcome.kind == "target_lost" and "9 points are visible" in outcome.reason
     assert "since 0.5" in outcome.reason and outcome.remedy
 
 

@@ -107,8 +107,9 @@ FAULTS = {
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
     "NaN in a rate of its own": (
-        answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "answered the rate"),
-    "short rate of its own": (answering(error_drift=np.zeros(3)), "answered the rate [0. 0. 0.]"),
+        answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "returned the error_drift"),
+    "short rate of its own": (
+        answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
     "few names": (answering(names=("x",)), "for 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),
 }
@@ -152,9 +153,9 @@ def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape
 
 
 @pytest.mark.parametrize(("answer", "words"), [
-    ([0.0, np.nan, 1.0], "mine answered joints that are not finite"),
-    ([0.0, 1.0], r"mine answered joints of shape \(2,\), \(3,\) is needed"),
-    ("left", "mine answered joints of no numbers"),
+    ([0.0, np.nan, 1.0], "mine returned joints that are not finite"),
+    ([0.0, 1.0], r"mine returned joints of shape \(2,\), \(3,\) is needed"),
+    ("left", "mine returned joints of no numbers"),
 ])  # fmt: skip
 def test_joints_are_a_finite_number_each(answer, words):
     with pytest.raises(SchemeError, match=words):
@@ -186,19 +187,19 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
 
 
 @pytest.mark.parametrize(("scheme", "decision", "words"), [
-    ({}, {"features": [1.0]}, r"answered features of shape \(1,\) for 2 names"),
-    ({}, {"desired": "far"}, "answered desired of no numbers for 2 names"),
-    ({}, {"error": None}, "answered error of no numbers for 2 names"),
-    ({}, {"error": [1.0, np.inf]}, r"answered error that are not finite: \[1.0, inf\]"),
-    ({}, {"desired": [np.nan, 0.0]}, r"answered desired that are not finite: \[nan, 0.0\]"),
+    ({}, {"features": [1.0]}, r"returned features of shape \(1,\) for 2 names"),
+    ({}, {"desired": "far"}, "returned desired of no numbers for 2 names"),
+    ({}, {"error": None}, "returned error of no numbers for 2 names"),
+    ({}, {"error": [1.0, np.inf]}, r"returned error that are not finite: \[1.0, inf\]"),
+    ({}, {"desired": [np.nan, 0.0]}, r"returned desired that are not finite: \[nan, 0.0\]"),
     ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\): 2 numbers above 0 are needed"),
     ({"tolerances": None}, {}, "has tolerances None: 2 numbers above 0 are needed"),
-    ({}, {"error_drift": [1.0, np.nan]}, "answered the rate .*: one finite number for each name"),
-    ({}, {"error_drift": [1.0]}, "answered the rate .*: one finite number for each name"),
-    ({}, {"error_drift": None}, "answered the rate None: one finite number for each name"),
-    ({}, {"task": 3}, "answered the task int instead of a Task"),
+    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*: one finite number"),
+    ({}, {"error_drift": [1.0]}, "returned the error_drift .*: one finite number"),
+    ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
+    ({}, {"task": 3}, "returned the task int instead of a Task"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
     asked = Wanting()
@@ -519,7 +520,7 @@ HERE = __name__
         ("test_faults:Unnamed", "Unnamed has no names"),
         ("test_faults:Loose", "2 names but tolerances"),
         ("test_faults:Never", "one number above 0 for each feature is needed"),
-        ("moments+moments_2016", "'moments_2016' is no feature"),
+        ("moments+moments_2016", "'moments_2016' is not a feature"),
         ("", "unknown scheme ''"),
         ("moments:", "unknown scheme"),
     ],

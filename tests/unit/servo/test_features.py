@@ -65,7 +65,7 @@ def dense(shape, parts=12):
 @pytest.mark.parametrize("name", ["points", "numbered_points"])
 @pytest.mark.parametrize("extra", [-1, 1, 2])
 def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
-    """The scheme lost a target that it saw: 9 points are seen, the goal has 8."""
+    """The scheme lost a target that it saw: 9 points are visible, the goal has 8."""
     feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
@@ -74,7 +74,7 @@ def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(na
     some = seen.contour[:: len(seen.contour) // (8 + extra)][: 8 + extra]
     found = feature.measure(replace(seen, corners=some, is_numbered=False), goal)
     np.testing.assert_allclose(found.error, wanted.error, atol=1e-6)
-    with pytest.raises(MeasurementError, match=f"{8 + extra} points are seen, the goal has 8$"):
+    with pytest.raises(MeasurementError, match=f"{8 + extra} points are visible, the goal has 8$"):
         feature.measure(replace(seen, corners=some, contour=None), goal)
 
 
@@ -262,7 +262,7 @@ def test_moments_of_too_low_an_order_are_refused():
     goal = replace(taught(feature), moments=low.moments)
     with pytest.raises(ConfigurationError, match=r"^goal: .*Sx, Sy need moments up to order 4"):
         feature.check(goal)
-    with pytest.raises(ConfigurationError, match="^goal holds no moments: teach it anew"):
+    with pytest.raises(ConfigurationError, match="^goal holds no moments: teach it again"):
         feature.check(replace(goal, moments=None))
 
 
@@ -679,7 +679,7 @@ def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
 def test_without_a_plane_nothing_of_points_is_measured(name):
     feature = FEATURES.create(name)
     goal = taught(feature)
-    with pytest.raises(MeasurementError, match="nothing tells the target's plane"):
+    with pytest.raises(MeasurementError, match="the target's plane is not known"):
         feature.measure(look(feature.needs, TILTED, plane=False), goal)
 
 
@@ -721,14 +721,14 @@ def test_pixels_without_depth_do_not_count():
     np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
     feature = FEATURES.create("points")
     seen, _ = seen_with_depth(np.full((240, 320), np.inf, np.float32))
-    with pytest.raises(MeasurementError, match="the depth image knows no depth at the target"):
+    with pytest.raises(MeasurementError, match="the depth image has no depth at the target"):
         feature.measure(replace(seen, world_T_camera=np.eye(4)), taught(feature))
 
 
 def test_points_that_do_not_fit_the_goal_are_refused():
     feature = FEATURES.create("points")
     goal = taught(feature)
-    with pytest.raises(MeasurementError, match="4 points are seen, the goal has 8"):
+    with pytest.raises(MeasurementError, match="4 points are visible, the goal has 8"):
         feature.measure(look(feature.needs, GOAL, SQUARE), goal)
     with pytest.raises(ConfigurationError, match="no points of the feature 'points'"):
         feature.check(Goal(depth=0.2))
@@ -782,7 +782,7 @@ def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="goal does not say the target's depth"):
+    with pytest.raises(ConfigurationError, match="goal contains no depth of the target"):
         feature.check(replace(goal, depth=None, plane=None))
     nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":
@@ -866,7 +866,7 @@ class Photo(Feature):
 
 
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
-    words = "luminance@left is judged by other numbers than those the law gets"
+    words = "luminance@left has other published errors than those the law gets"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
         with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
             Stack([FEATURES.create(name) for name in parts])
@@ -877,7 +877,7 @@ def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
         )
     assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
     stack = Stack([Photo(), FEATURES.create("points")])
-    with pytest.raises(ConfigurationError, match="Photo is judged by other numbers"):
+    with pytest.raises(ConfigurationError, match="Photo has other published errors"):
         stack.measure(look(stack.needs, GOAL), taught(stack))
 
 

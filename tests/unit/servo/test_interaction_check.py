@@ -62,7 +62,7 @@ def test_a_wrong_column_is_named(column: int) -> None:
     assert check_interaction_matrix(Wrong(1, column, 1.0)).max() < 1e-6
     axis = ("vx", "vy", "vz", "wx", "wy", "wz")[column]
     row = 0 if column == 0 else 1  # dy/dt does not depend on vx
-    with pytest.raises(ServoError, match=f"row 'c{row}' .* most in column {axis}: L says"):
+    with pytest.raises(ServoError, match=f"row 'c{row}' .* most in column {axis}: L is "):
         check_interaction_matrix(Wrong(row, column, -1.0))
 
 

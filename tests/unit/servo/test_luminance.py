@@ -366,7 +366,7 @@ def test_of_a_picture_in_colour_its_grey_levels_count():
     assert found.shape == (60, 80) and found.dtype == np.uint8
     np.testing.assert_allclose(found, colours @ np.array([0.299, 0.587, 0.114]), atol=0.6)
     assert get_grey_image(SimpleNamespace(image=found)) is found
-    with pytest.raises(MeasurementError, match="no picture in this observation"):
+    with pytest.raises(MeasurementError, match="no image in this observation"):
         get_grey_image(SimpleNamespace(image=None))
 
 
@@ -396,7 +396,7 @@ def test_bad_pictures_are_one_line():
     few, shown = at_goal("luminance", least)
     assert few.measure(look(least, GOAL, few.needs), shown).error == pytest.approx(0.0)
     exact = FeatureObserver(None, feature.needs).observe_exact_features(0.0, PINHOLE)
-    with pytest.raises(MeasurementError, match="no picture"):
+    with pytest.raises(MeasurementError, match="no image"):
         feature.measure(exact, goal)
     plain = FeatureObserver(None, feature.needs).observe_image(
         0.0, np.full((120, 160), 90, np.uint8), PINHOLE, plane=goal.plane
@@ -405,5 +405,5 @@ def test_bad_pictures_are_one_line():
         feature.measure(plain, goal)
     with pytest.raises(ConfigurationError, match="teach it"):
         feature.check(Goal("mine", depth=1.0))
-    with pytest.raises(ConfigurationError, match="damaged|no picture"):
+    with pytest.raises(ConfigurationError, match="damaged|no image"):
         feature.check(Goal("mine", depth=1.0, features={"luminance": {"png": "AAAA"}}))

@@ -72,7 +72,7 @@ def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
 
 
 @pytest.mark.parametrize(("given", "why"), [
-    ({"scheme": "luminance"}, "holds no picture of luminance"),
+    ({"scheme": "luminance"}, "holds no image of luminance"),
     ({"scheme": "numbered_points", "tracker": "dots"}, "holds no points of the feature"),
 ])  # fmt: skip
 def test_what_an_outline_does_not_tell_is_still_to_be_taught(arm, given, why):
@@ -106,8 +106,8 @@ def test_the_goal_follows_the_start():
         ({"max_velocity": {"J1": "x"}}, "~max_velocity"),
         ({"joints": "J1"}, "~joints is 'J1', must be a list"),
         ({"package": "/"}, "unknown parameter ~package"),
-        ({"namespace": "my robot"}, "~namespace is 'my robot', which is no name on a ROS graph"),
-        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is no name"),
+        ({"namespace": "my robot"}, "~namespace is 'my robot', which is not a ROS graph name"),
+        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is not a ROS graph name"),
         ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
     ],
 )
@@ -210,7 +210,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"controllers": {"J9": "x"}}, "~controllers names the joint J9: known are"),
         ({"controllers": {"J1": ""}}, "~controllers: that of J1 is '', must be the name"),
         ({"controllers": {"J1": 3}}, "~controllers: that of J1 is 3, must be the name"),
-        ({"elbow": {"J2": 1}}, "J2 is no elbow"),
+        ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
         ({"output": "torque"}, "~output is 'torque': known are position, velocity, effort"),
@@ -300,7 +300,7 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
     part = settings.make_arm(URDF)
     assert settings.make_limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
     assert settings.make_differential_ik(part, settings.make_limits(part)).elbows == ()
-    with pytest.raises(ConfigurationError, match="joint J9 is no elbow"):
+    with pytest.raises(ConfigurationError, match="joint J9 is not an elbow"):
         replace(settings, elbow={"J9": 1}).make_differential_ik(part, settings.make_limits(part))
     whole = of(joints=list(arm.names), start="none").for_robot("aras_visual_servo", ("joints",))
     assert whole.make_differential_ik(arm, whole.make_limits(arm)).elbows[0].bend_side == -1.0
@@ -315,7 +315,7 @@ def test_an_arm_whose_speed_nothing_limits_is_not_moved():
     settings = of(start="none", max_velocity={"J1": 1.0})
     arm = settings.make_arm(urdf)
     assert np.isinf(arm.velocity).tolist() == [False, False, True, False, False, False]
-    with pytest.raises(ConfigurationError, match="nothing limits the speed of J2: .* ~max_veloc"):
+    with pytest.raises(ConfigurationError, match="J2 has no speed limit: .* ~max_veloc"):
         settings.make_servo(arm)
     replace(settings, max_velocity={"J2": 1.0}).make_servo(arm)
 

@@ -501,7 +501,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
         there = goal.world_T_camera @ matrix_from_xyz_rpy((0.0, apart, 0.0), (0.0, 0.0, 0.0))
         close = replace(goal, other_cameras={"right": replace(right, world_T_camera=there)})
-        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart and tell no depth"
+        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart, too close to measure depth"
                 if refused else "behind")
         with pytest.raises(ConfigurationError, match=told):
             scheme.check(close)
@@ -719,7 +719,7 @@ def test_a_camera_elsewhere_on_the_arm_is_refused_and_one_that_stands_may_be_rea
     with pytest.raises(ConfigurationError, match="camera 'right' is moved by j and the control"):
         both.make_other_cameras(ELBOW, both.make_arm(ELBOW))
     wall = of("points@left+points@wall")
-    with pytest.raises(ConfigurationError, match="points@wall: camera 'wall' stands still, and"):
+    with pytest.raises(ConfigurationError, match="points@wall: camera 'wall' is fixed, and"):
         wall.make_other_cameras(ELBOW, wall.make_arm(ELBOW))
     stereo = of("stereo_points@left,wall")
     others = stereo.make_other_cameras(ELBOW, stereo.make_arm(ELBOW))

@@ -252,7 +252,7 @@ def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
     seen, found = look(FeatureObserver(None, scheme.needs), START), np.arange(6.0)
     scheme._minimize = lambda *_, **__: SimpleNamespace(x=found, success=False)
     decision = scheme.compute(seen, goal, 0.0)
-    assert decision.notes == ("visibility cannot be kept on this way",)
+    assert decision.notes == ("the target cannot be kept in view on this path",)
     depths = np.repeat((goal.distance, 1.0), 3)
     np.testing.assert_array_equal(decision.task.twist, depths * found)
     assert scheme._last_twist is found  # from where the next one is looked for

@@ -1,7 +1,7 @@
-"""Visual servoing of an arm's camera: features, laws, schemes, and the loop that runs them.
+"""Visual servoing with a robot arm: features, control laws, schemes and the control loop.
 
-The names of `__all__` are the public interface; those of `FIRST_PROJECT` come first. Each is
-imported when it is first used.
+`__all__` lists the public interface. `FIRST_PROJECT` lists the names that a first project needs.
+Each name is imported when it is first used.
 """
 
 from typing import TYPE_CHECKING
@@ -83,5 +83,5 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+if not TYPE_CHECKING:  # with a module __getattr__, a type checker would accept any name
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

@@ -1,6 +1,6 @@
-"""The loop that the parameters of the controller describe.
+"""Settings of the controller, and the construction of the control loop from them.
 
-The node, the runner and the tests build their loop from the same `Settings`, so it is one loop.
+The node, the offline runner and the tests all construct the loop from these `Settings`.
 """
 
 from __future__ import annotations
@@ -61,7 +61,7 @@ NO_CAMERAS: Mapping[str, Any] = {}
 
 @dataclass(frozen=True)
 class Settings(Parameters):
-    """Parameters, checked, and the loop that they describe; see Parameters."""
+    """Checked parameters of the controller, with methods that construct the parts of the loop."""
 
     documented_by = (Parameters, ServoSettings)
 
@@ -69,15 +69,15 @@ class Settings(Parameters):
     def from_mapping(
         cls, raw: Mapping[str, Any], package: Path = Path("."), file: str = ""
     ) -> Settings:
-        """Check what the parameter server holds.
+        """Construct the settings from parameters, and check them.
 
         Args:
-            raw: name to value, as rosparam gives them.
-            package: directory of this package, where config/ is.
-            file: that holds them, for messages; '': the parameter server.
+            raw: name to value, as on the ROS parameter server.
+            package: directory of this package, which contains config/.
+            file: file that the parameters come from, for messages; '': the parameter server.
 
         Raises:
-            ConfigurationError: naming the parameter, what is wrong and what would be right.
+            ConfigurationError: naming the parameter, what is wrong and what is allowed.
         """
         where = f"{file}: parameter ~" if file else "parameter ~"
         values = convert_fields(cls, raw, where, ConfigurationError)
@@ -87,8 +87,8 @@ class Settings(Parameters):
                 raise ConfigurationError(f"{where}{name} is '', must be a text that is not empty")
             if name in GRAPH_NAMES and not LEGAL_NAME.fullmatch(value or "x"):
                 raise ConfigurationError(
-                    f"{where}{name} is '{value}', which is no name on a ROS graph: letters, "
-                    "digits, _ and / are"
+                    f"{where}{name} is '{value}', which is not a ROS graph name: use letters, "
+                    "digits, _ and /"
                 )
         settings = cls(**values, package=package)
         settings.make_segmentation(where)
@@ -96,41 +96,49 @@ class Settings(Parameters):
         return settings
 
     def for_robot(self, name: str, raw_settings: Mapping[str, Any] | None = None) -> Settings:
-        """These settings, with config/robots/NAME.yaml for what was not given.
+        """Return these settings, completed from config/robots/NAME.yaml.
+
+        Values of that file replace only parameters that the user has not given.
 
         Args:
-            name: of the robot in its description.
-            given: names of what was given (the keys count); None: what differs from the defaults.
+            name: name of the robot in its description.
+            raw_settings: names of the parameters that the user has given (a mapping counts by its
+                keys); None: those that differ from the defaults.
         """
         path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
         if not name or not path.is_file():
             return self
-        of_robot = Settings.from_mapping(
+        robot_settings = Settings.from_mapping(
             read_yaml(path, ConfigurationError), self.package, str(path)
         )
-        plain = Settings(package=self.package)
+        defaults = Settings(package=self.package)
         if raw_settings is None:
             raw_settings = [
-                f.name for f in fields(self) if getattr(self, f.name) != getattr(plain, f.name)
+                f.name for f in fields(self) if getattr(self, f.name) != getattr(defaults, f.name)
             ]
         raw_settings = set(raw_settings)
         known = {
-            f.name: getattr(of_robot, f.name)
+            f.name: getattr(robot_settings, f.name)
             for f in fields(self)
-            if f.name not in raw_settings and getattr(of_robot, f.name) != getattr(plain, f.name)
+            if f.name not in raw_settings
+            and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # of the other joints nothing is to be said
+        for key in BY_JOINT if self.joints else ():  # drop the values of unused joints
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
-                    getattr(plain, key)
+                    getattr(defaults, key)
                 )
         return replace(self, **known)
 
     def make_arm(self, urdf: str) -> Arm:
-        """The arm of a description; ConfigurationError as Arm.from_urdf, or for controllers of
-        joints that it has not."""
+        """Construct the arm from a robot description.
+
+        Raises:
+            ConfigurationError: the description does not fit, or `controllers` names an unknown
+                joint.
+        """
         name = ""
-        if self.cameras:  # of one camera the scheme need not be there, as where a bag is read
+        if self.cameras:  # without several cameras the scheme is not needed, as for reading a bag
             name = self.list_cameras(self.make_scheme())[0]
         arm = self._make_camera_arm(urdf, name)
         for joint, controller in self.controllers.items():
@@ -153,11 +161,12 @@ class Settings(Parameters):
         )
 
     def list_cameras(self, scheme: Scheme | JointController) -> tuple[str, ...]:
-        """Names of the cameras that a scheme reads, in their own order: the first is the control
-        camera.
+        """Return the names of the cameras that a scheme reads, in the order of `cameras`.
+
+        The first name is that of the control camera.
 
         Raises:
-            ConfigurationError: it names one that there is not.
+            ConfigurationError: the scheme names an unknown camera.
         """
         known = tuple(self.cameras or (CAMERA,))
         read = {name or known[0] for name in scheme.cameras or ("",)}
@@ -169,11 +178,11 @@ class Settings(Parameters):
         return tuple(name for name in known if name in read)
 
     def make_other_cameras(self, urdf: str, arm: Arm) -> dict[str, CameraKinematics]:
-        """What moves the other cameras that the scheme reads, by their names.
+        """Return the kinematics of the cameras that the scheme reads besides the control camera.
 
         Raises:
-            ConfigurationError: one of them sits elsewhere on the arm than the control camera, or
-                stands still where it is to steer; see `beside`.
+            ConfigurationError: other joints move that camera or its target than the control
+                camera's, or neither a fixed camera nor its target is moved by the arm.
         """
         others: dict[str, CameraKinematics] = {}
         scheme = self.make_scheme()
@@ -193,7 +202,7 @@ class Settings(Parameters):
         return others
 
     def make_law(self) -> Law:
-        """Return the law with its parameters; ConfigurationError for what it refuses."""
+        """Construct the control law; ConfigurationError for a parameter that it does not accept."""
         options = dict(self.law_options)
         for key in ("gain", "continuous_start", "ramp"):
             if key in options:
@@ -207,7 +216,7 @@ class Settings(Parameters):
         return create_law(self.law, self.continuous_start, self.ramp, **options)
 
     def make_scheme(self) -> Scheme | JointController:
-        """The scheme with its law; ConfigurationError naming what is unknown."""
+        """Construct the scheme with its law; ConfigurationError for an unknown name."""
         return create_scheme(
             self.scheme,
             self.make_law(),
@@ -217,21 +226,24 @@ class Settings(Parameters):
         )
 
     def make_limits(self, arm: Arm) -> Limits:
-        """Of the commands; ConfigurationError as Limits.of, or for a joint of an arm whose speed
-        nothing limits."""
+        """Return the joint limits of the commands.
+
+        Raises:
+            ConfigurationError: a limit does not fit the arm, or a joint has no speed limit.
+        """
         limits = Limits.for_arm(
             arm, self.lower, self.upper, self.max_velocity, self.max_acceleration
         )
         if isinstance(arm, Arm) and not np.isfinite(limits.velocity).all():
             name = arm.names[int(np.flatnonzero(~np.isfinite(limits.velocity))[0])]
             raise ConfigurationError(
-                f"nothing limits the speed of {name}: its <limit> in the robot description says no "
-                "velocity: give one there or as ~max_velocity (rad/s, m/s)"
+                f"{name} has no speed limit: add a velocity to its <limit> in the robot "
+                "description, or set ~max_velocity (rad/s, m/s)"
             )
         return limits
 
     def find_goal_file(self) -> Path:
-        """The YAML file of the goal."""
+        """Return the path of the goal's YAML file."""
         name = self.desired
         if name == "auto":
             name = self.start if isinstance(self.start, str) else ""
@@ -241,7 +253,7 @@ class Settings(Parameters):
         return shipped if shipped.is_file() else Path(name).expanduser()
 
     def load_goal(self) -> Goal:
-        """The goal; ConfigurationError for a name that there is not, and as Goal.load."""
+        """Read the goal from its file; ConfigurationError for an unknown name or a wrong file."""
         path = self.find_goal_file()
         if not path.suffix and len(path.parts) == 1 and not path.exists():
             shipped = self._find_shipped_goal("").parent.glob("goal_*.yaml")
@@ -258,23 +270,27 @@ class Settings(Parameters):
     def make_differential_ik(
         self, arm: Arm, limits: Limits, goal: Goal | None = None
     ) -> DifferentialIK:
-        """The resolver with its secondary tasks; ConfigurationError for unknown joints.
+        """Construct the differential inverse kinematics with its secondary tasks.
 
-        `goal`: tells the lengths of a camera that flies without an arm.
+        Args:
+            goal: goal whose distance scales the lengths of a free-flying camera.
+
+        Raises:
+            ConfigurationError: a parameter names an unknown joint.
         """
         sides = self.elbow
-        folds = find_elbows(arm)
+        elbows = find_elbows(arm)
         if isinstance(sides, float):
-            sides = {arm.names[fold.joint]: sides for fold in folds}
+            sides = {arm.names[elbow.joint]: sides for elbow in elbows}
         if not isinstance(sides, Mapping | None):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        if sides and self.joints:  # of an elbow that is not used, or not alone, nothing is known
-            elbows = [arm.names[fold.joint] for fold in folds]
-            sides = {n: s for n, s in sides.items() if n in elbows or n not in arm.names}
+        if sides and self.joints:  # ignore elbows whose joints are not all in use
+            elbow_names = [arm.names[elbow.joint] for elbow in elbows]
+            sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:
-            folds = find_elbows(arm, sides)
+            elbows = find_elbows(arm, sides)
         tasks: list[SecondaryTask] = []
         if self.posture or self.limit_avoidance or self.singularity_avoidance:
             from .kinematics import JointLimitAvoidance, PostureTask, SingularityAvoidance
@@ -288,7 +304,7 @@ class Settings(Parameters):
         numbers = IKSettings(hold_gain=self.hold_gain)
         if goal is not None and is_free_camera(arm):
             numbers = IKSettings.for_free_camera(goal.distance, self.hold_gain)
-        return DifferentialIK(arm, limits, tasks, numbers, folds)
+        return DifferentialIK(arm, limits, tasks, numbers, elbows)
 
     def make_servo(
         self,
@@ -299,18 +315,18 @@ class Settings(Parameters):
         differential_ik: DifferentialIK | None = None,
         other_cameras: Mapping[str, CameraKinematics] = NO_CAMERAS,
     ) -> Servo:
-        """The loop that these parameters describe.
+        """Construct the control loop that these parameters describe.
 
         Args:
-            arm: that it moves.
-            goal: None: the one that `desired` names.
-            clock: s, to tell a scheme that takes too long.
-            scheme: None: the one that `scheme` names.
-            resolver: None: the one that these parameters describe.
-            others: what moves the other cameras that the scheme reads, by name.
+            arm: arm to control.
+            goal: goal; None: the one named by `desired`.
+            clock: function that returns the time in s, used to stop a scheme that takes too long.
+            scheme: scheme; None: the one named by `scheme`.
+            differential_ik: inverse kinematics; None: constructed from these parameters.
+            other_cameras: kinematics of the other cameras that the scheme reads, by name.
 
         Raises:
-            ConfigurationError: what cannot be, and what would be right.
+            ConfigurationError: naming the parameter that is wrong and what is allowed.
         """
         limits = self.make_limits(arm)
         shared = (f.name for f in fields(ServoSettings) if hasattr(self, f.name))
@@ -323,12 +339,12 @@ class Settings(Parameters):
             goal = self.load_goal().for_cameras(
                 {self.list_cameras(scheme)[0]: arm, **other_cameras}
             )
-            # other points than its corners are for trackers to teach
+            # Only the corners of the goal's outline can be computed; other points must be taught.
             if self.tracker == OUTLINE_TRACKER:
                 from .loop.teaching import complete_by_geometry
 
                 goal = complete_by_geometry(goal, scheme)
-        if is_free_camera(arm):  # what slides is the camera: its lengths are the scene's
+        if is_free_camera(arm):  # its prismatic joints move the camera: scale with the scene
             for name in ("lead", "arrived"):
                 slides = np.where(arm.is_prismatic, goal.scale, 1.0)
                 given = values.get(name, getattr(ServoSettings, name))
@@ -354,28 +370,32 @@ class Settings(Parameters):
         scheme: Scheme | JointController,
         goal: Goal | None = None,
     ) -> CameraRig:
-        """What makes observations for that scheme.
+        """Construct the cameras that turn images into observations for a scheme.
 
         Args:
-            arms: what moves the cameras that it reads, by name, the control camera first.
-            goal: as the loop has it.
+            arms: kinematics of the cameras that the scheme reads, by name, control camera first.
+            scheme: scheme whose needs decide what is measured in the images.
+            goal: goal of the loop; None while a goal is being taught.
         """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
         control = next(iter(arms))
-        plane, held = (self._make_outline_plane(), {}) if goal is None else (None, goal.cameras)
+        plane, goals = (self._make_outline_plane(), {}) if goal is None else (None, goal.cameras)
         return CameraRig(
             FeatureObserver(
                 arm, scheme.get_needs(*(("", name) if name == control else (name,))) | depth,
                 self.make_segmentation(),
-                self.make_tracker(held[name].marker if name in held else ""),
-                held[name].compute_plane if name in held else plane, name,
+                self.make_tracker(goals[name].marker if name in goals else ""),
+                goals[name].compute_plane if name in goals else plane, name,
             )
             for name, arm in arms.items()
         )  # fmt: skip
 
     def _make_outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
-        """Tells the plane of the model's outline as seen from world_T_camera (4, 4), by the pose
-        that it starts from; None where that is not known, and no goal is taught by it."""
+        """Return a function that computes the plane of the model's outline from world_T_camera.
+
+        It uses the initial pose of the model. Return None if that pose is not given; a goal can
+        then not be taught by the outline of the model.
+        """
         if not self.model or "pose" not in self.model_start:
             return None
         from aras_visual_servo_camera.silhouette import OutlinePlane
@@ -386,13 +406,13 @@ class Settings(Parameters):
         ).compute_plane
 
     def make_segmentation(self, where: str = "parameter ~") -> Segmentation:
-        """How the target's pixels are told; ConfigurationError for what is wrong with it."""
+        """Construct the segmentation of the target; ConfigurationError if it is not valid."""
         where = f"{where}segmentation"
         try:
-            given = self.segmentation
-            if self.marker and "marker" not in given:
-                given = {"marker": self.marker, **given}
-            found = build(Segmentation, given, where, ConfigurationError)
+            options = self.segmentation
+            if self.marker and "marker" not in options:
+                options = {"marker": self.marker, **options}
+            found = build(Segmentation, options, where, ConfigurationError)
         except SegmentationError as error:
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":
@@ -403,10 +423,10 @@ class Settings(Parameters):
         return found
 
     def make_tracker(self, marker: str = "") -> Tracker | None:
-        """What finds the points of the target; None: the outline's corners.
+        """Construct the tracker that finds the points of the target; None: use outline corners.
 
         Args:
-            marker: that the goal was taught by, for the tracker 'marker' where none is chosen.
+            marker: marker with which the goal was taught, used if no `marker` is set.
         """
         name = self.tracker
         if self.model or "model" in re.split(r"[+@]", self.scheme):
@@ -415,9 +435,9 @@ class Settings(Parameters):
             return None
         from aras_visual_servo_camera.trackers import TRACKERS
 
-        given = vars(self) | {"marker": self.marker or marker}
+        options = vars(self) | {"marker": self.marker or marker}
         try:
             known = [parameter.name for parameter in TRACKERS.list_parameters(name)]
-            return TRACKERS.create(name, **{key: given[key] for key in known if key in given})
+            return TRACKERS.create(name, **{key: options[key] for key in known if key in options})
         except (VisionError, DescriptionError) as error:
             raise ConfigurationError(str(error)) from None

@@ -1,15 +1,14 @@
-"""Image moments of the target: formulas over them, and the paper's features.
+"""Image moments of the target: formulas over moments, and the features of the paper.
 
-With xg, yg the centre of gravity in normalised coordinates and a = m00 the area:
+With (xg, yg) the centre of gravity in normalised coordinates and a = m00 the area:
 
     an = Z* sqrt(a*/a),   xn = an xg,   yn = an yg,   alpha = 1/2 atan2(2 mu11, mu20 - mu02)
 
-xn, yn and an are metres: the place of the target before a camera parallel to it. alpha is taken
-over the full turn where the target's third-order moments give it a direction; where they do not,
-the error is known up to half a turn and says so. The attitude but for alpha is not modelled: the
-resolver holds it. L has all six columns all the same, for the target's plane as the camera is
-held over it, at the depth that its area tells.
-
+xn, yn and an are the position of the target in front of a camera parallel to it, m. alpha covers
+the full turn if the third-order moments of the target give it a direction; otherwise the error is
+ambiguous by half a turn, which the measurement reports. The features do not control the tilt of the
+camera; the inverse kinematics holds it. L has all six columns, for the plane of the target at the
+depth that follows from its area.
 Reference: O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
 servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
 """
@@ -34,29 +33,28 @@ from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
-FULL_ALPHA_ORDER = 4  # of moments that tell alpha over the whole turn, with its L
-# px, times the target's width in px: what each of HARMONICS displacements of its outline amounts
-# to, rms; of a goal that this camera has shown the picture is nearly the same, and FRESH is left of
-# it. Measured on squares of 15 to 55 px, drawn with and without physics (0.01 to 0.04).
+FULL_ALPHA_ORDER = 4  # order of the moments that alpha over the full turn needs, with its L
+# Rms amplitude of each of HARMONICS displacements of the measured outline, px times the target's
+# width in px. If image and goal come from the same camera, their errors are nearly equal, and only
+# SAME_CAMERA_PART of the amplitude counts. Measured on squares of 15 to 55 px, rendered with and
+# without physics (0.01 to 0.04).
 OUTLINE_ACCURACY, SAME_CAMERA_PART = 0.03, 0.12
-# Difference of the outline's widths, part of their sum of squares, below which pixels make as much
-# of alpha as the target's own shape: alpha is then as if another camera had shown the goal.
+# Relative difference of the second moments below which the target is nearly round: pixel noise then
+# determines alpha, and alpha counts as taught with another camera.
 ROUND_TOLERANCE = 0.1
-HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, of the direction from the middle
-PARTS_PER_SIDE = 16  # of each side of an outline
-# Tolerances of xn and yn, and of an: 0.5 and 1 mm before the laboratory's target, at 0.2 m.
+HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi; phi: direction from the centre
+PARTS_PER_SIDE = 16  # integration steps per side of an outline
+# Tolerances of xn and yn, and of an: 0.5 and 1 mm for the laboratory's target, at 0.2 m.
 CENTRE_TOLERANCE, DEPTH_TOLERANCE = DepthFraction(0.0025), DepthFraction(0.005)
-STEP = 1e-5  # normalised; displacement by which the features' slopes are taken
-
-
+STEP = 1e-5  # normalised; displacement of the outline for finite differences
 class _GoalMoments:
-    """What one goal means for formulas over moments, worked out once."""
+    """Quantities of one goal for formulas over moments, computed once."""
 
     def __init__(self, goal: Goal, formulas: tuple[str, ...], tolerance: float) -> None:
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:
@@ -79,19 +77,21 @@ class _GoalMoments:
             name, reason = next(iter(found.degenerate.items()))
             raise ConfigurationError(f"{goal.name}: feature {name} is undefined there: {reason}")
         self.s, self.L = found.values, found.L
-        # In the camera's frame, and in the base's where the camera's pose is known.
+        # Normal of the plane in the camera frame, and in the base frame if the pose is known.
         self.camera_normal = np.array(self.plane) / np.linalg.norm(self.plane)
         pose = goal.world_T_camera
         self.normal = None if pose is None else pose[:3, :3] @ self.camera_normal
-        # A patch of area A at depth Z shows a = A (n . r) / Z^2 along the ray r = (x, y, 1).
+        # A patch of area A at depth Z has image area a = A (n . r) / Z^2 on the ray r = (x, y, 1).
         ray = (goal.moments.xg, goal.moments.yg, 1.0)
         depth = 1.0 / self.plane.inverse_depth(*ray[:2])
         self.patch_area = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """By how much the features (k, HARMONICS) change where the goal's outline is displaced; see
-        `compute_displacement_moments`."""
+        """Changes of the features (k, HARMONICS) per displacement of the goal's outline.
+
+        `compute_displacement_moments` defines the displacements.
+        """
         moments, columns = self.goal.moments, []
         formulas = self.select_formulas(moments)
         for change in compute_displacement_moments(self.goal.compute_outline(), moments.order):
@@ -109,21 +109,21 @@ class _GoalMoments:
         return np.transpose(columns) / STEP
 
     def select_formulas(self, moments: Moments) -> tuple[str, ...]:
-        """Those that these moments tell: alpha over the whole turn where the goal's shape has a
-        direction and the moments' order shows it."""
+        """Return the formulas, with alpha over the full turn if shape and moments allow it."""
         if not self._has_direction or moments.order < FULL_ALPHA_ORDER:
             return self._formulas
         return tuple(FULL_ALPHA if name == ALPHA else name for name in self._formulas)
 
 
 class MomentFeature(Feature):
-    """Base: give `formulas`, one a component, as the camera package's features are written.
+    """Base class of features over moments; a subclass sets `formulas`, one for each component.
 
-    An `alpha` becomes `alpha_full`, over the whole turn, where the goal's third-order moments
-    give it a direction.
+    The formulas use the names of `aras_visual_servo_camera.features`. `alpha` becomes `alpha_full`,
+    over the full turn, if the third-order moments of the goal give it a direction.
 
     Attributes:
-        anisotropy: below this a shape is a square, without angle: pixels leave it some.
+        anisotropy: relative difference of the second moments below which a shape has no angle.
+            Pixels give even a square a small difference.
     """
 
     formulas: ClassVar[tuple[str, ...]]
@@ -134,19 +134,20 @@ class MomentFeature(Feature):
         self._goal_moments: _GoalMoments | None = None
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         self._prepare_goal(goal)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
-        at = self._prepare_goal(goal)
+        """Measure s, s*, the error and L in one image."""
+        goal_moments = self._prepare_goal(goal)
         moments = observation.moments
         if moments is None:
             raise MeasurementError("no moments in this observation: is it the segmented target's?")
-        formulas = at.select_formulas(moments)
+        formulas = goal_moments.select_formulas(moments)
         try:
             found = camera_features.compute_moment_features(
-                moments, formulas, self._estimate_plane(observation, moments, at), at.reference,
+                moments, formulas, self._estimate_plane(observation, moments, goal_moments),
+                goal_moments.reference,
                 self.anisotropy,
             )  # fmt: skip
         except (VisionError, ArithmeticError) as error:
@@ -154,32 +155,33 @@ class MomentFeature(Feature):
         if found.degenerate:
             name, reason = next(iter(found.degenerate.items()))
             raise MeasurementError(f"feature {name} is undefined: {reason}")
-        error = found.values - at.s
-        up_to = ""
+        error = found.values - goal_moments.s
+        ambiguity = ""
         for i, formula in enumerate(formulas):
             if formula == FULL_ALPHA:
                 error[i] = wrap(error[i])
             elif formula == ALPHA:
-                error[i], up_to = wrap(error[i], np.pi), "180°"
-        return FeatureMeasurement(found.values, at.s, error, found.L, ambiguity=up_to)
+                error[i], ambiguity = wrap(error[i], np.pi), "180°"
+        return FeatureMeasurement(found.values, goal_moments.s, error, found.L, ambiguity=ambiguity)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         return self._prepare_goal(goal).L
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy; of displacements of the goal's outline, by differences."""
-        at = self._prepare_goal(goal)
+        """Return the accuracy of s, from displacements of the goal's outline."""
+        goal_moments = self._prepare_goal(goal)
         if not observation.pixel_count:
-            noise = observation.corner_accuracy  # of an exact outline whose corners have noise
-            return noise * at.slopes if noise and observation.moments is not None else None
+            noise = observation.corner_accuracy  # exact outline with noise on its corners
+            is_known = noise and observation.moments is not None
+            return noise * goal_moments.slopes if is_known else None
         size = OUTLINE_ACCURACY / sqrt(observation.pixel_count) / observation.camera.K[0]
         if goal.camera != observation.camera:
-            return size * at.slopes
-        found = size * SAME_CAMERA_PART * at.slopes
+            return size * goal_moments.slopes
+        found = size * SAME_CAMERA_PART * goal_moments.slopes
         mu20, mu11, mu02 = goal.moments.second
         if hypot(mu20 - mu02, 2.0 * mu11) < ROUND_TOLERANCE * (mu20 + mu02):
-            for i, formula in enumerate(at.select_formulas(goal.moments)):
+            for i, formula in enumerate(goal_moments.select_formulas(goal.moments)):
                 if formula.startswith("alpha"):
                     found[i] /= SAME_CAMERA_PART
         return found
@@ -193,8 +195,10 @@ class MomentFeature(Feature):
     def _estimate_plane(
         observation: Observation, moments: Moments, goal_moments: _GoalMoments
     ) -> Plane:
-        """The observation's where it is measured; else its attitude by kinematics, its depth by
-        the area."""
+        """Return the plane of the observation if measured, else that of kinematics and area.
+
+        The orientation then follows from the kinematics, and the depth from the target's area.
+        """
         plane, centre = observation.plane, (moments.xg, moments.yg)
         if observation.is_plane_measured and plane.inverse_depth(*centre) > 0.0:
             return plane
@@ -210,21 +214,24 @@ class MomentFeature(Feature):
 
 @FEATURES.register("moments")
 class ImageMoments(MomentFeature):
-    """xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
+    """s = xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
 
     formulas = names = camera_features.PAPER_FEATURES
-    # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
+    # For means over 1 s: joint friction causes smaller errors, camera noise a tenth of these.
     tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.005)
     units = ("m", "m", "m", "rad")
     directions = LEVEL_CAMERA
 
 
 def compute_displacement_moments(outline: np.ndarray, order: int) -> np.ndarray:
-    """Raw moments (HARMONICS, order + 1, order + 1) of what is gained where an outline (n, 2) is
-    displaced outwards by 1, cos phi, sin phi, ... of the direction phi from its middle."""
-    begin, step = outline, np.roll(outline, -1, axis=0) - outline
+    """Compute the changes of the raw moments for displacements of an outline (n, 2).
+
+    The outline is displaced outwards by 1, cos phi, sin phi, ..., where phi is the direction from
+    its centre. The result is (HARMONICS, order + 1, order + 1).
+    """
+    start, step = outline, np.roll(outline, -1, axis=0) - outline
     parts = (np.arange(PARTS_PER_SIDE) + 0.5) / PARTS_PER_SIDE
-    places = (begin[:, None] + parts[:, None] * step[:, None]).reshape(-1, 2)
+    places = (start[:, None] + parts[:, None] * step[:, None]).reshape(-1, 2)
     lengths = np.repeat(np.linalg.norm(step, axis=1), PARTS_PER_SIDE) / PARTS_PER_SIDE
     x, y = places.T
     dx, dy = (places - outline.mean(axis=0)).T

@@ -1,4 +1,4 @@
-"""A feature of one camera in a scheme of several: `points@right`."""
+"""A feature that another camera than the control camera measures, such as `points@right`."""
 
 from __future__ import annotations
 
@@ -15,20 +15,19 @@ from ..goals.goal import Goal
 from ..observation.observation import Need, Observation
 from .base import Feature, FeatureMeasurement, scale_tolerances
 
-ROUNDING = 1e-6  # of a matrix of twists, below which a direction is none
+ROUNDING = 1e-6  # element of an adjoint matrix below which it counts as 0
 
 
 class RemoteCameraFeature(Feature):
     """A feature measured by another camera than the control camera.
 
-    Its L refers to the twist of the control camera: L of_control. If the other camera exposed
-    earlier, s is extrapolated to the control camera's exposure. If the feature controls some
-    directions of its own camera alone, it controls the control camera's directions that move its
-    camera along them.
+    Its L is transformed to the twist of the control camera. If the other camera exposed earlier, s
+    is extrapolated to the control camera's exposure. The feature controls those directions of the
+    control camera that move the other camera in the directions that the inner feature controls.
     """
 
     def __init__(self, feature: Feature, camera: str) -> None:
-        """Measure `feature` with the camera of the name `camera`."""
+        """Wrap `feature`, measured by the camera named `camera`."""
         self.feature, self.camera = feature, camera
         self.cameras, self.needs = (camera,), feature.needs
         self.is_geometric, self.is_stackable = feature.is_geometric, feature.is_stackable
@@ -38,10 +37,10 @@ class RemoteCameraFeature(Feature):
         self._describe(None)
 
     def _describe(self, control_T_camera: np.ndarray | None) -> None:
-        """Take over what the feature says of itself; it may learn it from the goal.
+        """Copy the description of the inner feature, which can depend on the goal.
 
         Args:
-            control_T_camera: (4, 4) at the goal; None: it is the control camera.
+            control_T_camera: (4, 4) at the goal; None if the camera is the control camera.
         """
         feature = self.feature
         self.names = tuple(f"{self.camera}.{name}" for name in feature.names)
@@ -49,12 +48,12 @@ class RemoteCameraFeature(Feature):
         self.weights = feature.weights
         modelled = np.array(feature.directions, bool)
         if control_T_camera is not None:
-            brought = np.abs(adjoint(control_T_camera)[:, modelled])
-            modelled = (brought > ROUNDING).any(axis=1)
+            mapped = np.abs(adjoint(control_T_camera)[:, modelled])
+            modelled = (mapped > ROUNDING).any(axis=1)
         self.directions = tuple(modelled.tolist())
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         view = observation.cameras[self.camera]
         found = self.feature.measure(view, self._make_camera_goal(goal))
         if view.twist_from_control is None:
@@ -70,18 +69,18 @@ class RemoteCameraFeature(Feature):
         )
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
+        """Return the interaction matrix L (k, 6) at the goal."""
         L = self.feature.desired_interaction(self._make_camera_goal(goal))
         if self.camera == goal.camera_name:
             return L
         return L @ adjoint(_compute_control_pose(goal, self.camera))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy."""
+        """Return the accuracy of s in the image measured last."""
         return self.feature.accuracy(observation.cameras[self.camera], self._make_camera_goal(goal))
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         if self.camera not in goal.cameras:
             raise ConfigurationError(
                 f"{goal.name} has no view of camera '{self.camera}': teach it with this scheme"
@@ -94,19 +93,19 @@ class RemoteCameraFeature(Feature):
         )))  # fmt: skip
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         return self.feature.teach(observation.cameras[self.camera])
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         self.feature.reset()
 
     def get_needs(self, *cameras: str) -> frozenset[Need]:
-        """See Feature.needs_of."""
+        """Return what the feature needs of one camera's image."""
         return self.feature.get_needs(*cameras)
 
     def _make_camera_goal(self, goal: Goal) -> Goal:
-        """The goal as this camera and this feature have it."""
+        """Return the goal for this camera and this feature."""
         if self._cached_goals is None or self._cached_goals[0] is not goal:
             taught = goal.features.get(self.name)
             own = goal.cameras[self.camera]
@@ -118,25 +117,26 @@ class RemoteCameraFeature(Feature):
 
 
 def check_controllability(features: Iterable[Feature], fixed_cameras: str) -> None:
-    """Refuse a feature that a camera measures which the arm moves as little as what it sees.
+    """Refuse a feature of a fixed camera whose target the arm does not move either.
 
     Args:
-        standing: the camera's name.
+        features: features of the scheme.
+        fixed_cameras: name of the fixed camera.
 
     Raises:
-        ConfigurationError: there is one.
+        ConfigurationError: a feature is measured by that camera.
     """
     for feature in features:
         if isinstance(feature, RemoteCameraFeature) and feature.camera == fixed_cameras:
             raise ConfigurationError(
-                f"{feature.name}: camera '{fixed_cameras}' stands still, and so does what it sees: "
-                "nothing there tells of the arm's motion; a camera that only watches is not named "
-                "in a scheme"
+                f"{feature.name}: camera '{fixed_cameras}' is fixed, and the arm does not move its "
+                "target: its image does not depend on the arm; do not name a camera that only "
+                "observes in a scheme"
             )
 
 
 def _compute_control_pose(goal: Goal, camera: str) -> np.ndarray:
-    """camera_T_control (4, 4) at the goal."""
+    """Compute camera_T_control (4, 4) at the goal."""
     return relative_pose(
         *(goal.cameras[name].world_T_camera for name in (camera, goal.camera_name))
     )

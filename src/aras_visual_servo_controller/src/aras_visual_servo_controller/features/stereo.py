@@ -1,6 +1,6 @@
-"""Features of two cameras at once: points in space by triangulation, and the pose by them.
+"""Features of two cameras: points in space by triangulation, and the pose computed from them.
 
-Nothing but the two cameras' places tells the depth: neither a plane nor a model of the target.
+The depth follows from the poses of the two cameras alone, without a plane or a model of the target.
 Reference: F. Chaumette, S. Hutchinson and P. Corke, Visual servoing, Springer Handbook of Robotics,
 2016, 34.4.2 (stereo).
 """
@@ -23,8 +23,8 @@ from .corners import POINT_TOLERANCES, NumberedPoints
 from .points import estimate_corner_accuracy
 from .pose import PLANARITY_TOLERANCE, PoseInGoalFrame, compute_goal_frame_feature
 
-MIN_DISPARITY = 2e-3  # part of the depth between two cameras, below which they tell none
-STEP = 1e-6  # normalised length, of differences
+MIN_DISPARITY = 2e-3  # distance of the cameras, in depths, below which depth is not measurable
+STEP = 1e-6  # normalised length, for finite differences
 
 
 @FEATURES.register("stereo_points")
@@ -39,34 +39,35 @@ class StereoPoints(Feature):
         self._set_count(4)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure s, s*, the error and L in one image."""
         first = observation.cameras[self.cameras[0]]
-        points, up_to = self._match_points(observation, goal)
+        points, ambiguity = self._match_points(observation, goal)
         places = triangulate(*points, self._compute_relative_pose(observation.cameras))
         s, L, desired = self.compute_from_points(places, self._triangulate_goal(goal))
         since = first.compute_change_since_exposure(L)
         return FeatureMeasurement(
-            s + since, desired, s + since - desired, first.transform_to_control(L), ambiguity=up_to
-        )
+            s + since, desired, s + since - desired, first.transform_to_control(L),
+            ambiguity=ambiguity,
+        )  # fmt: skip
 
     def compute_from_points(
         self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """s (k,), L (k, 6) and s* (k,) of points (n, 3) and their desired places, m."""
+        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) and desired points (n, 3), m."""
         L = np.vstack([np.hstack([-np.eye(3), skew(place)]) for place in points])
         return points.ravel(), L, desired_points.ravel()
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy; of each point's by differences."""
+        """Return the accuracy of s, propagated from that of the points by finite differences."""
         views = [observation.cameras[name] for name in self.cameras]
         if not any(view.corner_accuracy for view in views):
             return None
         desired, between = self._triangulate_goal(goal), self._compute_relative_pose(goal.cameras)
         points = np.stack(self._read_goal_points(goal))
-        seen = self._match_points(observation, goal)[0]
+        matched = self._match_points(observation, goal)[0]
         accuracy = scipy.linalg.block_diag(*(
             estimate_corner_accuracy(view, goal.cameras[view.name], *pair)
-            for view, *pair in zip(views, seen, points, strict=True)
+            for view, *pair in zip(views, matched, points, strict=True)
         ))
         at_goal = self.compute_from_points(triangulate(*points, between), desired)[0]
         effects = []
@@ -78,7 +79,7 @@ class StereoPoints(Feature):
         return np.transpose(effects) @ accuracy
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         for name in self.cameras:
             if name not in goal.cameras:
                 raise ConfigurationError(
@@ -87,21 +88,21 @@ class StereoPoints(Feature):
         apart = float(np.linalg.norm(self._compute_relative_pose(goal.cameras)[:3, 3]))
         if apart < MIN_DISPARITY * goal.distance:
             raise ConfigurationError(
-                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart "
-                "and tell no depth: move one of them"
+                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart"
+                ", too close to measure depth: move one of them"
             )
         self._set_count(len(self._triangulate_goal(goal)))
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
-        if len(found[0]) == len(found[1]):  # in the order of the first camera's
+        if len(found[0]) == len(found[1]):  # use the order of the first camera
             found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}
 
     def reset(self) -> None:
-        """See Feature.reset."""
+        """Forget earlier images."""
         for numbering in self._point_features:
             numbering.reset()
 
@@ -112,12 +113,12 @@ class StereoPoints(Feature):
     def _compute_relative_pose(
         self, views: Mapping[str, Observation] | Mapping[str, Goal]
     ) -> np.ndarray:
-        """second_T_first (4, 4) of two views or goals, each camera at its own exposure."""
+        """Compute second_T_first (4, 4) of two views or goals, each at its own exposure."""
         first, second = (views[name].world_T_camera for name in self.cameras)
         return relative_pose(second, first)
 
     def _read_goal_points(self, goal: Goal) -> list[np.ndarray]:
-        """The goal's points, (n, 2) of each camera."""
+        """Return the goal's points, (n, 2) of each camera."""
         taught = goal.features.get(self.name, {}).get("points", ())
         shapes = {np.shape(points) for points in taught}
         if len(taught) != self.camera_count or len(shapes) != 1 or len(min(shapes)) != 2:
@@ -127,7 +128,7 @@ class StereoPoints(Feature):
         return [np.array(points, float) for points in taught]
 
     def _triangulate_goal(self, goal: Goal) -> np.ndarray:
-        """The goal's places (n, 3)."""
+        """Triangulate the goal's points (n, 3) in the first camera's frame, m."""
         try:
             return triangulate(
                 *self._read_goal_points(goal), self._compute_relative_pose(goal.cameras)
@@ -136,27 +137,27 @@ class StereoPoints(Feature):
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
     def _match_points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
-        """Points (2, n, 2) of both cameras in the goal's order, and what stays ambiguous."""
-        found, blind = [], []
+        """Return points (2, n, 2) of both cameras in the goal's order, and the ambiguity."""
+        found, ambiguities = [], []
         views = (observation.cameras[name] for name in self.cameras)
-        for numbering, view, wanted in zip(
+        for numbering, view, goal_points in zip(
             self._point_features, views, self._read_goal_points(goal), strict=True
         ):
-            points, up_to = numbering._match_to_goal(view, wanted)
+            points, ambiguity = numbering._match_to_goal(view, goal_points)
             found.append(points)
-            blind.append(up_to)
-        return np.stack(found), min(blind)
+            ambiguities.append(ambiguity)
+        return np.stack(found), min(ambiguities)
 
 
 @FEATURES.register("stereo_pose")
 class StereoPose(StereoPoints):
-    """Position-based: s = (g_t_c, theta u) of the rigid motion between goal's and seen places."""
+    """Position-based servoing: s = (g_t_c, theta u) of the motion between goal and image points."""
 
 
     def compute_from_points(
         self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See StereoPoints.of_places."""
+        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) in space."""
         s, L = compute_goal_frame_feature(estimate_rigid_motion(desired_points, points))
         return s, L, np.zeros(6)
 
@@ -165,10 +166,12 @@ class StereoPose(StereoPoints):
 
 
 def triangulate(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarray) -> np.ndarray:
-    """Places (n, 3) in the first camera's frame, m, of points (n, 2), normalised, in two.
+    """Triangulate points (n, 3), m, in the first camera's frame from points (n, 2) in two cameras.
 
-    Least squares of x Z = X and y Z = Y in both. Raises:
-        MeasurementError: a place is behind a camera, as of points that are not the same.
+    It is the least-squares solution of x Z = X and y Z = Y in both cameras.
+
+    Raises:
+        MeasurementError: a point is behind a camera, for example after a wrong match.
     """
     R, t = second_T_first[:3, :3], second_T_first[:3, 3]
     places = np.empty((len(first), 3))
@@ -182,10 +185,10 @@ def triangulate(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarra
 
 
 def estimate_rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """a_T_b (4, 4) that brings places (n, 3) nearest to others, by least squares (Kabsch).
+    """Compute a_T_b (4, 4) that maps `before` (n, 3) to `after` by least squares (Kabsch).
 
     Raises:
-        MeasurementError: they lie on one line, or all in one place.
+        MeasurementError: the points are collinear, or all coincide.
     """
     middle, other = before.mean(axis=0), after.mean(axis=0)
     U, sizes, Vt = np.linalg.svd(before.T @ (after - other))

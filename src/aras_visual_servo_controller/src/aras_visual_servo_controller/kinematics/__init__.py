@@ -1,4 +1,4 @@
-"""The arm: kinematics of any chain from its description, limits, resolver, secondary tasks."""
+"""Kinematics of the arm: chain, limits, differential inverse kinematics and secondary tasks."""
 
 from typing import TYPE_CHECKING
 
@@ -26,5 +26,5 @@ _PLACES = {
                     ".secondary_tasks"),
 }  # fmt: skip
 __all__ = sorted(_PLACES)
-if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+if not TYPE_CHECKING:  # with a module __getattr__, a type checker would accept any name
     __getattr__, __dir__ = lazy_exports(__name__, _PLACES)

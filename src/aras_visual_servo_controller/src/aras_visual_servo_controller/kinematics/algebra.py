@@ -1,24 +1,26 @@
-"""Linear algebra of matrices of a few rows, compiled: the resolver's and an image's."""
+"""Compiled linear algebra of small matrices, for the inverse kinematics and the features."""
 
 import numpy as np
 
 from aras_visual_servo_base.compiled import jit
 
-# Part of the greatest singular value up to which one counts as 0: float64 leaves 1e-15.
+# Part of the largest singular value below which one counts as 0; float64 rounding leaves 1e-15.
 ROUNDING_TOLERANCE = 1e-12
-# Cosine between two rows that rounding leaves of a right angle; six sweeps are usual.
+# Largest cosine between rows that count as orthogonal, and maximum number of Jacobi sweeps (six are
+# usual).
 RIGHT_ANGLE, SWEEPS = 2e-15, 40
 
 
 @jit("f8[:,:]")
 def svd(a):
-    """U (m, r), s (r,) largest first, V^T (r, n) of a (m, n), r = min(m, n); also of no rows.
+    """Compute the singular value decomposition U (m, r), s (r,), V^T (r, n) of a (m, n).
 
-    By one-sided Jacobi rotations (M. Hestenes, Inversion of matrices by biorthogonalization, 1958).
-    Where a singular value is 0 its vector on the longer side is 0 too.
+    r = min(m, n), which may be 0; the singular values are in descending order. The algorithm is
+    one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). The
+    vector of a zero singular value is 0 on the longer side.
 
     Raises:
-        numpy.linalg.LinAlgError: a number is not finite.
+        numpy.linalg.LinAlgError: an element is not finite.
     """
     m, n = a.shape
     r, length = min(m, n), max(m, n)
@@ -28,8 +30,8 @@ def svd(a):
             if not abs(a[i, j]) < np.inf:
                 raise np.linalg.LinAlgError("singular values of a matrix that is not finite")
             largest = max(largest, abs(a[i, j]))
-    rows, turn = np.zeros((r, length)), np.eye(r)  # turn @ the shorter side = rows
-    if largest > 0.0:  # squares of what is scaled by it neither overflow nor vanish
+    rows, turn = np.zeros((r, length)), np.eye(r)  # invariant: turn @ (shorter side of a) = rows
+    if largest > 0.0:  # scaling prevents overflow and underflow of the squares
         for i in range(r):
             for j in range(length):
                 rows[i, j] = (a[i, j] if m <= n else a[j, i]) / largest
@@ -60,7 +62,7 @@ def svd(a):
         if done:
             break
     sizes, order = np.empty(r), np.empty(r, np.int64)
-    for i in range(r):  # as NumPy's functions do it, in a tenth of their machine code
+    for i in range(r):  # compiles to a tenth of the machine code of NumPy's norm and argsort
         square = 0.0
         for k in range(length):
             square += rows[i, k] * rows[i, k]
@@ -91,7 +93,7 @@ def svd(a):
 
 @jit("f8[:,:], f8[:,:]")
 def multiply(a, b):
-    """a @ b; BLAS takes longer to be called."""
+    """Compute a @ b; for small matrices this is faster than a BLAS call."""
     product = np.zeros((a.shape[0], b.shape[1]))
     for i in range(a.shape[0]):
         for j in range(b.shape[1]):
@@ -102,7 +104,7 @@ def multiply(a, b):
 
 @jit("f8[:,:], f8[:]")
 def multiply_vector(a, x):
-    """a @ x."""
+    """Compute a @ x."""
     product = np.zeros(a.shape[0])
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -112,7 +114,10 @@ def multiply_vector(a, x):
 
 @jit("f8[:,:], f8[:], f8")
 def solve_least_squares(L, e, tolerance):
-    """L^+ e (n,) of L (k, n); singular values up to `tolerance` of the greatest count as 0."""
+    """Compute L^+ e (n,) of L (k, n).
+
+    Singular values up to `tolerance` times the largest count as 0.
+    """
     u, s, vt = svd(L)
     parts = multiply_vector(u.T, e)
     for i in range(len(s)):
@@ -122,8 +127,10 @@ def solve_least_squares(L, e, tolerance):
 
 @jit("f8[:,:], f8")
 def has_singular_values_above(a, bound):
-    """Whether all singular values of a (m, n) are above the bound: then Cholesky's decomposition of
-    its shorter side's squares, less the bound's, ends."""
+    """Return whether all singular values of a (m, n) are above `bound`.
+
+    This holds if the Cholesky decomposition of a a^T - bound^2 I (with the shorter side) exists.
+    """
     side = a if a.shape[0] <= a.shape[1] else a.T
     squares = multiply(side, side.T)
     for i in range(len(squares)):
@@ -141,7 +148,7 @@ def has_singular_values_above(a, bound):
 
 @jit("f8[:], f8[:], f8[:]")
 def are_finite(a, b, c):
-    """Whether three arrays (k,) are all finite: 0 times what is not is NaN."""
+    """Return whether three arrays (k,) are finite; 0 times a value that is not finite is NaN."""
     total = 0.0
     for array in (a, b, c):
         for value in array:
@@ -151,7 +158,7 @@ def are_finite(a, b, c):
 
 @jit("f8[:,:], f8[:]")
 def is_task_finite(L, rate):
-    """Whether L (k, 6) and rate (k,) are finite."""
+    """Return whether L (k, 6) and rate (k,) are finite."""
     total = 0.0
     for row in L:
         for value in row:

@@ -1,4 +1,4 @@
-"""Any chain of joints that moves a camera, from the robot's URDF: names, limits, kinematics."""
+"""Kinematics of any joint chain that moves a camera, from the URDF of the robot."""
 
 from collections.abc import Callable, Mapping, Sequence
 
@@ -21,8 +21,8 @@ from ..errors import ConfigurationError, MeasurementError
 from .chain import Chain
 from .joint_sample import JointSample
 
-# A measured position further outside its limits than their span, or a speed so many times the
-# joint's greatest, is no measurement. A joint without limits may have turned this far, rad or m.
+# A measured position is implausible if it is outside the limits by more than their span, a speed if
+# it exceeds the joint's maximum by this factor. Joints without limits have this span, rad or m.
 UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
 
 
@@ -31,10 +31,10 @@ class Arm:
 
     For joints q (n,), in rad or m, `pose(q)` is base_T_camera (4, 4) and `jacobian(q)` is J (6, n)
     with v = J q_dot, the twist of the camera in its own optical frame, m/s and rad/s.
-    `from_urdf` makes an arm from a robot's description.
+    `from_urdf` constructs an arm from a robot description.
 
-    The base is the robot's root link, or the link named. Where the base is in the world is not
-    known to the controller: `world_T_camera` in this package is `base_T_camera`.
+    The base is the root link of the robot, or a named link. The controller does not know the pose
+    of the base in the world: `world_T_camera` in this package is `base_T_camera`.
 
     With a `target_frame` the camera need not be on the arm (eye-to-hand: the camera is fixed and
     the arm moves the target). Pose and Jacobian are then those of the camera's motion relative to
@@ -43,11 +43,13 @@ class Arm:
     Attributes:
         names: (n,) of the joints, from the base to the camera, then those to the target.
         lower, upper: (n,) limits of position, rad or m; infinite for continuous joints.
-        velocity, effort: (n,) greatest, rad/s or m/s and N m or N; infinite where none is said.
-        prismatic: (n,) bool.
-        camera_frame, base_frame, target_frame: links; target_frame '': the target stands still.
-        chain: of the joints, in arrays.
-        plausible: (3, n) least and greatest positions that can be measured, and greatest speeds.
+        velocity, effort: (n,) maxima, rad/s or m/s and N m or N; infinite if not specified.
+        is_prismatic: (n,) bool.
+        camera_frame, base_frame, target_frame: links; target_frame '' means that no joint moves
+            the target.
+        chain: the joints as arrays.
+        plausible_bounds: (3, n) lowest and highest positions and highest speeds that a measurement
+            can have.
     """
 
     def __init__(
@@ -57,7 +59,7 @@ class Arm:
         joints: Sequence[str] | None = None,
         locked: Mapping[str, float] | None = None,
     ) -> None:
-        """Build from the joints on the paths to the camera and to the target; see `from_urdf`."""
+        """Construct the arm from the joints on the paths to the camera and the target."""
         moving = [joint for joint in camera_path if joint.kind != "fixed"]
         shared = {joint.name for joint in camera_path}
         moving += [j for j in target_path if j.kind != "fixed" and j.name not in shared]
@@ -73,7 +75,7 @@ class Arm:
             IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN),
         ])  # fmt: skip
         self._zero_velocities = _make_read_only(np.zeros(len(moving)))
-        # names of a message, our rows
+        # Joint names of the last message, and the rows of this arm's joints among them.
         self._row_cache: tuple[tuple[str, ...], list[int]] = ((), [])
         self.names = tuple(joint.name for joint in moving)
         self.is_prismatic = np.array([joint.kind == "prismatic" for joint in moving])
@@ -82,7 +84,7 @@ class Arm:
         self.target_frame = target_path[-1].child if target_path else ""
 
         self.chain = Chain.from_paths(camera_path, target_path, self.names, locked or {})
-        # The posture that `view` answered last, and its answer.
+        # The last joint positions of `pose_and_jacobian`, with their result.
         self._pose_cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
 
     @classmethod
@@ -95,21 +97,21 @@ class Arm:
         target_frame: str = "",
         locked: Mapping[str, float] | None = None,
     ) -> "Arm":
-        """The arm that a robot's description says moves the camera.
+        """Construct the arm that moves the camera in a robot description.
 
         Args:
             urdf: text of the description.
             camera_frame: optical frame (z forward, x right, y down), or a link with a camera
-                sensor; see `camera_path`.
-            base_frame: '' for the description's root.
-            joints: names of the joints to use, in the order wanted; None: all that move the
-                camera, from the base on. The others stand still.
-            target_frame: a link that carries the target, where the arm moves it.
-            locked: positions of the joints that stand still, rad or m; 0 where not given.
+                sensor; see `find_camera_path`.
+            base_frame: base link; '' for the root of the description.
+            joints: names of the joints to use, in this order; None: all that move the camera,
+                starting from the base. The other joints are at rest.
+            target_frame: link that carries the target, if the arm moves the target.
+            locked: positions of the joints at rest, rad or m; 0 by default.
 
         Raises:
-            ConfigurationError: the description cannot be used, with what is missing and the
-                nearest name.
+            ConfigurationError: the description cannot be used; the message says what is missing
+                and suggests the nearest name.
         """
         try:
             tree = parse_tree(urdf)
@@ -127,10 +129,10 @@ class Arm:
 
     @staticmethod
     def find_fixed_pose(urdf: str, camera_frame: str, base_frame: str = "") -> np.ndarray | None:
-        """base_T_camera (4, 4) of a camera that no joint moves; None where one does.
+        """Return base_T_camera (4, 4) of a camera that no joint moves; None if a joint moves it.
 
         Raises:
-            ConfigurationError: as `from_urdf`.
+            ConfigurationError: as in `from_urdf`.
         """
         try:
             path = find_camera_path(parse_tree(urdf), base_frame, camera_frame)
@@ -141,50 +143,53 @@ class Arm:
         return Chain.from_paths(path, (), (), {}).tip_frames[0]
 
     def __len__(self) -> int:
-        """Number of joints."""
+        """Return the number of joints."""
         return len(self.names)
 
     def pose(self, q: np.ndarray) -> np.ndarray:
         """Compute `world_T_camera` (4, 4) for joints q (n,), read-only.
 
         The world is the frame in which the target is at rest: the base, or the target's own frame
-        where the arm moves it.
+        if the arm moves the target.
         """
         return self.pose_and_jacobian(q)[0]
 
     def poses(self, positions: np.ndarray) -> np.ndarray:
-        """The same (m, 4, 4) for joints (m, n)."""
+        """Compute `world_T_camera` (m, 4, 4) for m rows of joint positions (m, n)."""
         return self.chain.compute_poses(positions)
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """Geometric Jacobian (6, n) of the camera, expressed in the optical frame.
+        """Compute the geometric Jacobian (6, n) of the camera, expressed in the optical frame.
 
         twist = jacobian(q) @ q_dot, with twist = (vx, vy, vz, wx, wy, wz) of the camera in its
-        own frame, m/s and rad/s; relative to the target's frame where the arm moves that.
+        own frame, m/s and rad/s; relative to the target's frame if the arm moves the target.
         """
         return self.pose_and_jacobian(q)[1]
 
     def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Compute pose (4, 4) and Jacobian (6, n) of one posture together; both read-only."""
+        """Compute pose (4, 4) and Jacobian (6, n) for joints q (n,) together; both read-only."""
         q = np.asarray(q, float)
         if q.shape != self.lower.shape:
             raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")
-        asked, viewed = q.tobytes(), self._pose_cache
-        if viewed is not None and asked == viewed[0]:
-            return viewed[1]  # an image's observation, scheme and resolver ask alike
+        key, cached = q.tobytes(), self._pose_cache
+        if cached is not None and key == cached[0]:
+            return cached[1]  # for one image, several parts of the loop need the same result
         pose, jacobian = self.chain.compute_pose_and_jacobian(q)
-        view = _make_read_only(pose), _make_read_only(jacobian)
-        self._pose_cache = asked, view
-        return view
+        result = _make_read_only(pose), _make_read_only(jacobian)
+        self._pose_cache = key, result
+        return result
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (n, 3) and unit axes (n, 3) of the joints in the base's frame."""
+        """Compute the origins (n, 3) and unit axes (n, 3) of the joints in the base frame."""
         frames = self.chain.compute_frames(q)
         return frames[:, 9:12], frames[:, 12:]
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
-        """Places (m, n, 3) of the joints from the base to the camera, in the base's frame, for
-        joints (m, n); (m, 0, 3) where the arm moves the target, not the camera."""
+        """Compute the joint origins (m, n, 3) from base to camera in the base frame.
+
+        `positions` are joints (m, n). If the arm moves the target, not the camera, the result is
+        (m, 0, 3).
+        """
         count = 0 if self.target_frame else len(self)
         found = np.zeros((len(positions), count, 3))
         for row, q in zip(found, positions if count else (), strict=False):
@@ -198,11 +203,11 @@ class Arm:
         velocities: Sequence[float] = (),
         stamp: float = 0.0,
     ) -> JointSample:
-        """The arm's joints out of a message's, found by name; velocities are 0 where none came.
+        """Extract the arm's joints from a joint state, by name; missing velocities are 0.
 
         Raises:
             MeasurementError: a joint is missing, lengths differ, or a value is not plausible: not
-                finite, or further outside its limits than a joint can stand.
+                finite, or too far outside its limits.
         """
         if len(names) != len(positions):
             raise MeasurementError(f"{len(names)} joint names but {len(positions)} positions")
@@ -217,7 +222,7 @@ class Arm:
         return JointSample(float(stamp), self.names, _make_read_only(q), _make_read_only(speed))
 
     def _find_rows(self, names: Sequence[str]) -> list[int]:
-        """Where our joints stand among these names; the same come again and again."""
+        """Return the indices of the arm's joints among these names; cached for the next message."""
         names = tuple(names)
         if names != self._row_cache[0]:
             index = {name: i for i, name in enumerate(names)}
@@ -230,10 +235,10 @@ class Arm:
         return self._row_cache[1]
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
-        """Refuse positions and velocities (n,) that no joint of this arm can have.
+        """Check that positions and velocities (n,) are possible for the joints of this arm.
 
         Raises:
-            MeasurementError: one is not finite, or implausibly large, or there are too many or few.
+            MeasurementError: a value is not finite or implausibly large, or the lengths differ.
         """
         q = np.asarray(q, float)
         speeds = self._zero_velocities if velocities is None else np.asarray(velocities, float)
@@ -242,8 +247,8 @@ class Arm:
                 f"joint positions {q.shape} and velocities {speeds.shape} for an arm of "
                 f"{len(self.names)} joints"
             )
-        joint, speeding = find_implausible_joint(q, speeds, *self.plausible_bounds)
-        if joint >= 0 and not speeding:
+        joint, is_speed = find_implausible_joint(q, speeds, *self.plausible_bounds)
+        if joint >= 0 and not is_speed:
             raise MeasurementError(
                 f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
                 f"({self.lower[joint]:g} to {self.upper[joint]:g})"
@@ -258,19 +263,19 @@ class Arm:
         self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-7,
         cost: Callable[[np.ndarray], float] | None = None,
     ) -> np.ndarray:
-        """Joints (n,) within the limits that put the camera at a pose (4, 4), found from q0 (n,).
+        """Find joints (n,) within the limits that put the camera at a pose (4, 4), from q0 (n,).
 
-        tolerance: m, and 0.1 m x rad, to which the pose has to be met. Most are met to 1e-12; where
-            the arm is singular, a few iterations leave up to 1e-8.
-        cost: what speaks against joints (n,), from 0 on. The first that are found without any are
-            taken, or the cheapest of several; None: the first.
+        Args:
+            tolerance: largest pose error, m and 0.1 m x rad. Most solutions are exact to 1e-12;
+                near a singularity of the arm, a few iterations leave up to 1e-8.
+            cost: function that returns the cost >= 0 of joints (n,). The first solution without
+                cost is returned, otherwise the cheapest found; None: the first solution.
 
         Raises:
-            UnreachableError: no such joints were found; with how far the nearest is.
+            UnreachableError: no solution was found; it contains the remaining distance.
         """
-        from .inverse_kinematics import (
-            solve_inverse_kinematics,  # here, because SciPy's optimisers take a third of a second
-        )
+        # Imported here, because SciPy's optimisers take a third of a second to import.
+        from .inverse_kinematics import solve_inverse_kinematics
 
         return solve_inverse_kinematics(
             self.pose_and_jacobian, self.lower, self.upper, world_T_camera, q0, tolerance, cost
@@ -279,8 +284,11 @@ class Arm:
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:]")
 def find_implausible_joint(q, velocities, lower, upper, max_speeds):
-    """The first joint whose position, or else speed, is none; and whether it is the speed. -1: all
-    are plausible. Numbers that are not finite fail every comparison."""
+    """Return the first joint with an implausible value, and whether the value is its velocity.
+
+    Positions are checked before velocities. The joint is -1 if all values are plausible. A value
+    that is not finite fails every comparison.
+    """
     for i in range(len(q)):
         if not lower[i] <= q[i] <= upper[i]:
             return i, False
@@ -291,14 +299,15 @@ def find_implausible_joint(q, velocities, lower, upper, max_speeds):
 
 
 def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
-    """The joints from the base to the camera's optical frame (z forward, x right, y down).
+    """Return the joints from the base to the camera's optical frame (z forward, x right, y down).
 
-    A described frame is the optical one, unless it carries a camera sensor, whose pose then says
-    along which axis it looks, and its name does not end in `_optical_frame`. A frame
-    `x_optical_frame` that is not described is that of the sensor on the link `x_link`.
+    A link of the description is taken as the optical frame. If the link carries a camera sensor
+    and its name does not end in `_optical_frame`, the pose of the sensor gives the viewing
+    direction. A frame `x_optical_frame` that the description lacks is that of the sensor on the
+    link `x_link`.
 
     Raises:
-        DescriptionError: no such frame, or nothing says along which axis it looks.
+        DescriptionError: there is no such frame, or its viewing direction is not known.
     """
     link = camera_frame
     if camera_frame.endswith(OPTICAL):
@@ -310,7 +319,7 @@ def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint
         if link == camera_frame:
             return path
         raise DescriptionError(
-            f"link '{link}' carries no camera sensor that would say along which axis it looks: "
+            f"link '{link}' carries no camera sensor that defines a viewing direction: "
             f"describe '{camera_frame}' in it, z forward, x right and y down, or name as "
             "camera_frame a link that looks along its z axis"
         )
@@ -320,7 +329,7 @@ def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint
 
 
 def _check_joint(joint: Joint) -> None:
-    """DescriptionError for a joint that moves the camera or the target and cannot be used."""
+    """Raise DescriptionError for a joint that moves the camera or target but is not supported."""
     if not joint.is_movable and joint.kind != "fixed":
         raise DescriptionError(
             f"joint '{joint.name}' on the path to the camera is '{joint.kind}': "
@@ -339,7 +348,7 @@ def _check_joint(joint: Joint) -> None:
 
 
 def _read_limits(joint: Joint) -> tuple[float, float, float, float]:
-    """lower, upper, velocity, effort of a joint; infinite where there is no limit."""
+    """Return lower, upper, velocity and effort limits of a joint; infinite without a limit."""
     if joint.limits is None:
         return -np.inf, np.inf, np.inf, np.inf
     lower, upper = joint.limits.lower, joint.limits.upper
@@ -352,7 +361,7 @@ def _read_limits(joint: Joint) -> tuple[float, float, float, float]:
 def _select_joints(
     moving: list[Joint], joints: Sequence[str] | None
 ) -> list[Joint]:
-    """The joints asked for, in the order asked for."""
+    """Return the joints with the given names, in the given order; None: all moving joints."""
     if joints is None:
         return moving
     by_name = {joint.name: joint for joint in moving}
@@ -372,5 +381,5 @@ def _make_read_only(array: np.ndarray) -> np.ndarray:
 
 
 def is_free_camera(arm: Arm) -> bool:
-    """Whether it is a camera that flies, without joints of an arm."""
+    """Return whether this is a free-flying camera without an arm."""
     return getattr(arm, "is_free", False)

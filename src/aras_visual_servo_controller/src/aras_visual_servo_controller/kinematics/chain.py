@@ -1,6 +1,6 @@
-"""Where the joints of an arm put its camera, and how they move it; compiled.
+"""Compiled forward kinematics and Jacobian of a joint chain.
 
-One wording for node and studies, which therefore agree to the bit.
+The node and the offline runner use the same code, so their results are bit-identical.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,15 +17,17 @@ CHAIN_SIGNATURE = "i8[::1], i8[::1], b1[::1], f8[::1], f8[:,:,::1], f8[:,::1], i
 
 
 class Chain(NamedTuple):
-    """The joints on the way from a base to a camera, and to a target where an arm moves that.
+    """Joints between a base and a camera, and to a target that the arm moves.
 
     Attributes:
-        order (n,): joints, each behind the one that carries it.
-        parents (n,): the joint that carries a joint, -1: the base. slides (n,): whether it does.
-        signs (n,): 1 where the joint moves the camera, -1 the target, 0 both.
-        places (n, 4, 4): of the joint's frame at 0 in its parent's; axes (n, 3): in it.
-        ends (2,): the joints that carry camera and target, -1: the base.
-        tips (2, 4, 4): camera and target in those joints' frames.
+        order: (n,) joints, each after its parent.
+        parents: (n,) parent joint of each joint; -1: the base.
+        is_prismatic: (n,) bool.
+        signs: (n,) 1 if the joint moves the camera, -1 if it moves the target, 0 if both.
+        origins: (n, 4, 4) frame of each joint at position 0, in its parent's frame.
+        axes: (n, 3) axis of each joint, in its own frame.
+        end_joints: (2,) joints that carry camera and target; -1: the base.
+        tip_frames: (2, 4, 4) camera and target in the frames of those joints.
     """
 
     order: np.ndarray
@@ -42,8 +44,10 @@ class Chain(NamedTuple):
         cls, camera_path: Sequence[Joint], target_path: Sequence[Joint], names: Sequence[str],
         locked: Mapping[str, float],
     ) -> "Chain":
-        """The chain of the joints `names` on two paths from the base; others stand still, where
-        `locked` says or at 0."""
+        """Construct the chain of the joints `names` on the paths from the base to both ends.
+
+        The other joints are fixed at their positions in `locked`, or at 0.
+        """
         count = len(names)
         chain = cls(
             np.zeros(count, np.int64), np.full(count, -1), np.zeros(count, bool), np.zeros(count),
@@ -75,19 +79,19 @@ class Chain(NamedTuple):
         return chain
 
     def compute_frames(self, q: np.ndarray) -> np.ndarray:
-        """(n, 15) for joints q (n,): rotation, place and axis of each in the base's frame."""
+        """Compute rotation, origin and axis of each joint in the base frame, as rows (n, 15)."""
         frames = np.empty((len(self.order), 15))
         _compute_frames(*self[:3], *self[4:6], np.asarray(q, float), frames)
         return frames
 
     def compute_pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """`target_T_camera` (4, 4), and its Jacobian (6, n) in the camera's frame, for q (n,)."""
+        """Compute `target_T_camera` (4, 4) and its Jacobian (6, n) in the camera frame."""
         pose, jacobian = np.empty((4, 4)), np.empty((6, len(q)))
         compute_pose_and_jacobian(*self, q, pose, jacobian)
         return pose, jacobian
 
     def compute_poses(self, positions: np.ndarray) -> np.ndarray:
-        """`target_T_camera` (m, 4, 4) for joints (m, n)."""
+        """Compute `target_T_camera` (m, 4, 4) for joints (m, n)."""
         poses = np.empty((len(positions), 4, 4))
         _compute_poses(*self, np.asarray(positions, float), poses, np.empty((6, len(self.order))))
         return poses
@@ -97,7 +101,7 @@ NO_JOINTS = Chain.from_paths((), (), (), {})
 
 
 def _compute_joint_motion(joint: Joint, position: float) -> np.ndarray:
-    """Motion (4, 4) of a joint at a position, rad or m, in its own frame."""
+    """Compute the motion (4, 4) of a joint at a position, rad or m, in its own frame."""
     twist = np.zeros(6)
     along = slice(0, 3) if joint.kind == "prismatic" else slice(3, 6)
     twist[along] = position * np.array(joint.axis)
@@ -106,7 +110,7 @@ def _compute_joint_motion(joint: Joint, position: float) -> np.ndarray:
 
 @jit("f8[::1], f8[:,:], f8[::1]", allocates=False)
 def _transform_frame(frame, transform, out):
-    """A frame (12 and more) carried on by a place (4, 4), into `out`."""
+    """Write the frame (rotation, origin) times the transform (4, 4) into `out`."""
     for i in range(3):
         x, y, z = frame[3 * i], frame[3 * i + 1], frame[3 * i + 2]
         for j in range(3):
@@ -116,7 +120,7 @@ def _transform_frame(frame, transform, out):
 
 @jit("i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,::1], f8[:], f8[:,::1]")
 def _compute_frames(order, parents, is_prismatic, origins, axes, q, frames):
-    """See Chain.frames."""
+    """Write rotation, origin and axis of each joint in the base frame into `frames` (n, 15)."""
     base, here = np.zeros(15), np.empty(15)
     base[0] = base[4] = base[8] = 1.0
     for j in order:
@@ -145,14 +149,14 @@ def _compute_frames(order, parents, is_prismatic, origins, axes, q, frames):
 def compute_pose_and_jacobian(
     order, parents, is_prismatic, signs, origins, axes, end_joints, tip_frames, q, pose, jacobian
 ):
-    """See Chain.view."""
+    """Write target_T_camera (4, 4) and its Jacobian (6, n) into `pose` and `jacobian`."""
     frames, base = np.empty((len(order), 15)), np.zeros(15)
     base[0] = base[4] = base[8] = 1.0
     _compute_frames(order, parents, is_prismatic, origins, axes, q, frames)
     camera, target = np.empty(15), np.empty(15)
     _transform_frame(base if end_joints[0] < 0 else frames[end_joints[0]], tip_frames[0], camera)
     _transform_frame(base if end_joints[1] < 0 else frames[end_joints[1]], tip_frames[1], target)
-    # The camera in the target's frame.
+    # Pose of the camera in the target's frame.
     dx, dy, dz = camera[9] - target[9], camera[10] - target[10], camera[11] - target[11]
     for i in range(3):
         tx, ty, tz = target[i], target[3 + i], target[6 + i]
@@ -190,7 +194,7 @@ def _compute_poses(
     poses,
     jacobian,
 ):
-    """See Chain.poses; `jacobian`: (6, n) to work with."""
+    """Write target_T_camera for m rows of joints into `poses`; `jacobian` (6, n) is work space."""
     for m in range(len(poses)):
         compute_pose_and_jacobian(
             order,

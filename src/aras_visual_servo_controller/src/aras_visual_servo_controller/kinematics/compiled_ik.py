@@ -1,6 +1,6 @@
-"""One answer of the resolver, compiled.
+"""Compiled solution of the differential inverse kinematics for one image.
 
-Twists are scaled: the rotations by a length, so that all six numbers are in m/s.
+Rotations in twists are multiplied by a length, so that all six components are in m/s.
 """
 
 import numpy as np
@@ -12,20 +12,20 @@ from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
 from .held_directions import compute_held_directions
 from .limits import compute_velocity_ranges
 
-# From this part of L's greatest singular value on all twists are seen alike.
+# If the singular values of L are above this part of the largest, all twists have full weight.
 WELL_CONDITIONED = 0.05
-# A weak joint motion is damped at least as if the demand saw so much of it.
+# A weak joint motion is damped as if the task had at least this sensitivity to it.
 MIN_DEMAND = 0.3
-SINGULAR_TOLERANCE = 1e-9  # part of the greatest singular value below which one is a rounding error
-STRAIGHT_TOLERANCE = 1e-9  # rad; where an elbow is bent less, rounding would choose its side
-# Joints that move less than this leave the Jacobian as it is, beside an elbow too, rad or m.
+SINGULAR_TOLERANCE = 1e-9  # part of the largest singular value below which one is a rounding error
+STRAIGHT_TOLERANCE = 1e-9  # rad; at a smaller bend of an elbow, its side would be rounding noise
+# rad or m; a smaller joint motion leaves the Jacobian practically unchanged, also near an elbow.
 SMALL_MOTION = 0.002
-REUSE_TIME = 0.05  # s that steady velocities may be kept; a slow camera's image period
+REUSE_TIME = 0.05  # s that constant velocities may be reused: the image period of a slow camera
 
 
 @jit("f8[:]")
 def _norm(a):
-    """|a|."""
+    """Compute the norm of a."""
     square = 0.0
     for value in a:
         square += value * value
@@ -36,33 +36,36 @@ def _norm(a):
 def _build_rows(
     L, rate, held_directions, held_speeds, free, scaled_jacobian, hold_onset, hold_full
 ):
-    """Rows for a task, and those for what it does not model.
+    """Compute the directions that the solution must move in, with their velocities and weights.
 
-    What is held leaves the other twists; in those the task is inverted, so that its wishes for what
-    it does not model do not weigh.
+    The task is inverted only in the directions that are not held, so that it does not affect the
+    held ones.
 
     Args:
-        L, rate: (k, 6), (k,) of the task.
-        held, speeds: (p, 6) directions that are held, (p,) wanted along them.
+        L: (k, 6) interaction matrix of the task.
+        rate: (k,) desired rate of the task.
+        held_directions: (p, 6) directions that are held.
+        held_speeds: (p,) desired velocities along the held directions.
         free: (6 - p, 6) the other directions.
-        scaled: (6, n) the arm's Jacobian.
-        least, fully: singular value from which the arm moves a held direction at all, and fully.
+        scaled_jacobian: (6, n) Jacobian of the arm.
+        hold_onset, hold_full: singular value at which the arm starts to control a held direction,
+            and at which it controls the direction fully.
 
     Returns:
-        basis (m, 6), orthonormal directions; wanted (m,) along them; weights (m,), 0 to 1, where
-        the arm has to choose.
+        basis (m, 6), orthonormal directions; velocities (m,) along them; weights (m,), 0 to 1, used
+        if the arm cannot realise all of them.
     """
-    # Along which of the held directions can the arm move?
-    turned, reach, _ = svd(multiply(held_directions, scaled_jacobian))
-    along, wanted = multiply(turned.T, held_directions), multiply_vector(turned.T, held_speeds)
+    # Held directions, sorted by how well the arm can move along them.
+    u_held, reach, _ = svd(multiply(held_directions, scaled_jacobian))
+    along, hold = multiply(u_held.T, held_directions), multiply_vector(u_held.T, held_speeds)
     weights = np.empty(len(reach))
     for i in range(len(reach)):
         part = min(max((reach[i] - hold_onset) / (hold_full - hold_onset), 0.0), 1.0)
         weights[i] = part * part * (3.0 - 2.0 * part)
-    # What holding does to the features on its way is not the rest's to do.
+    # Subtract the effect of the held motion on the features from the desired rate.
     weighted = np.empty(len(reach))
     for i in range(len(reach)):
-        weighted[i] = weights[i] * wanted[i]
+        weighted[i] = weights[i] * hold[i]
     rest = multiply_vector(L, multiply_vector(along.T, weighted))
     for i in range(len(rest)):
         rest[i] = rate[i] - rest[i]
@@ -70,19 +73,19 @@ def _build_rows(
     rank = 0
     while rank < len(s) and s[rank] > ROUNDING_TOLERANCE * s[0]:
         rank += 1
-    seen = multiply_vector(u.T, rest)
+    projected = multiply_vector(u.T, rest)
     basis = np.empty((rank + len(reach), 6))
     others = multiply(vt[:rank], free)
     speed, weight = np.empty(len(basis)), np.empty(len(basis))
     for i in range(len(reach)):
-        speed[rank + i], weight[rank + i] = wanted[i], weights[i]
+        speed[rank + i], weight[rank + i] = hold[i], weights[i]
         for j in range(6):
             basis[rank + i, j] = along[i, j]
     for i in range(rank):
         for j in range(6):
             basis[i, j] = others[i, j]
-        speed[i] = seen[i] / s[i]
-        # A twist that the features hardly show weighs less where the arm has to choose.
+        speed[i] = projected[i] / s[i]
+        # A twist that hardly changes the features has less weight.
         weight[i] = min(1.0, s[i] / (WELL_CONDITIONED * s[0]))
     return basis, speed, weight
 
@@ -91,18 +94,20 @@ def _build_rows(
 def _solve_damped(
     scaled_jacobian, basis, desired, weights, preferred, free, fixed, damping, damping_below, units
 ):
-    """Joint velocities for a demand, the others at their fixed ones, and what is free.
+    """Compute joint velocities for the desired twist, and the redundant part of a secondary motion.
 
     Args:
-        scaled: (6, n) the arm's Jacobian.
-        basis, wanted, weights: as `_build_rows` answers them.
-        wish: (n,) velocities where the demand leaves a choice.
-        free, fixed: (n,) joints that may move, velocities (n,) of the others.
-        damping, below: greatest damping, and singular value of the Jacobian where it sets in.
-        units: (n,) motion of each joint that counts as much as any other's.
+        scaled_jacobian: (6, n) Jacobian of the arm.
+        basis, desired, weights: result of `_build_rows`.
+        preferred: (n,) velocities that secondary tasks prefer.
+        free: (n,) joints that may move.
+        fixed: (n,) velocities of the other joints.
+        damping: maximum damping.
+        damping_below: singular value of the Jacobian below which a motion is damped.
+        units: (n,) motion of each joint that has the same weight as the others.
 
     Returns:
-        (n,) for the demand; (n,) of the wish, what the demand does not see.
+        (n,) velocities for the desired twist; (n,) part of `preferred` that does not affect it.
     """
     joints = np.flatnonzero(free)
     arm = np.empty((6, len(joints)))
@@ -119,7 +124,7 @@ def _solve_damped(
     task = multiply(rows, arm)
     m, damped = len(task), task
     if not has_singular_values_above(arm, damping_below):
-        turned, s, weak = svd(arm)
+        u_arm, s, weak = svd(arm)
         strong = 0
         while strong < len(s) and s[strong] >= damping_below:
             strong += 1
@@ -127,37 +132,37 @@ def _solve_damped(
         for i in range(m):
             for j in range(len(joints)):
                 damped[i, j] = task[i, j]
-        # As strong as the demand is in that direction, whatever the units of its rows.
-        seen = multiply(rows, turned)
+        # Scale the damping with the sensitivity of the task in that direction.
+        sensitivity = multiply(rows, u_arm)
         for i in range(strong, len(s)):
-            strength = max(_norm(seen[:, i]), MIN_DEMAND)
+            strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
             ratio = s[i] / damping_below
             factor = damping * np.sqrt(1.0 - ratio * ratio) * strength
             for j in range(len(joints)):
                 damped[m + i - strong, j] = factor * weak[i, j]
     u, s, vt = svd(damped)
-    wishes = np.empty(len(joints))
+    scaled_preferred = np.empty(len(joints))
     for column, joint in enumerate(joints):
-        wishes[column] = preferred[joint] / units[joint]
+        scaled_preferred[column] = preferred[joint] / units[joint]
     towards, against = (
         multiply_vector(u[:m].T, rates),
-        multiply_vector(u[:m].T, multiply_vector(task, wishes)),
+        multiply_vector(u[:m].T, multiply_vector(task, scaled_preferred)),
     )
     for i in range(len(s)):
         inverse = 1.0 / s[i] if s[i] >= SINGULAR_TOLERANCE * s[0] and s[i] > 0.0 else 0.0
         towards[i] *= inverse
         against[i] *= inverse
-    moved, seen_wish = multiply_vector(vt.T, towards), multiply_vector(vt.T, against)
+    moved, task_part = multiply_vector(vt.T, towards), multiply_vector(vt.T, against)
     primary, secondary = fixed.copy(), np.zeros(len(free))
     for column, joint in enumerate(joints):
         primary[joint] = moved[column] * units[joint]
-        secondary[joint] = (wishes[column] - seen_wish[column]) * units[joint]
+        secondary[joint] = (scaled_preferred[column] - task_part[column]) * units[joint]
     return primary, secondary
 
 
 @jit("f8[:], f8[:]")
 def _find_scale(desired, room):
-    """Greatest part, up to 1, of wanted (n,) that the rooms (n,) >= 0 allow; and who limits it."""
+    """Return the largest factor <= 1 with |factor desired| <= room (n,), and the limiting joint."""
     part, joint = 1.0, 0
     for i in range(len(desired)):
         size = abs(desired[i])
@@ -168,16 +173,20 @@ def _find_scale(desired, room):
 
 @jit("f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, b1, f8[:], f8[:], f8[:]")
 def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, previous, total, task):
-    """Velocities within all limits.
+    """Limit velocities by position range, speed and acceleration.
 
     Args:
-        wanted, secondary: (n,) for the task; those that it does not see.
-        low, high: of `compute_velocity_ranges`.
-        limited: by acceleration, from the previous velocities (n,) on, of which `task` (n,) served
-            the task if they are the total (n,).
+        desired: (n,) velocities for the task.
+        secondary: (n,) velocities that do not affect the task.
+        low, high: (n,) result of `compute_velocity_ranges`.
+        is_limited: whether the acceleration is limited, starting from `previous`.
+        previous: (n,) velocities commanded before.
+        total, task: (n,) last solution and its part for the task; if `previous` equals `total`, the
+            acceleration of the task is counted from `task`.
 
     Returns:
-        Velocities (n,), their part for the task (n,), its scale, the joint that slowed it or -1.
+        Velocities (n,); their part for the task (n,); its scale; the joint whose limit reduced the
+        scale, or -1.
     """
     count, fastest, acceleration = len(desired), limits[2], limits[3]
     part, slowest = _find_scale(desired, fastest)
@@ -204,12 +213,12 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
     for i in range(count):
         lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
         if is_limited:
-            # A joint that has to brake for its range, and cannot brake harder, does what it can.
+            # A joint that cannot brake hard enough for its range brakes as hard as it can.
             slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
             lowest = min(max(lowest, slower), faster)
             highest = min(max(highest, slower), faster)
         velocities[i] = min(max(primary[i] + others[i], lowest), highest)
-        # What the task leaves of the limits; the secondary tasks change as far as it goes.
+        # The secondary tasks get the range that the task leaves.
         towards[i] = secondary[i] - others[i]
         room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
     part, _ = _find_scale(towards, room)
@@ -223,7 +232,7 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
 
 @jit("f8[:], f8[:], f8[:], f8, f8")
 def _passes_straight(q, elbow, velocities, reach_bend, dt):
-    """Whether this step would take more than half of an elbow's small bend away."""
+    """Return whether this step would remove more than half of an elbow's small bend."""
     bend, speed = q[int(elbow[0])] - elbow[1], velocities[int(elbow[0])]
     side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
     return abs(bend) < reach_bend and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
@@ -247,11 +256,11 @@ def _solve_within_ranges(
     reach_bend,
     damping,
 ):
-    """Solve again and again, until no joint passes its range and no elbow its straight.
+    """Solve repeatedly until no joint leaves its range and no elbow passes its straight position.
 
     Returns:
-        As `_solve_damped`; the joints that may move (n,), those that a limit stops, and whether an
-        elbow is kept from becoming straight.
+        The result of `_solve_damped`; (n,) joints that may move; joints stopped at a limit; and
+        whether an elbow was kept from becoming straight.
     """
     count = len(q)
     free, fixed = np.ones(count, np.bool_), np.zeros(count)
@@ -259,9 +268,9 @@ def _solve_within_ranges(
     solution, spare = fixed, fixed
     for _ in range(count + 1):
         near, back = False, True
-        for fold in elbows:
-            near |= free[int(fold[0])] and abs(q[int(fold[0])] - fold[1]) < reach_bend
-        if near:  # with slightly bent elbows, when that is the way back from straight
+        for elbow in elbows:
+            near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
+        if near:  # try the Jacobian of bent elbows, used if it bends the elbows further
             solution, spare = _solve_damped(
                 bent_jacobian,
                 basis,
@@ -274,11 +283,11 @@ def _solve_within_ranges(
                 damping[1],
                 limits[4],
             )
-            for fold in elbows:
-                joint = int(fold[0])
-                bend = q[joint] - fold[1]
+            for elbow in elbows:
+                joint = int(elbow[0])
+                bend = q[joint] - elbow[1]
                 if free[joint] and abs(bend) < reach_bend:
-                    side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else fold[2]
+                    side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
                     back &= solution[joint] * side > 0.0
         if not (near and back):
             solution, spare = _solve_damped(
@@ -294,10 +303,10 @@ def _solve_within_ranges(
                 limits[4],
             )
         done = True
-        for fold in elbows:
-            joint = int(fold[0])
-            if free[joint] and _passes_straight(q, fold, solution, reach_bend, dt):
-                fixed[joint] = -0.5 * (q[joint] - fold[1]) / dt
+        for elbow in elbows:
+            joint = int(elbow[0])
+            if free[joint] and _passes_straight(q, elbow, solution, reach_bend, dt):
+                fixed[joint] = -0.5 * (q[joint] - elbow[1]) / dt
                 free[joint], straight, done = False, True, False
         if not done:
             continue
@@ -314,7 +323,7 @@ def _solve_within_ranges(
 
 @jit("f8[:,:], f8")
 def _scale_rotations(twists, length):
-    """Twists (6, n) with their rotations times the length, m/s."""
+    """Multiply the rotations of twists (6, n) by the length, m/s."""
     scaled = np.empty(twists.shape)
     for i in range(6):
         factor = length if i > 2 else 1.0
@@ -325,18 +334,20 @@ def _scale_rotations(twists, length):
 
 @jit("f8[:], f8[:,:], f8")
 def _bend_elbows(q, elbows, reach_bend):
-    """The posture (n,) with elbows bent by `reach_bend` at least, see Fold, and whether it differs.
+    """Return the joints (n,) with elbows bent by at least `reach_bend`, and whether they differ.
+
+    `elbows` has one row of the fields of Elbow for each elbow.
     """
     bent, other = q.copy(), False
-    for fold in elbows:
-        joint = int(fold[0])
-        bend = q[joint] - fold[1]
+    for elbow in elbows:
+        joint = int(elbow[0])
+        bend = q[joint] - elbow[1]
         if abs(bend) < reach_bend:
-            side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else fold[2]
+            side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
             more, other = side * reach_bend - bend, True
             bent[joint] += more
-            bent[int(fold[3])] += fold[5] * more
-            bent[int(fold[4])] += fold[6] * more
+            bent[int(elbow[3])] += elbow[5] * more
+            bent[int(elbow[4])] += elbow[6] * more
     return bent, other
 
 
@@ -373,26 +384,28 @@ def solve_velocities(
     last,
     settings,
 ):
-    """What Resolver.resolve answers, in numbers.
+    """Compute the solution of `DifferentialIK.solve`.
 
     Args:
-        order … tips: of the Chain; one without joints: view and Jacobian are given.
-        q: (n,) joints. view, jacobian: (4, 4), (6, n) there.
-        goal: (4, 4) as Resolver's.
-        L, rate, modelled: (k, 6), (k,), (6,) of the task.
-        wish: (n,) of the secondary tasks; pulls: (p, 3, n) of those that are a Pull.
-        folds: (m, 7) of each elbow, see Fold.
-        limits: (5, n) lower, upper, velocity, acceleration; units, see `_solve_damped`.
-        dt, limited, previous: see `_limit_velocities`; last: (2, n) the last velocities, and their
-            part for the task.
-        settings: length, damping, damping_below, hold_gain, held_from, held_fully, reach_bend,
-            shortfall, lost_part; see IKSettings.
+        order … tip_frames: fields of the Chain; a chain without joints: `pose` and `jacobian` are
+            inputs.
+        q: (n,) joint positions.
+        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no joints.
+        goal: (4, 4) pose at which directions that the task does not control are held.
+        L, rate, modelled: (k, 6), (k,) and (6,) of the task.
+        preferred: (n,) velocities of the secondary tasks, without the range tasks.
+        range_tasks: (p, 3, n) rows of the secondary tasks that are a JointRangeTask.
+        elbows: (m, 7) fields of each Elbow.
+        limits: (5, n) lower, upper, velocity, acceleration and units; see `_solve_damped`.
+        dt, is_limited, previous: see `_limit_velocities`.
+        last: (2, n) last velocities, and their part for the task.
+        settings: the fields of IKSettings.
 
     Returns:
-        velocities, primary (n,); twists asked, given and lost (6,), in SI units; scale; the joint
-        that slowed the task or -1; joints that a limit stops; whether an elbow would be straight;
-        whether so much is lost that it is worth a word; whether the velocities last; distances
-        (n,) to the limits.
+        velocities and primary (n,); desired, achieved and infeasible twist (6,), in SI units;
+        scale; the joint that limited the speed, or -1; joints stopped at a limit; whether an elbow
+        would become straight; whether the infeasible twist is large enough to be reported; whether
+        the velocities can be reused; distances (n,) to the position limits.
     """
     length, reach, bent = settings[0], settings[6], jacobian
     if len(order) > 0:
@@ -429,19 +442,19 @@ def solve_velocities(
     for i in range(len(errors)):
         errors[i] *= settings[3]
     preferred = preferred.copy()
-    for pull in range_tasks:
+    for task in range_tasks:
         for i in range(len(q)):
-            preferred[i] += pull[2, i] * (min(max(q[i], pull[0, i]), pull[1, i]) - q[i])
-    scaled, seen = _scale_rotations(jacobian, length), L.copy()
+            preferred[i] += task[2, i] * (min(max(q[i], task[0, i]), task[1, i]) - q[i])
+    scaled, scaled_L = _scale_rotations(jacobian, length), L.copy()
     for i in range(len(L)):
         for j in range(3, 6):
-            seen[i, j] /= length
-    basis, wanted, weights = _build_rows(
-        seen, rate, held, errors, free, scaled, length * settings[4], length * settings[5]
+            scaled_L[i, j] /= length
+    basis, desired, weights = _build_rows(
+        scaled_L, rate, held, errors, free, scaled, length * settings[4], length * settings[5]
     )  # fmt: skip
     low, high = compute_velocity_ranges(q, limits, dt)
     solution, spare, moving, stopped, straight = _solve_within_ranges(
-        scaled, _scale_rotations(bent, length), basis, wanted, weights, preferred, low, high,
+        scaled, _scale_rotations(bent, length), basis, desired, weights, preferred, low, high,
         elbows, limits,
         q, dt, reach, settings[1:3],
     )  # fmt: skip
@@ -451,26 +464,28 @@ def solve_velocities(
     short = multiply_vector(basis, multiply_vector(scaled, solution))
     fast, margins = 0.0, np.empty(len(q))
     for i in range(len(short)):
-        short[i] = wanted[i] - short[i]
-    asked, missing = multiply_vector(basis.T, wanted), multiply_vector(basis.T, short)
-    bound = max(settings[7], settings[8] * _norm(asked))
-    worth_a_word = _norm(missing) > bound
+        short[i] = desired[i] - short[i]
+    twist, missing = multiply_vector(basis.T, desired), multiply_vector(basis.T, short)
+    bound = max(settings[7], settings[8] * _norm(twist))
+    is_reported = _norm(missing) > bound
     for i in range(3, 6):
-        asked[i], missing[i] = asked[i] / length, missing[i] / length
+        twist[i], missing[i] = twist[i] / length, missing[i] / length
     for i in range(len(q)):
         fast = max(fast, abs(velocities[i]) / limits[4, i])
         margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
-    lasts = len(stopped) == 0 and not straight and slowest < 0 and fast * REUSE_TIME <= SMALL_MOTION
-    if lasts:
+    reusable = (
+        len(stopped) == 0 and not straight and slowest < 0 and fast * REUSE_TIME <= SMALL_MOTION
+    )
+    if reusable:
         low, high = compute_velocity_ranges(q, limits, REUSE_TIME)
         for i in range(len(q)):
-            lasts &= low[i] <= velocities[i] <= high[i]
-        for fold in elbows:
-            lasts &= not (
-                moving[int(fold[0])] and _passes_straight(q, fold, velocities, reach, REUSE_TIME)
+            reusable &= low[i] <= velocities[i] <= high[i]
+        for elbow in elbows:
+            reusable &= not (
+                moving[int(elbow[0])] and _passes_straight(q, elbow, velocities, reach, REUSE_TIME)
             )
     return (
-        velocities, primary, asked, multiply_vector(jacobian, velocities), missing, part, slowest,
+        velocities, primary, twist, multiply_vector(jacobian, velocities), missing, part, slowest,
         stopped,
-        straight, worth_a_word, lasts, margins,
+        straight, is_reported, reusable, margins,
     )  # fmt: skip

@@ -1,7 +1,8 @@
-"""Joints at which an arm stretches: an elbow between two axes parallel to its own.
+"""Elbows: joints at which an arm can stretch, between two axes parallel to their own.
 
-There the camera has no velocity along the arm to first order, and to second order bending moves it.
-The arm of the laboratory works at that place: its desired poses lie there or 0.1 mm before it.
+At a stretched elbow the camera cannot move along the arm to first order; bending moves the camera
+only to second order. The laboratory's arm works there: its desired poses are stretched, or within
+0.1 mm of it.
 """
 
 from collections.abc import Sequence
@@ -24,11 +25,11 @@ class Elbow:
 
     Attributes:
         joint: index of the elbow.
-        straight: its position where the arm is stretched, rad.
-        side: +1 or -1: where it bends to when it is straight.
-        before, after: indices of the joints with parallel axes.
-        share_before, share_after: parts of a small bend that those joints turn by, so that the
-            arm keeps its direction and what it carries its attitude.
+        straight_position: position of the elbow at which the arm is stretched, rad.
+        bend_side: +1 or -1: direction in which a straight elbow bends.
+        joint_before, joint_after: indices of the neighbouring joints with parallel axes.
+        share_before, share_after: rotations of those joints as parts of a small bend, so that the
+            direction of the arm and the orientation of the camera do not change.
     """
 
     joint: int
@@ -41,30 +42,30 @@ class Elbow:
 
 
 def find_elbows(arm: Arm, sides: dict[str, float] | None = None) -> tuple[Elbow, ...]:
-    """The elbows of an arm: three parallel axes in sequence, stretched within the limits.
+    """Return the elbows of an arm: three parallel axes in a row that stretch within the limits.
 
     Args:
-        arm: any.
-        sides: by name of the elbow, +1 or -1; +1 where nothing is said.
+        arm: arm to search.
+        sides: +1 or -1 by name of the elbow; the default is +1.
 
     Raises:
-        ConfigurationError: a side of a joint that is no elbow, or neither +1 nor -1.
+        ConfigurationError: `sides` names a joint that is no elbow, or a side is not +1 or -1.
     """
     sides = sides or {}
     places, axes = arm.joint_frames(np.zeros(len(arm.names)))
-    folds = []
+    elbows = []
     for joint in range(1, len(arm.names) - 1):
-        fold = _make_elbow(arm, joint, places, axes, sides.get(arm.names[joint], 1.0))
-        if fold is not None:
-            folds.append(fold)
-    known = [arm.names[fold.joint] for fold in folds]
+        elbow = _make_elbow(arm, joint, places, axes, sides.get(arm.names[joint], 1.0))
+        if elbow is not None:
+            elbows.append(elbow)
+    known = [arm.names[elbow.joint] for elbow in elbows]
     for name, side in sides.items():
         if name not in known:
             hint = suggest(name, known)
-            raise ConfigurationError(f"joint {name} is no elbow of this arm; {hint}")
+            raise ConfigurationError(f"joint {name} is not an elbow of this arm; {hint}")
         if side not in (-1, 1):
             raise ConfigurationError(f"side of the elbow {name} is {side!r}: use -1 or 1")
-    return tuple(folds)
+    return tuple(elbows)
 
 
 def _make_elbow(

@@ -1,6 +1,6 @@
-"""Directions of the camera that a task does not model are held, relative to the goal.
+"""Held directions: camera directions that a task does not control are held as at the goal.
 
-Twists are scaled here: the rotations by a length, so that all six numbers are in m/s.
+Rotations in twists are multiplied by a length, so that all six components are in m/s.
 """
 
 from math import atan2, pi, sqrt
@@ -12,7 +12,7 @@ from aras_visual_servo_base.compiled import jit
 
 @jit("f8[:], f8[:], f8[::1]", allocates=False)
 def _cross(a, b, product):
-    """a x b, into `product`."""
+    """Write a x b into `product`."""
     product[0] = a[1] * b[2] - a[2] * b[1]
     product[1] = a[2] * b[0] - a[0] * b[2]
     product[2] = a[0] * b[1] - a[1] * b[0]
@@ -20,14 +20,16 @@ def _cross(a, b, product):
 
 @jit("f8[:], f8[:]", allocates=False)
 def _dot(a, b):
-    """a . b."""
+    """Compute the dot product of a and b."""
     return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
 
 
 @jit("f8[:,:], f8[:,:], f8, f8[::1]")
 def _compute_rotation_error(pose, goal, length, errors):
-    """By which the camera has to turn, in its own frame: axis times angle (3,), rad, times the
-    length; into errors (6,) from 3 on."""
+    """Write the rotation from pose to goal, in the camera frame, into errors[3:6].
+
+    It is axis times angle, rad, times the length.
+    """
     R, odd, axis = np.zeros((3, 3)), np.empty(3), np.empty(3)
     for i in range(3):
         for j in range(3):
@@ -58,14 +60,16 @@ def _compute_rotation_error(pose, goal, length, errors):
 
 @jit("f8[:,:], f8[:,:], f8, i8, f8[:,::1], f8[::1]")
 def _hold_vertical(pose, goal, length, row, held_directions, errors):
-    """What keeps the reference's vertical where it is in the camera's frame at the goal, whatever
-    the camera's tilt: two rotations, into held (p, 6) and errors (p,) from `row` on.
+    """Compute the rotations that return the reference's vertical to its direction at the goal.
+
+    The vertical is the z axis of the reference frame, seen in the camera frame. The two rotations
+    are written into `held_directions` (p, 6) and `errors` (p,), starting at `row`.
 
     Args:
-        view, goal: `reference_T_camera` (4, 4), now and at the goal.
-        length: m that weigh as much as one radian.
+        pose, goal: `reference_T_camera` (4, 4), now and at the goal.
+        length: length that has the same weight as 1 rad, m.
     """
-    now, wanted = pose[2, :3], goal[2, :3]
+    now, desired = pose[2, :3], goal[2, :3]
     first, second, turn = np.zeros(3), np.empty(3), np.empty(3)
     if abs(now[0]) >= 0.7:
         first[0], first[2] = -now[2], now[0]
@@ -75,14 +79,14 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
     for i in range(3):
         first[i] /= size
     _cross(now, first, second)
-    # Turning the camera by w moves what stands still by -w x c in its frame.
-    _cross(wanted, now, turn)
-    sine, cosine = sqrt(_dot(turn, turn)), _dot(now, wanted)
+    # A rotation of the camera by w moves a fixed direction c by -w x c in the camera frame.
+    _cross(desired, now, turn)
+    sine, cosine = sqrt(_dot(turn, turn)), _dot(now, desired)
     if sine >= 1e-9:
         factor = length * atan2(sine, cosine) / sine
         errors[row] = factor * _dot(turn, first)
         errors[row + 1] = factor * _dot(turn, second)
-    elif cosine <= 0.0:  # upside down: any way round is as good
+    elif cosine <= 0.0:  # upside down: both rotation directions are equivalent
         errors[row] = length * pi
     for i in range(3):
         held_directions[row, 3 + i], held_directions[row + 1, 3 + i] = first[i], second[i]
@@ -90,19 +94,20 @@ def _hold_vertical(pose, goal, length, row, held_directions, errors):
 
 @jit("f8[:,:], f8[:,:], b1[:], f8")
 def compute_held_directions(pose, goal, modelled, length):
-    """What is held of a camera that should be at a goal; p of its directions.
+    """Compute the directions in which the camera is held, and its offset from the goal along them.
 
-    Where wx and wy are not modelled and wz is, the reference's vertical (its z axis) keeps its
-    place in the camera's frame: turning about it stays free, whatever the camera's tilt.
+    If a task controls wz but not wx and wy, the vertical (z axis) of the reference keeps its
+    direction in the camera frame, and rotation about the vertical is free for any tilt.
 
     Args:
-        view, goal: `reference_T_camera` (4, 4), now and at the goal.
-        modelled: (6,) bool, directions that the task speaks of.
-        length: m that weigh as much as one radian.
+        pose, goal: `reference_T_camera` (4, 4), now and at the goal.
+        modelled: (6,) bool, directions that the task controls.
+        length: length that has the same weight as 1 rad, m.
 
     Returns:
-        Orthonormal directions held (p, 6); how far the camera is off along them (p,), to be driven
-        to 0 by rate = gain error, m (angles times the length); orthonormal others (6 - p, 6).
+        Orthonormal held directions (p, 6); the offset of the camera along them (p,), which
+        rate = gain * offset reduces to 0, m (angles times the length); orthonormal free directions
+        (6 - p, 6).
     """
     known = 0
     for i in range(6):

@@ -1,4 +1,4 @@
-"""What the resolver answers."""
+"""Result of the differential inverse kinematics."""
 
 from __future__ import annotations
 
@@ -12,24 +12,29 @@ from .algebra import ROUNDING_TOLERANCE, svd
 
 @dataclass(frozen=True, eq=False)
 class IKSolution:
-    """Joint velocities for a task, and how well the arm can do it. Twists are the camera's own.
+    """Joint velocities for a task, with the limits that affected them.
+
+    Twists are those of the camera in its own frame, m/s and rad/s.
 
     Attributes:
         velocities: (n,) m/s and rad/s.
-        primary: (n,) the part of them that serves the task, without the secondary tasks.
-        asked: (6,) twist that the task and the held directions ask for.
-        twist: (6,) that the velocities give.
-        lost: (6,) of what was asked, before any slowing: what the arm does not have here.
-        scale: 1, or the factor by which the task was slowed for limits of speed or acceleration.
-        margins: (n,) distance to the nearer limit of position, rad or m.
-        stopped: names of joints that were stopped at their limits.
-        slowing: name of the joint whose limit slowed the task; '' when none did.
-        reasons: what held the motion back, in words; empty when nothing did.
-        lasts: s that the velocities may be kept: LASTING where the arm moves slowly, and nothing
-            but the task and what is held shapes its motion, nor will before then; else 0.
-        L: (k, 6) of the task; jacobian: (6, n) of the arm; both in SI units.
-        modelled: (6,) bool, of the task.
-        told: singular values of L and of L J where they were read back and not worked out.
+        primary: (n,) part of the velocities that serves the task, without secondary tasks.
+        desired_twist: (6,) twist that the task and the held directions require.
+        achieved_twist: (6,) twist that the velocities produce.
+        infeasible_twist: (6,) part of the desired twist that the arm cannot produce in this
+            configuration, before speed limits apply.
+        scale: factor by which speed or acceleration limits slow the task; 1: no limit applies.
+        margins: (n,) distance to the nearer position limit, rad or m.
+        stopped_joints: names of joints that were stopped at their limits.
+        limiting_joint: name of the joint whose limit slowed the task; '' if there is none.
+        reasons: limits that reduced the motion, as text; empty if there are none.
+        L: (k, 6) interaction matrix of the task, SI units.
+        jacobian: (6, n) Jacobian of the arm, SI units.
+        modelled: (6,) bool, directions that the task controls.
+        reuse_time: time for which the velocities may be reused, s: REUSE_TIME if the arm moves
+            slowly and no limit applies until then, otherwise 0.
+        recorded_singular_values: singular values of L and of L J, if read from a record instead of
+            computed.
     """
 
     velocities: np.ndarray
@@ -57,10 +62,10 @@ class IKSolution:
         singular_values: tuple[np.ndarray, np.ndarray],
         scale: float = 1.0,
     ) -> IKSolution:
-        """What a message tells of a resolution; it holds neither L nor the arm's Jacobian.
+        """Construct the solution from the fields of a message, which holds neither L nor J.
 
         Args:
-            singular_values: of L in its modelled directions, and of L J, largest first.
+            singular_values: of L in its modelled directions, and of L J, in descending order.
         """
         none = np.full(len(velocities), np.nan)
         return cls(
@@ -80,7 +85,7 @@ class IKSolution:
 
     @property
     def singular_values_L(self) -> np.ndarray:
-        """Of L in the directions that the task models, largest first."""
+        """Singular values of L in the directions that the task controls, in descending order."""
         return (
             self._svd_L[1]
             if self.recorded_singular_values is None
@@ -89,7 +94,7 @@ class IKSolution:
 
     @property
     def singular_values(self) -> np.ndarray:
-        """Of L J, largest first, (min(k, n),)."""
+        """Singular values of L J in descending order, (min(k, n),)."""
         return (
             self._svd_LJ[1]
             if self.recorded_singular_values is None
@@ -98,23 +103,23 @@ class IKSolution:
 
     @property
     def rank(self) -> int:
-        """Of L J: how many of the features the joints move independently."""
+        """Rank of L J: the number of features that the joints can move independently."""
         return rank(self.singular_values)
 
     @cached_property
     def manipulability(self) -> float:
-        """sqrt(det(L J J^T L^T)): the product of the singular values of L J."""
+        """Product of the singular values of L J, sqrt(det(L J J^T L^T))."""
         return float(np.prod(self.singular_values))
 
     @cached_property
     def null_direction(self) -> np.ndarray:
-        """Joint motion (n,), of length 1, that moves the features least."""
+        """Joint motion (n,) of length 1 that moves the features least."""
         matrix = self.L @ self.jacobian
         return np.linalg.svd(matrix, full_matrices=True)[2][-1]
 
 
 def rank(singular_values: np.ndarray) -> int:
-    """How many singular values, largest first, are more than noise."""
+    """Return the number of singular values, in descending order, above the rounding error."""
     if not singular_values.size or singular_values[0] <= 0.0:
         return 0
     return int((singular_values > ROUNDING_TOLERANCE * singular_values[0]).sum())

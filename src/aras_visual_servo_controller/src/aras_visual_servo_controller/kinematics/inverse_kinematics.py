@@ -1,4 +1,4 @@
-"""Joints for a pose of the camera, found numerically: for starts and goals given as poses."""
+"""Numerical inverse kinematics, for starts and goals that are given as camera poses."""
 
 from collections.abc import Callable
 
@@ -9,13 +9,13 @@ from aras_visual_servo_base.poses import rotation_vector, rotation_vector_rate, 
 
 from ..errors import UnreachableError
 
-ROTATION_LENGTH = 0.1  # m that weigh as much as one radian
-ATTEMPTS = 16  # beginnings tried, the given one first
+ROTATION_LENGTH = 0.1  # m; length that has the same weight as 1 rad
+ATTEMPTS = 16  # initial guesses, the given one first
 
 
-# Pose (4, 4) and Jacobian (6, n) of the camera at joints (n,): Arm.view.
+# Computes pose (4, 4) and Jacobian (6, n) of the camera for joints (n,): Arm.pose_and_jacobian.
 PoseAndJacobian = Callable[[np.ndarray], tuple[np.ndarray, np.ndarray]]
-# What speaks against joints (n,), from 0, nothing, on.
+# Returns the cost >= 0 of joints (n,); 0 is best.
 Cost = Callable[[np.ndarray], float]
 
 
@@ -28,11 +28,13 @@ def solve_inverse_kinematics(
     tolerance: float,
     cost: Cost | None = None,
 ) -> np.ndarray:
-    """Joints (n,) within the limits, see `Arm.inverse`; redundant joints stay near q0.
+    """Find joints (n,) within the limits for a camera pose; redundant joints stay near q0.
+
+    See `Arm.inverse_kinematics` for the arguments.
 
     Raises:
-        UnreachableError: with the distance that is left at the best joints found.
-        ValueError: the pose is not one.
+        UnreachableError: no solution was found; it contains the smallest remaining distance.
+        ValueError: `world_T_camera` is not a rigid transform.
     """
     goal = np.asarray(world_T_camera, float)
     rotation = goal[:3, :3] if goal.shape == (4, 4) else np.zeros((3, 3))
@@ -44,13 +46,13 @@ def solve_inverse_kinematics(
     random = np.random.default_rng(0)
     best: tuple[float, np.ndarray] | None = None
     cheapest: tuple[float, np.ndarray] | None = None
-    begin = q0
+    guess = q0
     for attempt in range(ATTEMPTS):
-        begin = np.clip(begin, low, high)
-        # From the given joints the steps are small where possible: they answer what is near.
+        guess = np.clip(guess, low, high)
+        # least_squares takes small steps, so a solution near the initial guess is found.
         found = scipy.optimize.least_squares(
             _compute_residual,
-            np.clip(begin, low + 1e-9, high - 1e-9),
+            np.clip(guess, low + 1e-9, high - 1e-9),
             _compute_residual_jacobian,
             bounds=(low, high),
             args=(pose_and_jacobian, goal),
@@ -68,9 +70,9 @@ def solve_inverse_kinematics(
                 return found.x
             if cheapest is None or costs < cheapest[0]:
                 cheapest = costs, found.x
-        # A joint that may turn for ever is tried within a turn of where it was.
+        # The guess of a continuous joint is at most one turn away from q0.
         reach = np.minimum(high - low, 2.0 * np.pi) * min(1.0, 0.2 + attempt / ATTEMPTS)
-        begin = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
+        guess = q0 + random.uniform(-0.5, 0.5, len(q0)) * reach
     if cheapest is not None:
         return cheapest[1]
     residual = _compute_residual(best[1], pose_and_jacobian, goal)
@@ -88,7 +90,7 @@ def solve_inverse_kinematics(
 def _compute_residual(
     q: np.ndarray, pose_and_jacobian: PoseAndJacobian, goal: np.ndarray
 ) -> np.ndarray:
-    """What is left to the goal, in the camera's frame: place (m), then LENGTH x rotation."""
+    """Compute the pose error (6,) in the camera frame: translation, ROTATION_LENGTH x rotation."""
     pose, _ = pose_and_jacobian(q)
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
     turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
@@ -98,7 +100,7 @@ def _compute_residual(
 def _compute_residual_jacobian(
     q: np.ndarray, pose_and_jacobian: PoseAndJacobian, goal: np.ndarray
 ) -> np.ndarray:
-    """Of the residual, (6, n)."""
+    """Compute the Jacobian (6, n) of the residual."""
     pose, jacobian = pose_and_jacobian(q)
     camera_R_goal = pose[:3, :3].T @ goal[:3, :3]
     place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])

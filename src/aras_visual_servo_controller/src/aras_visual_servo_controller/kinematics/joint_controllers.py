@@ -1,4 +1,4 @@
-"""Controllers of ros_control that take the joints' commands, found by joint and type."""
+"""Selection of the ros_control controllers that receive the joint commands."""
 
 from __future__ import annotations
 
@@ -15,10 +15,12 @@ _TYPE = re.compile(r"^\w+_controllers/Joint(Group)?(Position|Velocity|Effort)Con
 
 @dataclass(frozen=True)
 class RosController:
-    """One controller of a robot's namespace.
+    """A joint controller of ros_control.
 
-    name: of its parameters. joints: that it moves, in the order of its commands. kind: of command
-    that it takes: 'position', 'velocity' or 'effort'. group: whether it takes them as an array.
+    name: name of the controller.
+    joints: joints that it moves, in the order of its commands.
+    kind: command type: 'position', 'velocity' or 'effort'.
+    is_group: whether a command is an array of all joints.
     """
 
     name: str
@@ -28,11 +30,11 @@ class RosController:
 
 
 def find_joint_controllers(parameters: Mapping[str, Any]) -> Iterator[RosController]:
-    """Those among the parameters of a robot's namespace, in their order.
+    """Iterate over the joint controllers in the parameters of a robot's namespace.
 
     Args:
-        parameters: by name, as the YAML of a robot's controllers holds them below its namespace;
-            what is no controller of joints is passed over.
+        parameters: parameters by name, as in the YAML file of the controllers. Entries that are
+            not joint controllers are skipped.
     """
     for name, settings in parameters.items():
         if not isinstance(settings, Mapping):
@@ -51,21 +53,20 @@ def choose_controllers(
     controller_names: Mapping[str, str],
     namespace: str,
 ) -> list[RosController]:
-    """What takes commands of this kind for each of the joints: one each, or one group for all.
+    """Choose the controllers for commands of one type: one for each joint, or one for all.
 
-    Where nothing is known of a controller, as on a robot whose parameters lie elsewhere, its name
-    counts: the one in `controller_names` unless it speaks of another kind, or
-        JOINT_KIND_controller.
+    If the parameters contain no controller of a joint, its name is used: the one in
+    `controller_names`, unless that name contains another type, or else JOINT_KIND_controller.
 
     Args:
-        parameters: of the robot's namespace.
-        joints: that are commanded.
-        kind: 'position', 'velocity' or 'effort'.
-        named: names of controllers by joint; one that takes another kind is not taken.
-        space: the namespace, for messages.
+        parameters: parameters of the robot's namespace.
+        joints: joints to command.
+        kind: command type: 'position', 'velocity' or 'effort'.
+        controller_names: names of controllers by joint; one of another type is ignored.
+        namespace: namespace, for messages.
 
     Raises:
-        ConfigurationError: a joint whose controllers all take commands of other kinds.
+        ConfigurationError: all controllers of a joint accept commands of other types.
     """
     known = list(find_joint_controllers(parameters))
     found = []
@@ -86,8 +87,7 @@ def choose_controllers(
         if others:
             raise ConfigurationError(
                 f"no controller in {namespace} takes {kind} commands for {joint} ({others}): load "
-                "and "
-                f"start one of type .../Joint{kind.capitalize()}Controller, or set ~output"
+                f"and start one of type .../Joint{kind.capitalize()}Controller, or set ~output"
             )
         found.append(RosController(name, (joint,), kind, False))
     return found

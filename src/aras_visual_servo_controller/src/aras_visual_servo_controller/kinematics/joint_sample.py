@@ -16,11 +16,12 @@ class JointSample:
     """Measured or commanded joints, in the arm's order.
 
     Attributes:
-        stamp: instant, s.
+        stamp: time of the sample, s.
         names: n names.
         positions: (n,) rad or m, read-only.
         velocities: (n,) rad/s or m/s, read-only.
-        guessed: whether no sample came from near its stamp, so that the joints may be elsewhere.
+        is_uncertain: whether no joint state close to the stamp was received, so that the actual
+            positions can differ.
     """
 
     stamp: float
@@ -38,10 +39,10 @@ class JointSample:
         velocities: ArrayLike | None = None,
         is_uncertain: bool = False,
     ) -> JointSample:
-        """From any sequences; velocities that are not known count as zero.
+        """Construct a sample from any sequences; by default the velocities are zero.
 
         Raises:
-            MeasurementError: as many positions and velocities as names are needed.
+            MeasurementError: the numbers of names, positions and velocities differ.
         """
         names = tuple(names)
         positions = make_read_only_copy(positions)
@@ -55,7 +56,7 @@ class JointSample:
 
 
 def make_read_only_copy(values: ArrayLike) -> np.ndarray:
-    """A read-only copy in float64."""
+    """Return a read-only float64 copy."""
     values = np.array(values, float)
     values.setflags(write=False)
     return values

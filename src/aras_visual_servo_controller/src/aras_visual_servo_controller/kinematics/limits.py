@@ -1,4 +1,4 @@
-"""Limits of what the arm may be asked to do: the description's, narrowed by parameters."""
+"""Joint limits of the commands: those of the description, narrowed by parameters."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -11,7 +11,7 @@ from aras_visual_servo_base.names import suggest
 from ..errors import ConfigurationError
 from .arm import Arm
 
-# One number for all joints, one for each in the arm's order, or some by name.
+# One number for all joints, one for each in the arm's order, or some by joint name.
 JointValues = float | Sequence[float] | Mapping[str, float] | None
 
 
@@ -20,9 +20,9 @@ class Limits:
     """Limits of the commands, in the arm's order: rad or m, and their rates.
 
     Attributes:
-        names: (n,) of the joints.
-        lower, upper: (n,) positions; infinite where there is no limit.
-        velocity, acceleration: (n,) greatest, > 0, infinite where there is none.
+        names: (n,) names of the joints.
+        lower, upper: (n,) position limits; infinite if there is no limit.
+        velocity, acceleration: (n,) maxima, > 0; infinite if there is no limit.
     """
 
     names: tuple[str, ...]
@@ -40,11 +40,13 @@ class Limits:
         velocity: JointValues = None,
         acceleration: JointValues = None,
     ) -> "Limits":
-        """The arm's own limits, or narrower ones where given; acceleration: none where not given.
+        """Return the arm's limits, replaced by narrower ones where given.
+
+        Without `acceleration`, accelerations are not limited.
 
         Raises:
-            ConfigurationError: an unknown joint, a wrong count, a limit that is no number, leaves
-                no room, or is wider than the robot's own.
+            ConfigurationError: a joint is unknown, a count is wrong, or a limit is not a number,
+                leaves an empty range, or is wider than the robot's own limit.
         """
         own = {"lower": arm.lower, "upper": arm.upper, "velocity": arm.velocity}
         own["acceleration"] = np.full(len(arm.names), np.inf)
@@ -67,7 +69,7 @@ class Limits:
             for key, wider in (
                 ("lower", low < arm.lower[i] - 1e-9),
                 ("upper", high > arm.upper[i] + 1e-9),
-                # A description that says 0 does not know.
+                # A velocity of 0 in a description means that the limit is not known.
                 ("velocity", 0.0 < arm.velocity[i] * (1.0 + 1e-9) < values["velocity"][i]),
             ):
                 if wider:
@@ -80,8 +82,7 @@ class Limits:
         return cls(arm.names, **values)
 
     def find_narrowed(self, arm: Arm) -> dict[str, list[str]]:
-        """Names of the joints whose positions are limited more narrowly than the arm's own, by the
-        parameter that does so."""
+        """Return the joints whose position limits are narrower than the arm's, by parameter."""
         narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
         return {
             key: [name for name, one in zip(self.names, which, strict=True) if one]
@@ -89,12 +90,12 @@ class Limits:
         }
 
     def find_violations(self, q: np.ndarray) -> list[str]:
-        """Names of the joints that are beyond their limits at q (n,)."""
+        """Return the names of the joints that are outside their limits at q (n,)."""
         return [name for name, margin in zip(self.names, self.margins(q), strict=True)
                 if margin < 0.0]  # fmt: skip
 
     def margins(self, q: np.ndarray) -> np.ndarray:
-        """Distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
+        """Compute the distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
         return np.minimum(q - self.lower, self.upper - q)
 
 
@@ -129,7 +130,7 @@ def _merge_limits(
 
 
 def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
-    """ConfigurationError for joints (n,) that `what` puts beyond the limits of these."""
+    """Raise ConfigurationError if joints (n,) are outside the limits; `what` names their source."""
     for i in np.flatnonzero(~((q >= limits.lower) & (q <= limits.upper))):
         raise ConfigurationError(
             f"{what} puts {limits.names[i]} at {q[i]:.4f}, outside its limits "
@@ -139,23 +140,23 @@ def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
 
 @jit("f8, f8, f8")
 def compute_stopping_speed(room, acceleration, dt):
-    """Greatest speed for dt (s) after which a joint still stops within its room.
+    """Compute the maximum speed, held for dt (s), from which a joint can stop within its room.
 
-    v dt + v^2 / 2a = room; so much later steps can always keep, however long they are.
+    It solves v dt + v^2 / 2a = room, so that all later steps of any length stay within the room.
     """
     if dt <= 0.0 or room == np.inf:
         return np.inf
     if acceleration == np.inf:
         return room / dt
-    # room / (dt / 2 + sqrt(...) / 2), which does not cancel where the room is small
+    # Solution of the quadratic equation in the form without cancellation for a small room.
     return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
 
 
 @jit("f8[:], f8[:,:], f8")
 def compute_velocity_ranges(q, limits, dt):
-    """Lowest and highest velocities (n,) that the ranges of the joints allow for dt (s).
+    """Compute the lowest and highest velocities (n,) within the position limits for dt (s).
 
-    A joint outside its range may come back, and not go further.
+    A joint outside its range may return, but not move further out.
     """
     lower, upper, acceleration = limits[0], limits[1], limits[3]
     low, high = np.empty(len(q)), np.empty(len(q))

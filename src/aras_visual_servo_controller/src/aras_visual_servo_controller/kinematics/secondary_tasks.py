@@ -1,6 +1,7 @@
-"""Secondary tasks: what the arm does with the freedom that the camera's task leaves it.
+"""Secondary tasks, which use the redundancy that the camera task leaves.
 
-Each proposes joint velocities; they add up, and the resolver keeps only what the task does not see.
+Each task proposes joint velocities. Their sum is projected onto the motions that do not affect the
+camera task.
 """
 
 from abc import ABC, abstractmethod
@@ -16,18 +17,18 @@ from .limits import Limits
 
 
 class SecondaryTask(ABC):
-    """Proposes joint velocities (n,), rad/s or m/s, for a posture q (n,)."""
+    """Base class of secondary tasks, which propose joint velocities for joints q (n,)."""
 
     @abstractmethod
     def velocity(self, q: np.ndarray) -> np.ndarray:
-        """Joint velocities this task would like, before projection."""
+        """Compute the proposed joint velocities (n,), rad/s or m/s, before projection."""
 
 
 class JointRangeTask(SecondaryTask):
-    """Draws joints into ranges: velocity_i = gain_i (q_i within its range - q_i).
+    """Attraction of joints into ranges: velocity_i = gain_i (q_i within its range - q_i).
 
     Attributes:
-        rows: (3, n) lowest and highest positions, rad or m, and gains, 1/s.
+        rows: (3, n) lower and upper ends of the ranges, rad or m, and gains, 1/s.
     """
 
     rows: np.ndarray
@@ -38,13 +39,18 @@ class JointRangeTask(SecondaryTask):
 
 
 class PostureTask(JointRangeTask):
-    """Draws some joints to preferred values: velocity = gain (preferred - q)."""
+    """Attraction of some joints to preferred positions: velocity = gain (preferred - q)."""
 
     def __init__(self, arm: Arm, preferred: Mapping[str, float], gain: float = 1.0) -> None:
-        """`preferred`: by name, rad or m; gain in 1/s.
+        """Set the preferred positions.
+
+        Args:
+            arm: arm with the joints.
+            preferred: positions by joint name, rad or m.
+            gain: gain of the attraction, 1/s.
 
         Raises:
-            ConfigurationError: an unknown joint, or no position that it can have.
+            ConfigurationError: a joint is unknown, or a position is outside its limits.
         """
         self.rows = np.zeros((3, len(arm.names)))
         for name, value in preferred.items():
@@ -63,26 +69,26 @@ class PostureTask(JointRangeTask):
 
 
 class JointLimitAvoidance(JointRangeTask):
-    """Pushes joints out of a margin before their limits.
+    """Repulsion of joints from their position limits, within a margin.
 
-    velocity_i = gain (depth of q_i inside the margin), away from the limit.
+    velocity_i = gain (depth of q_i inside the margin), directed away from the limit.
     """
 
     def __init__(self, limits: Limits, margin: float = 0.2, gain: float = 2.0) -> None:
-        """`margin`: rad or m, at most a quarter of a joint's range; gain in 1/s."""
+        """Set the margin, rad or m, at most a quarter of a joint's range, and the gain, 1/s."""
         margins = np.minimum(margin, 0.25 * (limits.upper - limits.lower))
         gains = np.full(len(margins), gain)
         self.rows = np.array([limits.lower + margins, limits.upper - margins, gains])
 
 
 class SingularityAvoidance(SecondaryTask):
-    """A step up the gradient of manipulability, w(q) = sqrt(det(J J^T)), where that is small.
+    """Gradient ascent of the manipulability w(q) = sqrt(det(J J^T)), if w is small.
 
-        velocity = gain (1 - w / bound) grad w / max(|grad w|, steep)      for w < bound, else 0
+        velocity = gain (1 - w / bound) grad w / max(|grad w|, max_gradient)   for w < bound, else 0
 
-    It fades out towards the bound, and near an optimum, where the gradient vanishes, the step
-    vanishes with it: the laboratory's, of constant length, crosses the optimum again and again.
-    It acts through the redundancy alone; what a stretched elbow needs is the resolver's affair.
+    The velocity vanishes at the bound, and at an optimum, where the gradient vanishes. (The
+    laboratory's step has constant length and therefore oscillates about the optimum.) The task uses
+    only the redundancy; stretched elbows are treated by DifferentialIK.
     """
 
     def __init__(
@@ -93,21 +99,21 @@ class SingularityAvoidance(SecondaryTask):
         bound: float = 0.1,
         max_gradient: float = 0.1,
     ) -> None:
-        """Look at some of the camera's directions.
+        """Set the directions and the strength of the task.
 
         Args:
-            arm: any.
-            directions: of (vx, vy, vz, wx, wy, wz), by index.
-            gain: greatest speed, rad/s.
-            bound: of w, where the task sets in.
-            steep: slope of w from which the step has its full length.
+            arm: arm whose Jacobian is used.
+            directions: indices of the directions of (vx, vy, vz, wx, wy, wz) that w includes.
+            gain: maximum speed, rad/s.
+            bound: value of w below which the task is active.
+            max_gradient: gradient of w above which the step has its full length.
         """
         self._arm = arm
         self._rows = np.array(directions)
         self.gain, self.bound, self.max_gradient = gain, bound, max_gradient
 
     def manipulability(self, q: np.ndarray) -> float:
-        """w(q) of the directions that the task looks at."""
+        """Compute w(q) for the chosen directions."""
         rows = self._arm.pose_and_jacobian(q)[1][self._rows]
         return float(np.sqrt(max(np.linalg.det(rows @ rows.T), 0.0)))
 

@@ -14,29 +14,29 @@ from .algebra import ROUNDING_TOLERANCE, is_task_finite, solve_least_squares, sv
 ALL_DIRECTIONS = (True,) * 6
 DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
 UNITS = ("m/s",) * 3 + ("rad/s",) * 3
-# Standard deviation of the camera's offset by one image, in depths and rad, up to which a direction
-# is servoed: noise moves the camera by some tenths of it.
+# Largest standard deviation of the camera's offset, as measured by one image, in depths and rad, at
+# which a direction is servoed. Noise moves the camera by some tenths of the standard deviation.
 MAX_UNCERTAINTY = 0.3
 
 
 @dataclass(frozen=True, eq=False)
 class Task:
-    """L v = rate, v = (vx, vy, vz, wx, wy, wz) of the camera in its own optical frame.
+    """Camera task L v = desired_rate, where v is the camera twist in the optical frame.
 
     A scheme returns a task for each image. `DifferentialIK` finds the joint velocities q_dot that
-    solve L J q_dot = rate in the least-squares sense, with the arm's Jacobian J. v is in m/s and
-    rad/s.
+    solve L J q_dot = desired_rate in the least-squares sense, with the arm's Jacobian J.
+    v = (vx, vy, vz, wx, wy, wz) is in m/s and rad/s.
 
     Attributes:
-        L: (k, 6) interaction matrix, all six columns as they are, k <= 6; of more rows six are
-            made with the same solution.
-        rate: (k,) desired rate of the error, e_dot, in 1/s times the unit of e.
-        modelled: (6,) bool; directions of the camera in which the task moves it. In the others the
-            resolver keeps the camera as it is at the goal.
-        depth: of the target, m: a translation by it counts as much as a rotation by 1 rad.
-        accuracy: how exactly the rows of L are measured: (k, m), the effects of m independent
-            errors, one standard deviation each; or one standard deviation of all rows; 0: exactly.
-        least: part of the greatest singular value up to which one counts as 0.
+        L: (k, 6) interaction matrix with all six columns, k <= 6; a taller matrix is reduced to
+            six rows with the same solution.
+        desired_rate: (k,) desired rate of the error, e_dot, in 1/s times the unit of e.
+        modelled: (6,) bool; directions of the camera that the task controls. The other directions
+            are held as at the goal.
+        depth: depth of the target, m; a translation by it has the same weight as 1 rad.
+        accuracy: accuracy of the measured error: (k, m), the effects of m independent errors of
+            one standard deviation; or one standard deviation of all rows; 0: exact.
+        rank_tolerance: part of the largest singular value below which one counts as 0.
     """
 
     L: np.ndarray
@@ -47,10 +47,10 @@ class Task:
     rank_tolerance: float = ROUNDING_TOLERANCE
 
     def __post_init__(self) -> None:
-        """Check it; one taller than six rows is reduced to six with the same solution.
+        """Check the arrays, and reduce more than six rows to six with the same solution.
 
         Raises:
-            TaskError: a wrong shape, or a number that is not finite.
+            TaskError: a shape is wrong, or a value is not finite.
         """
         L, rate, modelled = (
             _read_array(self.L),
@@ -65,7 +65,7 @@ class Task:
         if modelled.shape != (6,):
             raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
         if not is_task_finite(L, rate):
-            raise TaskError("the interaction matrix or the wanted rate is not finite")
+            raise TaskError("the interaction matrix or the desired rate is not finite")
         accuracy = self.accuracy
         if np.ndim(accuracy):
             accuracy = _read_array(accuracy)
@@ -92,12 +92,15 @@ class Task:
         accuracy: ArrayLike | float = 0.0,
         rank_tolerance: float = ROUNDING_TOLERANCE,
     ) -> Task:
-        """The task of L (k, 6), any k, and rate (k,); TaskError as above.
+        """Construct the task of L (k, 6), for any k, and desired_rate (k,).
 
         Args:
             modelled: (6,) bool.
-            weights: (k,) of the rows, >= 0: least squares weighted by their squares.
-            depth, accuracy, least: see Task.
+            weights: (k,) weights of the rows, >= 0, which multiply the rows of L and the rates.
+            depth, accuracy, rank_tolerance: attributes of the task.
+
+        Raises:
+            TaskError: a shape is wrong, or a value is not finite.
         """
         if weights is not None:
             L, desired_rate, weights = (
@@ -118,7 +121,7 @@ class Task:
 
     @classmethod
     def from_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
-        """The twist (6,) itself; of it only the modelled directions are asked for."""
+        """Construct the task of a desired twist (6,), in the modelled directions only."""
         twist, modelled = _read_array(twist), np.array(modelled, bool)
         if twist.shape != (6,):
             raise TaskError(f"a twist has shape (6,), got {twist.shape}")
@@ -128,7 +131,7 @@ class Task:
 
     @cached_property
     def singular_values(self) -> np.ndarray:
-        """Of L in its modelled directions, m and rad as they are, largest first."""
+        """Singular values of L in its modelled directions, in m and rad, in descending order."""
         return svd(self.L[:, self.modelled])[1]
 
     @cached_property
@@ -138,56 +141,61 @@ class Task:
 
     @property
     def _scale(self) -> np.ndarray:
-        """(6,) units of a twist whose lengths are counted in depths."""
+        """Units (6,) of a twist whose lengths are measured in depths."""
         return np.array([self.depth] * 3 + [1.0] * 3)
 
     @cached_property
     def uncertainty(self) -> np.ndarray:
-        """(r,) for each singular direction of L: the standard deviation, in depths and rad, to
-        which one image tells the camera's offset along it; inf where no feature sees it."""
+        """Uncertainty (r,) of the camera's offset along each singular direction of L.
+
+        It is the standard deviation of the offset measured by one image, in depths and rad; inf for
+        a direction that no feature shows.
+        """
         u, s, _ = self._svd
-        seen = s > self.rank_tolerance * s[0]
+        is_measurable = s > self.rank_tolerance * s[0]
         noise = np.full(len(s), float(self.accuracy)) if np.ndim(self.accuracy) == 0 else (
             np.linalg.norm(u.T @ self.accuracy, axis=1)
         )  # fmt: skip
-        return np.divide(noise, s, out=np.full(len(s), np.inf), where=seen)
+        return np.divide(noise, s, out=np.full(len(s), np.inf), where=is_measurable)
 
     @property
     def rank(self) -> int:
-        """How many directions of the camera the features tell, see UNCERTAIN."""
+        """Number of camera directions with an uncertainty up to MAX_UNCERTAINTY."""
         return int((self.uncertainty <= MAX_UNCERTAINTY).sum())
 
     @cached_property
     def measurable_task(self) -> Task:
-        """The task without the directions that are less certain than UNCERTAIN; itself where there
-        are none. What rounding alone hides is left to the resolver."""
+        """The task without directions whose uncertainty exceeds MAX_UNCERTAINTY.
+
+        It is the task itself if there are none, and if the features are exact.
+        """
         if not np.any(self.accuracy) and self.rank_tolerance == ROUNDING_TOLERANCE:
             return self
-        kept = self.uncertainty <= MAX_UNCERTAINTY
-        if kept.all():
+        is_certain = self.uncertainty <= MAX_UNCERTAINTY
+        if is_certain.all():
             return self
-        u = self._svd[0][:, kept].T
+        u = self._svd[0][:, is_certain].T
         if not len(u):
             return Task(np.zeros((1, 6)), np.zeros(1), self.modelled, self.depth)
         return Task(u @ self.L, u @ self.desired_rate, self.modelled, self.depth)
 
     @property
     def dropped_reason(self) -> str:
-        """Which part of the commanded twist is not servoed, and why, as text; empty: all is."""
-        kept = self.measurable_task
-        if kept is self:
+        """Description of the commanded motion that is not servoed, with the reason; else empty."""
+        measurable = self.measurable_task
+        if measurable is self:
             return ""
-        given = kept.twist
-        lost = np.abs((self.twist - given) / self._scale)
-        main = np.flatnonzero(lost > 0.3 * lost.max())
+        achieved = measurable.twist
+        missing = np.abs((self.twist - achieved) / self._scale)
+        main = np.flatnonzero(missing > 0.3 * missing.max())
         parts = ", ".join(
-            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {given[i]:.3g} {UNITS[i]}"
+            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {achieved[i]:.3g} {UNITS[i]}"
             for i in main
         )
         count = int((self.uncertainty > MAX_UNCERTAINTY).sum())
         least = float(self.uncertainty[self.uncertainty > MAX_UNCERTAINTY].min())
         known = "no feature shows more than noise there" if least == np.inf else (
-            f"one image tells the camera's place there to {100.0 * least:.0f} % of the depth"
+            f"one image locates the camera there to {100.0 * least:.0f} % of the depth"
         )  # fmt: skip
         return (
             f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}): "
@@ -196,7 +204,7 @@ class Task:
 
     @cached_property
     def twist(self) -> np.ndarray:
-        """(6,) least-squares twist of a camera that moves in the modelled directions alone."""
+        """Least-squares twist (6,) of a camera that moves in the modelled directions only."""
         twist = np.zeros(6)
         twist[self.modelled] = solve_least_squares(
             (self.L * self._scale)[:, self.modelled], self.desired_rate, ROUNDING_TOLERANCE
@@ -214,10 +222,11 @@ def _read_array(values: ArrayLike) -> np.ndarray:
 def _reduce_rows(
     L: np.ndarray, desired_rate: np.ndarray, accuracy: np.ndarray | float
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
-    """Six rows with the normal equations, and so the solutions and singular values, of L.
+    """Reduce L to six rows with the same normal equations, and so the same solutions.
 
-    With L^T L = V S^2 V^T they are S V^T and S^-1 V^T L^T rate. A matrix that fits the cache is
-    orthogonalised instead, which keeps all digits. One accuracy of all rows stays as it is.
+    With L^T L = V S^2 V^T, the rows are S V^T and the rates S^-1 V^T L^T rate. A matrix of up
+    to 512 rows is reduced by a QR decomposition instead, which keeps full precision. An accuracy
+    that is one number does not change.
     """
     apart = np.ndim(accuracy) == 2
     if len(L) <= 512:

@@ -1,4 +1,4 @@
-"""The adaptive law: a gain that grows towards the goal."""
+"""The adaptive law: the gain is higher near the goal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Adaptive(Law):
     slope: float = parameter(30.0, "1/(s m)", above=0.0, help="slope of the gain at the goal")
 
     def check(self) -> None:
-        """See Law.check."""
+        """Refuse parameters that are out of bounds or do not fit together."""
         super().check()
         if self.zero <= self.infinity:
             raise ConfigurationError(
@@ -39,7 +39,7 @@ class Adaptive(Law):
         t: float,
         dt: float,
     ) -> np.ndarray:
-        """See Law.rate."""
+        """Compute the desired rate of the error, e_dot (k,)."""
         span = self.zero - self.infinity
         size = float(np.abs(pseudo_inverse_error).max())
         return -(span * np.exp(-self.slope * size / span) + self.infinity) * error

@@ -11,19 +11,21 @@ from .base import LAWS, Law, gain
 
 @LAWS.register("pi")
 class ProportionalIntegral(Law):
-    """de/dt = -gain e - integral * (integral of e dt), the integral's part bounded.
+    """Integral action, de/dt = -gain e - integral * (integral of e dt), with a bounded integral.
 
-    It follows a target that moves steadily, where a proportional law stays behind by speed / gain.
-    Each component of the integral's part is at most `bound` times `gain` times the largest error
-    so far, so that it does not wind up.
+    It follows a target of constant velocity without error; a proportional law lags behind by
+    speed / gain. Each component of the integral term is limited to `bound` times `gain` times the
+    largest error so far, which prevents windup.
     """
 
     gain: float = gain(5.0)
     integral: float = parameter(2.0, "1/s^2", above=0.0, help="gain of the integral")
-    bound: float = parameter(1.0, above=0.0, help="largest integral part over the proportional one")
+    bound: float = parameter(
+        1.0, above=0.0, help="maximum ratio of the integral term to the proportional term"
+    )
 
     def reset(self) -> None:
-        """See Law.reset."""
+        """Clear the state kept between images."""
         self._error_integral: np.ndarray | None = None
         self._largest_error: np.ndarray | None = None
 
@@ -35,7 +37,7 @@ class ProportionalIntegral(Law):
         t: float,
         dt: float,
     ) -> np.ndarray:
-        """See Law.rate."""
+        """Compute the desired rate of the error, e_dot (k,)."""
         if self._error_integral is None or self._error_integral.shape != error.shape:
             self._error_integral = np.zeros_like(error)
             self._largest_error = np.abs(error)

@@ -1,4 +1,4 @@
-"""Where the camera is to go and what it is to see there, for whoever draws it."""
+"""Publication of the goal, as a camera pose and as the target's desired outline."""
 
 from __future__ import annotations
 
@@ -12,10 +12,10 @@ from ..loop.servo import Servo
 
 
 class GoalTopics:
-    """Latched: the goal's pose, and the target's outline as it looks from there."""
+    """Latched publishers of the camera pose at the goal and of the target's outline seen there."""
 
     def __init__(self, namespace: str) -> None:
-        """`namespace`: namespace of the topics."""
+        """Advertise the topics in `namespace`."""
         self._pose_publisher = rospy.Publisher(
             f"{namespace}/controller/goal", PoseStamped, latch=True, queue_size=1
         )
@@ -24,7 +24,7 @@ class GoalTopics:
         )
 
     def publish(self, servo: Servo) -> None:
-        """Tell of a loop's goal; a pose that it does not know is not told."""
+        """Publish the goal of a loop; without a known pose, publish only the outline."""
         if servo.unreachable_reason:
             rospy.logwarn("%s; the arm goes as near as it can", servo.unreachable_reason)
         arm, pose = servo.arm, servo.differential_ik.goal
@@ -38,7 +38,7 @@ class GoalTopics:
 
 
 def make_pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
-    """geometry_msgs/PoseStamped of (4, 4) in the frame a."""
+    """Convert a pose (4, 4) in the frame a to geometry_msgs/PoseStamped."""
     message = PoseStamped()
     message.header.frame_id = frame
     pose = Pose.from_matrix(a_T_b)
@@ -47,7 +47,7 @@ def make_pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
 
 
 def make_outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
-    """geometry_msgs/PolygonStamped of normalised (n, 2), on the plane z = 1 of the camera."""
+    """Convert a normalised outline (n, 2) to PolygonStamped, on the camera's plane z = 1."""
     message = PolygonStamped()
     message.header.frame_id = frame
     message.polygon.points = [Point32(float(x), float(y), 1.0) for x, y in outline]

@@ -1,4 +1,4 @@
-"""Pictures, for schemes that look for themselves: image, camera_info, and depth where wanted."""
+"""Input of images for schemes that process images: image, camera_info, and depth if needed."""
 
 from __future__ import annotations
 
@@ -26,20 +26,20 @@ IMAGE_NEEDS = {Need.IMAGE, Need.CONTOUR, Need.CORNERS, Need.DEPTH}
 
 
 class ImageInput:
-    """Subscribers to a camera's topics; gives each image to the driver."""
+    """Subscribers of one camera's topics, which pass each image to the loop."""
 
     def __init__(self, topics: CameraEntry, runner: LoopRunner, observer: FeatureObserver) -> None:
         self._runner, self._observer = runner, observer
         self._camera: CameraModel | None = None
-        # the newest of each kind that came before camera_info
+        # The newest image of each kind that was received before camera_info.
         self._early_images: dict[str, Image] = {}
         self._lock = threading.Lock()
         depth = Need.DEPTH in observer.needs
         segmentation, self._label_topics = observer.segmentation, None
-        looked_at = bool(observer.needs & SEGMENTED)
-        kinds = segmentation.image_kinds if looked_at else ("image",)
+        needs_target = bool(observer.needs & SEGMENTED)
+        kinds = segmentation.image_kinds if needs_target else ("image",)
         self._images = StampSynchronizer((*kinds, "depth") if depth else kinds)
-        if looked_at:
+        if needs_target:
             self._label_topics = LabelTopics.for_segmentation(
                 segmentation, topics.namespace, self._add_image
             )
@@ -83,7 +83,7 @@ class ImageInput:
         with self._lock:
             camera = self._camera
             if camera is None:
-                # The first image may overtake its camera_info; in lockstep time waits for it.
+                # In lockstep, time waits for the first image, which can arrive before camera_info.
                 if kind in self._early_images:
                     rospy.logwarn_throttle(5.0, "images wait for their camera_info")
                 self._early_images[kind] = message
@@ -104,7 +104,7 @@ class ImageInput:
             message.header.stamp.to_nsec(), image.pixels, image.encoding, depth,
             name=self._observer.name, target_mask=labelled, camera=camera,
         )  # fmt: skip
-        look: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
+        observe_frame: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
             frame, joints, self._observer, commands=commands
         )
-        self._runner.add_image(frame.stamp, look, frame.name)
+        self._runner.add_image(frame.stamp, observe_frame, frame.name)

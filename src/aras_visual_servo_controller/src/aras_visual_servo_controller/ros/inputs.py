@@ -1,4 +1,4 @@
-"""What the loop hears: joint states always, and of the images what its scheme needs."""
+"""Inputs of the loop: joint states, and the images or measurements that the scheme needs."""
 
 from __future__ import annotations
 
@@ -13,10 +13,10 @@ from .measurement_input import MeasurementInput
 
 
 class Inputs:
-    """Subscribers of one driver."""
+    """Subscribers of one loop."""
 
     def __init__(self, settings: Settings, runner: LoopRunner, e_stop: str = "") -> None:
-        """`e_stop`: topic of the arm's emergency stop; empty: it has none."""
+        """Subscribe; `e_stop` is the topic of the arm's emergency stop, or ''."""
         self._runner = runner
         topic = f"{settings.namespace.rstrip('/')}/joint_states"
         joints = rospy.Subscriber(
@@ -26,15 +26,15 @@ class Inputs:
         self._subscribers = [joints]
         for name, observer in runner.camera_rig.observers.items():
             images = ImageInput if observer.needs & IMAGE_NEEDS else MeasurementInput
-            heard = images(settings.get_camera(name), runner, observer)
-            self._subscribers += heard.subscribers
+            camera_input = images(settings.get_camera(name), runner, observer)
+            self._subscribers += camera_input.subscribers
         if e_stop:
             self._subscribers.append(rospy.Subscriber(
                 e_stop, Bool, lambda message: runner.emergency_stop(message.data)
             ))  # fmt: skip
 
     def close(self) -> None:
-        """Hear nothing any more."""
+        """Unregister all subscribers."""
         for subscriber in self._subscribers:
             subscriber.unregister()
 

@@ -1,4 +1,4 @@
-"""Start, stop and hold as services; the action servo_to_target; gains by dynamic_reconfigure."""
+"""Services start, stop and hold, and the action servo_to_target."""
 
 from __future__ import annotations
 
@@ -17,22 +17,22 @@ from ..records.state import CONVERGED, STOPPED, ServoState
 from ..runner.loop_runner import LoopRunner
 from .ros_publisher import RosPublisher
 
-FEEDBACK_PERIOD = 0.05  # s of wall time
-STATUS_PERIOD = 0.2  # s of wall time, actionlib's own
+FEEDBACK_PERIOD = 0.05  # s of wall time between two feedback messages
+STATUS_PERIOD = 0.2  # s of wall time between two status messages, as in actionlib
 
 
 class LoopOwner(Protocol):
-    """Who has the driver and its face; both may be made anew for another robot."""
+    """Owner of the loop and its publisher, which are replaced when another robot is started."""
 
     runner: LoopRunner
     publisher: RosPublisher
 
 
 class LoopServices:
-    """What others may ask of the loop."""
+    """Services and action of the control loop."""
 
     def __init__(self, namespace: str, owner: LoopOwner) -> None:
-        """`namespace`: namespace of the services and the action."""
+        """Advertise the services and the action in `namespace`."""
         self._owner = owner
         self._services = [
             rospy.Service(f"{namespace}/controller/{name}", Trigger, self._make_handler(name))
@@ -45,13 +45,13 @@ class LoopServices:
             auto_start=False,
         )
         self._action.start()
-        # actionlib's timer goes by simulated time: it stands while that does, and dies of a reset.
+        # actionlib's timer uses simulated time: it stops with the simulation and ends at a reset.
         self._action.action_server.status_timer.shutdown()
         threading.Thread(target=self._publish_status, name="status", daemon=True).start()
 
     def _publish_status(self) -> None:
         while not rospy.is_shutdown():
-            with contextlib.suppress(rospy.ROSException):  # the topic is closed: the node ends
+            with contextlib.suppress(rospy.ROSException):  # the topic is closed at shutdown
                 self._action.action_server.publish_status()
             time.sleep(STATUS_PERIOD)
 
@@ -63,28 +63,28 @@ class LoopServices:
         return handle
 
     def _execute_goal(self, goal: ServoToTargetGoal) -> None:
-        """Servo until the target is reached, the time is over, or somebody wants otherwise."""
-        began, before = None, self._owner.publisher.latest_state
+        """Servo until the target is reached, the timeout expires, or a client cancels the goal."""
+        start_time, initial_state = None, self._owner.publisher.latest_state
         self._owner.runner.start()
         while not rospy.is_shutdown():
-            driver, state = self._owner.runner, self._owner.publisher.latest_state
+            runner, state = self._owner.runner, self._owner.publisher.latest_state
             if self._action.is_preempt_requested():
-                driver.stop("preempted")
+                runner.stop("preempted")
                 self._action.set_preempted(self._make_result("stopped", "preempted"))
                 return
-            phase, outcome = driver.servo.phase, driver.servo.outcome
-            if state is not None and state is not before:
+            phase, outcome = runner.servo.phase, runner.servo.outcome
+            if state is not None and state is not initial_state:
                 self._action.publish_feedback(_make_feedback(state))
                 if state.phase == CONVERGED:
                     self._action.set_succeeded(self._make_result(state.outcome, state.reason))
                     return
             if phase == STOPPED:
-                reason = outcome.reason or driver.servo.reason
+                reason = outcome.reason or runner.servo.reason
                 self._action.set_aborted(self._make_result(outcome.kind, reason, outcome.remedy))
                 return
-            began = rospy.get_time() if began is None else began
-            if 0.0 < goal.timeout < rospy.get_time() - began:
-                driver.stop("the time for it is over")
+            start_time = rospy.get_time() if start_time is None else start_time
+            if 0.0 < goal.timeout < rospy.get_time() - start_time:
+                runner.stop("the timeout of the action goal has expired")
                 kind = outcome.kind if outcome.kind != "running" else "timed_out"
                 reason = outcome.reason or f"not converged within {goal.timeout:g} s"
                 self._action.set_aborted(self._make_result(kind, reason, outcome.remedy))

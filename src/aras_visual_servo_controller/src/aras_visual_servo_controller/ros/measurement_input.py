@@ -1,4 +1,4 @@
-"""What the camera node measured of each image: moments, and kernel features where wanted."""
+"""Input of the camera node's measurements: moments, and kernel features if needed."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ from .messages import read_camera, read_moments
 
 
 class MeasurementInput:
-    """Subscribers to the camera node's topics; gives each image to the driver."""
+    """Subscribers of the camera node's topics, which pass each measurement to the loop."""
 
     def __init__(self, camera: CameraEntry, runner: LoopRunner, observer: FeatureObserver) -> None:
         self._runner, self._observer = runner, observer
@@ -63,7 +63,7 @@ class MeasurementInput:
         )  # fmt: skip
         frame = Frame(message.header.stamp.to_nsec(), name=self._observer.name, camera=camera,
                       target=target)  # fmt: skip
-        look: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
+        observe_frame: ObserveFrame = lambda joints, commands: observe(  # noqa: E731
             frame, joints, self._observer, commands=commands
         )
-        self._runner.add_image(frame.stamp, look, frame.name)
+        self._runner.add_image(frame.stamp, observe_frame, frame.name)

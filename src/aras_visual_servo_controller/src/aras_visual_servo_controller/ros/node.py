@@ -1,4 +1,4 @@
-"""The controller node: one driver, its faces, and a thread that watches."""
+"""Visual servo controller node."""
 
 from __future__ import annotations
 
@@ -21,12 +21,12 @@ from .node_settings import read_node_settings
 from .reconfigure import GainServer
 from .ros_publisher import RosPublisher
 
-WATCH_PERIOD = 0.02  # s of wall time
-SHUTDOWN_TIME = 0.2  # s of wall time: rospy sends from threads of its own
+WATCH_PERIOD = 0.02  # s of wall time between two checks
+SHUTDOWN_TIME = 0.2  # s of wall time for rospy's threads to send the last messages
 
 
 class ControllerNode:
-    """Builds the loop when the robot's description is there, and watches it."""
+    """The node: it builds the loop when the robot description is available, and supervises it."""
 
     def __init__(self, settings: Settings, raw_settings: dict[str, object]) -> None:
         self._settings, self._raw_settings = settings, raw_settings
@@ -37,7 +37,7 @@ class ControllerNode:
         self._goal_topics = GoalTopics(settings.namespace.rstrip("/"))
 
     def build_loop(self, urdf: str) -> None:
-        """The loop and its faces; ConfigurationError for what cannot be."""
+        """Build the loop with its topics; ConfigurationError if settings do not fit the robot."""
         settings = self._settings.for_robot(read_robot_name(urdf), self._raw_settings)
         arm = settings.make_arm(urdf)
         others = settings.make_other_cameras(urdf, arm)
@@ -46,7 +46,7 @@ class ControllerNode:
             self._inputs.close()
         before, self.publisher = self.publisher, RosPublisher(settings, arm.names, arm.camera_frame)
         if before is not None:
-            # Only now: subscribers may miss a topic that is closed and opened again at once.
+            # The old topics close last: a topic that reopens at once can lose its subscribers.
             before.close()
         arms = {settings.list_cameras(servo.scheme)[0]: arm, **others}
         rig = settings.make_camera_rig(arms, servo.scheme, servo.goal)
@@ -70,28 +70,28 @@ class ControllerNode:
         self._inputs = Inputs(settings, self.runner, find_e_stop_topic(urdf, settings.namespace))
 
     def spin(self) -> None:
-        """Watch until ROS shuts down, on wall time: simulated time may stop.
+        """Supervise the loop until ROS shuts down, in wall time because simulated time can stop.
 
         Raises:
-            ConfigurationError: a robot that no loop can be built for.
+            ConfigurationError: the settings do not fit a robot.
         """
         for _ in iterate_at_period(WATCH_PERIOD):
-            began = None if self.runner is None else self.runner.start_count
-            if urdf := self._description.find_new(began):
+            start_count = None if self.runner is None else self.runner.start_count
+            if urdf := self._description.find_new(start_count):
                 self.build_loop(urdf)
             if self.runner is not None:
                 self.runner.check_timeouts()
 
     def close(self) -> None:
-        """Leave no speed and no effort behind."""
+        """Command zero velocities and efforts, if these are the output of the loop."""
         if self.runner is not None and self.runner.settings.output != "position":
             self._inputs.close()
-            self.runner.shut_down("the node ends")  # in whatever thread it still answers or watches
+            self.runner.shut_down("the node ends")
             time.sleep(SHUTDOWN_TIME)
 
 
 def main() -> int:
-    """Run the node; returns its exit status."""
+    """Run the node and return its exit status."""
     compile_all()
     return node_main("aras_visual_servo_controller", __doc__, _run, ConfigurationError)
 

@@ -1,4 +1,4 @@
-"""The node's private parameters, checked before anything begins."""
+"""Reading and checking of the node's private parameters."""
 
 from __future__ import annotations
 
@@ -16,31 +16,31 @@ from .reconfigure import NAMESPACE as GAINS
 
 
 def read_node_settings() -> tuple[Settings, dict[str, object]]:
-    """What the parameter server holds for this node, and the same as it was given.
+    """Return the settings of this node, and its parameters as they were given.
 
     Raises:
-        ConfigurationError: one line for a parameter, scheme, law or goal that cannot be.
+        ConfigurationError: one line about a wrong parameter, scheme, law or goal.
     """
-    given = rospy.get_param("~", {})
-    given.pop(GAINS[1:], None)
-    given.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
-    settings = Settings.from_mapping(given, find_package_folder())
-    settings.list_cameras(settings.make_scheme())  # what is wrong with it needs no robot to be told
+    raw_settings = rospy.get_param("~", {})
+    raw_settings.pop(GAINS[1:], None)
+    raw_settings.setdefault("lockstep", rospy.get_param("/gazebo/speed_mode", "") == "lockstep")
+    settings = Settings.from_mapping(raw_settings, find_package_folder())
+    settings.list_cameras(settings.make_scheme())  # report errors now, without a robot
     if settings.desired != "auto":
         settings.load_goal()
-    return settings, given
+    return settings, raw_settings
 
 
 def find_package_folder() -> Path:
-    """Directory of this package."""
+    """Return the folder of this package."""
     return Path(rospkg.RosPack().get_path("aras_visual_servo_controller"))
 
 
 def read_robot_settings(raw_settings: dict[str, object]) -> tuple[Settings, Arm]:
-    """Settings for the robot that is there now, with what is given of them, and its arm.
+    """Return the settings for the robot on the parameter server, and its arm.
 
     Raises:
-        ConfigurationError: there is no robot, or what cannot be of it.
+        ConfigurationError: there is no robot description, or the settings do not fit the robot.
     """
     settings = Settings.from_mapping(raw_settings, find_package_folder())
     urdf = str(rospy.get_param(settings.description, ""))

@@ -1,4 +1,4 @@
-"""From the messages of one image back to the loop's record of it; any version of their classes."""
+"""Conversion of recorded messages, of this or an older version, to states of the loop."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ if TYPE_CHECKING:
 
 
 def read_state(message: ServoState, report: ServoReport | None = None) -> State:
-    """The state that a message and the report of the same image tell; what no report tells is NaN.
+    """Convert a ServoState and the report of the same image to a state.
 
-    Read back, a decision has no task and a resolution neither L nor Jacobian.
+    Values that only the report contains are NaN without it. The scheme output has no task, and the
+    IK solution has neither L nor Jacobian.
     """
     stamp, names = message.header.stamp.to_sec(), tuple(message.joint_names)
-    decision = resolution = joints = None
+    output = solution = joints = None
     count = len(message.feature_names)
     if count and all(len(values) == count for values in (
         message.features, message.desired_features, message.error
     )):  # fmt: skip
         filtered = getattr(report, "filtered_error", ())
-        decision = SchemeOutput(
+        output = SchemeOutput(
             tuple(message.feature_names), np.array(message.features),
             np.array(message.desired_features), np.array(message.error),
             filtered_error=np.array(filtered) if len(filtered) == count else None,
         )  # fmt: skip
-    if decision is not None and len(message.singular_values):
-        resolution = IKSolution.from_record(
+    if output is not None and len(message.singular_values):
+        solution = IKSolution.from_record(
             np.array(message.joint_velocities), read_twist(message.camera_twist),
             np.full(6, np.nan) if report is None else read_twist(report.achieved_twist),
             (np.array([] if report is None else report.singular_values_l),
@@ -45,21 +46,21 @@ def read_state(message: ServoState, report: ServoReport | None = None) -> State:
         )  # fmt: skip
     if len(message.joint_positions) == len(names):
         joints = JointSample.from_values(stamp, names, message.joint_positions)
-    left = PoseUncertainty(
-        *(getattr(report, f"open_{way}", np.nan) for way in ("distance", "angle"))
+    uncertainty = PoseUncertainty(
+        *(getattr(report, f"open_{kind}", np.nan) for kind in ("distance", "angle"))
     )
     commanded = len(message.joint_commands) == len(names)
     return State(
         stamp, message.phase, "" if report is None else report.outcome, message.reason,
-        "" if report is None else report.remedy, decision, resolution, joints,
+        "" if report is None else report.remedy, output, solution, joints,
         np.array(message.joint_commands) if commanded else None,
         np.nan if report is None else report.computation_time, scheme=message.scheme,
-        arrival_status=NOT_ARRIVED if np.isnan([left.distance, left.angle]).all() else
-        ArrivalStatus(True, pose_uncertainty=left),
+        arrival_status=NOT_ARRIVED if np.isnan([uncertainty.distance, uncertainty.angle]).all() else
+        ArrivalStatus(True, pose_uncertainty=uncertainty),
     )  # fmt: skip
 
 
 def read_twist(message: Twist) -> np.ndarray:
-    """(6,) of a geometry_msgs/Twist."""
+    """Convert a geometry_msgs/Twist to (6,)."""
     return np.array([getattr(part, axis) for part in (message.linear, message.angular)
                      for axis in "xyz"])  # fmt: skip

@@ -1,4 +1,4 @@
-"""Gains of the law by dynamic_reconfigure, while it runs."""
+"""Gains of the law as dynamic_reconfigure parameters, while the loop runs."""
 
 from __future__ import annotations
 
@@ -19,11 +19,11 @@ if TYPE_CHECKING:
     from .loop_services import LoopOwner
 
 NAMESPACE = "~gains"
-MIN_GAIN = 1e-3  # where a gain is given below it, that one is the least
+MIN_GAIN = 1e-3  # lower bound of a gain, unless its given value is smaller
 
 
 class GainServer:
-    """One number for each gain of the law, also of the law inside a wrapper."""
+    """Reconfigure server with one number for each gain of the law, including a wrapped law."""
 
     def __init__(self, owner: LoopOwner) -> None:
         self._owner = owner
@@ -45,10 +45,10 @@ class GainServer:
 
 
 def set_gains(servo: Servo, values: dict[str, Value]) -> None:
-    """Give the loop's laws other gains, all of them or none.
+    """Change the gains of the loop's laws, all of them or none.
 
     Raises:
-        ConfigurationError: what a law refuses; nothing was changed then.
+        ConfigurationError: a law refuses a value; all gains then keep their old values.
     """
     gains: dict[Law, dict[str, float]] = {}
     for name, law in _find_laws(servo).items():
@@ -64,7 +64,7 @@ def set_gains(servo: Servo, values: dict[str, Value]) -> None:
 
 
 def _find_laws(servo: Servo) -> dict[str, Law]:
-    """The law that each gain belongs to, by the gain's name."""
+    """Return the law that each gain belongs to, by the name of the gain."""
     laws: dict[str, Law] = {}
     law = getattr(servo.scheme, "law", None)
     while isinstance(law, Law):

@@ -1,4 +1,4 @@
-"""What the loop tells the world: commands, states, words."""
+"""Publication of the loop's commands, states and log messages."""
 
 from __future__ import annotations
 
@@ -17,67 +17,70 @@ from .commands import CommandTopics, publish
 from .foreign_commands import ForeignCommandListener
 from .messages import make_report_message, make_state_message
 
-LISTENERS_TIMEOUT = 5.0  # s of wall time
-REPEAT_WARNING = 5.0  # s of wall time
+LISTENERS_TIMEOUT = 5.0  # s of wall time to wait for a recorder
+REPEAT_WARNING = 5.0  # s of wall time between two warnings
 
 
 class RosPublisher:
-    """Publishers of one controller; a Face of the Driver.
+    """LoopListener that publishes to ROS.
 
     Attributes:
-        names: of the joints. commands: their topics. foreign: commands of other nodes on these.
-        state: publisher of controller/state. latest: state that was reported last.
+        names: names of the joints.
+        command_topics: publishers of the joint commands.
+        foreign_commands: commands of other nodes on these topics.
+        state_publisher: publisher of controller/state.
+        latest_state: state that was reported last.
     """
 
     def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
-        """`frame`: the control camera's, in the description."""
+        """Advertise the topics; `frame` is the optical frame of the control camera."""
         self._settings, self.names, self._frame = settings, tuple(names), frame
-        space = settings.namespace.rstrip("/")
+        namespace = settings.namespace.rstrip("/")
         self.command_topics = CommandTopics(settings, self.names, settings.output)
         self.foreign_commands = ForeignCommandListener(self.command_topics)
         self.state_publisher = rospy.Publisher(
-            f"{space}/controller/state", ServoState, queue_size=5
+            f"{namespace}/controller/state", ServoState, queue_size=5
         )
         self._report_publisher = rospy.Publisher(
-            f"{space}/controller/diagnosis", ServoReport, queue_size=5
+            f"{namespace}/controller/diagnosis", ServoReport, queue_size=5
         )
         self._twist_publisher = rospy.Publisher(
-            f"{space}/controller/camera_twist", TwistStamped, queue_size=5
+            f"{namespace}/controller/camera_twist", TwistStamped, queue_size=5
         )
         self.latest_state: State | None = None
         self._logged, self._log_time = ("", ""), -math.inf
-        self._check_time: float | None = None  # whether somebody takes the commands
+        self._check_time: float | None = None  # last check for subscribers of the commands
 
     def wait_for_listeners(self) -> None:
-        """Give a recorder the time to connect; nothing has been subscribed to or sent yet."""
-        deadline, wanted = time.monotonic() + LISTENERS_TIMEOUT, self._settings.listeners
-        while self.state_publisher.get_num_connections() < wanted and not rospy.is_shutdown():
+        """Wait for a recorder to connect, before the node sends or receives anything."""
+        deadline, needed = time.monotonic() + LISTENERS_TIMEOUT, self._settings.listeners
+        while self.state_publisher.get_num_connections() < needed and not rospy.is_shutdown():
             if time.monotonic() > deadline:
                 rospy.logwarn(
-                    "controller/state has %d of %g listeners after %g s: beginning without them",
-                    self.state_publisher.get_num_connections(), wanted, LISTENERS_TIMEOUT,
+                    "controller/state has %d of %g subscribers after %g s: starting without them",
+                    self.state_publisher.get_num_connections(), needed, LISTENERS_TIMEOUT,
                 )  # fmt: skip
                 return
             time.sleep(0.02)
 
     def close(self) -> None:
-        """Publish and receive no more."""
+        """Unregister all publishers and subscribers."""
         self.foreign_commands.close()
         self.command_topics.close()
         for publisher in (self.state_publisher, self._report_publisher, self._twist_publisher):
             publisher.unregister()
 
     def send(self, command: Command) -> None:
-        """To the joints."""
+        """Publish a command to the joints."""
         if command.values is not None:
             self.command_topics.send(command.values)
             self._check_listeners()
 
     def report(self, state: State) -> None:
-        """Publish the state of one image, and log what is new about it."""
+        """Publish the state of one image, and log a change of phase or reason."""
         self.latest_state = state
         frame = self._frame
-        # Time.from_sec cuts, and a stamp may then be 1 ns before its image's.
+        # Time.from_sec truncates, so the stamp could be 1 ns before that of the image.
         stamp = rospy.Time(0, round(1e9 * max(state.stamp, 0.0)))
         message = make_state_message(state, self._settings.scheme, frame, self.names)
         message.header.stamp = stamp
@@ -92,25 +95,25 @@ class RosPublisher:
         self._log_state(state.phase, state.reason)
 
     def _check_listeners(self) -> None:
-        """Say now and then that nobody takes the commands: the arm then stands, and only that."""
+        """Warn periodically of command topics without subscribers, as the arm cannot move then."""
         now = time.monotonic()
         if self._check_time is None:
             self._check_time = now
         elif now - self._check_time > REPEAT_WARNING:
             self._check_time = now
-            if unheard := self.command_topics.list_unsubscribed():
+            if topics := self.command_topics.list_unsubscribed():
                 rospy.logwarn(
-                    "nobody takes the commands on %s: start that controller (rosrun "
+                    "no controller subscribes to %s: start that controller (rosrun "
                     "controller_manager controller_manager list), or name another one in "
-                    "~controllers", ", ".join(unheard),
+                    "~controllers", ", ".join(topics),
                 )  # fmt: skip
 
     def log(self, text: str) -> None:
-        """One line, or the traceback of a scheme's fault."""
+        """Log a line, or the traceback of an error in a scheme."""
         (rospy.logerr if "\n" in text else rospy.loginfo)("%s", text)
 
     def _log_state(self, phase: str, reason: str) -> None:
-        """A new phase once; what is wrong when it changes kind, or every few seconds."""
+        """Log a new phase once, and a reason when the phase changes or every few seconds."""
         now, new = time.monotonic(), phase != self._logged[0]
         if not new and (not reason or now - self._log_time < REPEAT_WARNING):
             return

@@ -1,4 +1,4 @@
-"""Teaching on a running graph."""
+"""Teaching of a goal from the images of a running system."""
 
 from __future__ import annotations
 
@@ -23,15 +23,15 @@ from .node_settings import read_robot_settings
 
 
 def collect_views(arguments: argparse.Namespace) -> Goal:
-    """Collect views from the graph, where asked for after driving to a pose.
+    """Collect views of the target, after driving to a pose if `--go` is given.
 
     Raises:
-        ServoError: as many images in a row as are to be averaged show nothing usable, or too few
-            come in time; with the reason.
+        ServoError: too few images arrive in time, or as many successive images as are to be
+            averaged are unusable; with the reason.
     """
     init_node("teach", anonymous=True)
-    given = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
-    settings, arm = read_robot_settings(given)
+    raw_settings = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
+    settings, arm = read_robot_settings(raw_settings)
     scheme, package = settings.make_scheme(), settings.package
     urdf = str(rospy.get_param(settings.description))
     arms = {settings.list_cameras(scheme)[0]: arm, **settings.make_other_cameras(urdf, arm)}
@@ -55,7 +55,7 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
-        if teacher.refused_count >= arguments.images:  # waiting longer would show the same
+        if teacher.refused_count >= arguments.images:  # further images would not be usable either
             raise ServoError(
                 f"the last {teacher.refused_count} images show nothing that could be taught "
                 f"({teacher.reason}): bring the target into view and teach again"
@@ -70,8 +70,8 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
             )
         time.sleep(0.02)
     inputs.close()
-    like = None
-    if arguments.depth is None and not settings.model:  # of a model the plane is known
-        like = Goal.load(package / "config" / "goal_2016.yaml")
+    target_goal = None
+    if arguments.depth is None and not settings.model:  # a model already determines the plane
+        target_goal = Goal.load(package / "config" / "goal_2016.yaml")
     views = teacher.views[: arguments.images]
-    return make_mean_goal(views, scheme, arm, arguments.file.name, arguments.depth, like)
+    return make_mean_goal(views, scheme, arm, arguments.file.name, arguments.depth, target_goal)

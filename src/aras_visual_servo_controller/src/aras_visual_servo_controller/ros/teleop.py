@@ -1,4 +1,4 @@
-"""Teleoperation on a running graph: keys, gamepad, and the commands that come of them."""
+"""Teleoperation of a running robot by keyboard and gamepad."""
 
 from __future__ import annotations
 
@@ -28,13 +28,13 @@ PERIOD = 0.02  # s of wall time between two commands
 
 
 class Teleop:
-    """One person at a terminal, one arm."""
+    """Teleoperation of one arm by one operator at a terminal."""
 
     def __init__(self) -> None:
-        """ConfigurationError: no robot, or a joint that it has not."""
+        """Connect to the robot; ConfigurationError without a robot or for an unknown joint."""
         settings, arm = read_robot_settings({})
         self._arm = arm
-        self._limits, self._space = settings.make_limits(arm), settings.namespace.rstrip("/")
+        self._limits, self._namespace = settings.make_limits(arm), settings.namespace.rstrip("/")
         self._joints = {
             way: str(rospy.get_param(f"~{way}", name))
             for way, name in keyboard.choose_step_joints(arm.names).items()
@@ -49,19 +49,20 @@ class Teleop:
         self._has_joint_state, self._jog_lock = threading.Event(), threading.Lock()
         self._has_stopped_controller, self._last_reason = False, ""
         self._gamepad: JoyDevice | None = None
-        rospy.Subscriber(f"{self._space}/joint_states", JointState, self._on_joints, queue_size=1)
+        topic = f"{self._namespace}/joint_states"
+        rospy.Subscriber(topic, JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
-        with contextlib.suppress(OSError):  # without a gamepad there are still the keys
+        with contextlib.suppress(OSError):  # no gamepad: the keyboard is enough
             self._gamepad = JoyDevice(device)
 
     def run(self) -> int:
-        """Until q or ^C; returns the exit status."""
+        """Run until q or ^C is pressed, and return the exit status."""
         print(keyboard.__doc__)
         if self._gamepad is not None:
             print(HELP)
         while not self._has_joint_state.wait(2.0):
-            print(f"waiting for joint states on {self._space}/joint_states")
+            print(f"waiting for joint states on {self._namespace}/joint_states")
         command = self._measured
         with keyboard.raw_terminal():
             while not rospy.is_shutdown():
@@ -84,20 +85,20 @@ class Teleop:
             if self._jog.reason:
                 print(self._jog.reason)
         elif key in keyboard.KEYS:
-            command, told = keyboard.step_joint(key, command, self._limits, self._joints)
-            print(told)
+            command, text = keyboard.step_joint(key, command, self._limits, self._joints)
+            print(text)
             way = keyboard.KEYS[key][0]
             self._command_topics.send(command, self._joints[way])
         else:
-            moves, told = self._keys.press(key, self._jog, time.monotonic())
+            moves, text = self._keys.press(key, self._jog, time.monotonic())
             if moves:
                 self._stop_controller()
-            if told:
-                print(told)
+            if text:
+                print(text)
         return command
 
     def _send_command(self) -> bool:
-        """Send what the drive comes to; whether anything was sent."""
+        """Send the current command of the jog motion, if there is one; return whether there is."""
         with self._jog_lock:
             command = self._jog.update(time.monotonic(), self._measured)
         if command is None:
@@ -117,12 +118,12 @@ class Teleop:
             self._jog.set_twist(twist, time.monotonic())
 
     def _stop_controller(self) -> None:
-        """Once: a controller that servoes would command the joints as well."""
+        """Stop the controller before the first motion, since it also commands the joints."""
         if self._has_stopped_controller:
             return
         self._has_stopped_controller = True
-        if stop_controller(self._space):
-            print("the controller is stopped: its service start lets it go on")
+        if stop_controller(self._namespace):
+            print("the controller is stopped; its service start resumes it")
 
     def _on_joints(self, message: JointState) -> None:
         with contextlib.suppress(MeasurementError):
@@ -135,7 +136,7 @@ class Teleop:
 
 
 def main() -> int:
-    """Run until q or ^C; returns the exit status."""
+    """Run until q or ^C is pressed, and return the exit status."""
     if not sys.stdin.isatty():
         print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
         return 1

@@ -1,1 +1,1 @@
-"""The loop in time: joint states and images with their stamps, commands between them."""
+"""The loop in time: processing of stamped joint states and images, and sending of commands."""

@@ -1,7 +1,7 @@
-"""The loop's ticks between two images, compiled: joint states in, commands out.
+"""Compiled updates of the loop between two images: joint states in, commands out.
 
-What Driver.joints does with one joint state after another while the arm servoes and nothing is out
-of the ordinary: the same compiled functions, without the objects between them.
+They replace LoopRunner.add_joint_state for successive joint states while the arm servoes and
+nothing unusual happens. They use the same compiled functions, without the Python objects.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..loop.task_executor import ROUNDING
 if TYPE_CHECKING:
     from .loop_runner import LoopRunner
 
-# Of `clock`: the last tick, the latest joint state, when the velocities were worked out and for how
-# long at least, when something was sent, s; which of the two tasks is pursued.
+# Indices of `clock`: last update, latest joint state, solution of the velocities and its validity,
+# last command, s; index of the current one of the two tasks.
 NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
-# Of `rows`, (n,) each: command and its velocity, velocities that are kept, what was sent last;
-# positions and velocities of the latest joint state; whether a limit stopped a joint.
+# Indices of `rows`, (n,) each: command and its velocity, current solution, command that was sent
+# last; positions and velocities of the latest joint state; whether a limit stopped a joint.
 COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
-# Of `settings`: see ServoSettings; when the last image was answered and for how long that is fresh,
-# s; when the second task is taken up, and when a third would be.
+# Indices of `settings`: fields of ServoSettings; time and validity of the last processed image, s;
+# start times of the second task and of a possible third, s.
 (
     LONGEST_STEP,
     WATCHDOG,
@@ -44,7 +44,7 @@ COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
     SECOND_TASK_TIME,
     THIRD_TASK_TIME,
 ) = range(8)
-# What became of a joint state: not taken, as Python has to look at it; nothing new to send; sent.
+# Results of an update: Python must process the joint state; no new command; a new command.
 NEEDS_PYTHON, SAME_COMMAND, NEW_COMMAND = range(3)
 UPDATE_SIGNATURE = (
     f"Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], "
@@ -75,18 +75,22 @@ def process_joint_state(
     limits,
     has_acceleration_limits,
 ):
-    """One joint state and the tick it brings; where it is ODD, Python begins with it anew.
+    """Process one joint state and compute the command; return NEEDS_PYTHON to fall back to Python.
 
     Args:
-        q, v, stamp: (n,), (n,) and s of the joint state. chain: see Chain.
-        clock, rows, settings: see above. last, numbers, goal, pulls, folds, limits: of
-            `resolved`. bounds: (3, n) of plausible joint states. lead: (n,).
-        L, rates, modelled: (2, k, 6), (2, k), (2, 6) of the task, and of the one after it.
-        accelerates: whether there are limits of acceleration.
+        q, v, stamp: (n,), (n,) and s of the joint state.
+        chain: fields of the Chain.
+        clock, rows, settings: arrays with the indices above.
+        last_velocities, setting_values, goal, range_tasks, elbows, limits: as in
+            `solve_velocities`.
+        bounds: (3, n) bounds of plausible joint states.
+        lead: (n,) distance by which a command may be ahead of its joint.
+        L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) of the current task and the next.
+        has_acceleration_limits: whether accelerations are limited.
     """
     t = max(stamp, clock[NOW])
-    gone, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
-    if not dt > 0.0 or gone > settings[WATCHDOG]:
+    elapsed, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
+    if not dt > 0.0 or elapsed > settings[WATCHDOG]:
         return NEEDS_PYTHON
     if (
         t - settings[ANSWER_TIME] > settings[ANSWER_LIFETIME]
@@ -95,11 +99,11 @@ def process_joint_state(
         return NEEDS_PYTHON
     if find_implausible_joint(q, v, bounds[0], bounds[1], bounds[2])[0] >= 0:
         return NEEDS_PYTHON
-    if has_jumped(q, rows[Q], v, rows[V], lead, gone):
+    if has_jumped(q, rows[Q], v, rows[V], lead, elapsed):
         return NEEDS_PYTHON
     task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
-    lasts = max(clock[VALID_FOR], period) - 1e-9
-    if task != clock[TASK] or not t - clock[SOLVED_AT] < lasts:
+    valid_for = max(clock[VALID_FOR], period) - 1e-9
+    if task != clock[TASK] or not t - clock[SOLVED_AT] < valid_for:
         found = solve_velocities(
             *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], desired_rates[task],
             modelled[task], np.zeros(len(q)), range_tasks, elbows, limits, max(dt, period),
@@ -144,46 +148,47 @@ def process_joint_state(
 
 
 class CompiledUpdates:
-    """A driver's state as `process_joint_state` takes it, and back."""
+    """Conversion of a runner's state to the arrays of `process_joint_state`, and back."""
 
     def __init__(self, runner: LoopRunner) -> None:
         self._runner = runner
-        servo, resolver = runner.servo, runner.servo.differential_ik
+        servo, ik = runner.servo, runner.servo.differential_ik
         arm, settings = servo.arm, servo.settings
-        # A resolver, tasks or an arm of somebody's own are asked in Python.
+        # User-defined inverse kinematics, tasks and arms can only be called from Python.
         self._is_possible = (
-            type(arm) is Arm and type(resolver) is DifferentialIK and not resolver.other_tasks
+            type(arm) is Arm and type(ik) is DifferentialIK and not ik.other_tasks
             and settings.output == "position"
             and not (runner.settings.lockstep or runner.settings.dry)
         )  # fmt: skip
         if self._is_possible:
-            self._constant_arguments = (resolver.range_tasks, resolver.elbow_rows,
-                resolver.limit_rows,
-                           resolver.has_acceleration_limits)  # fmt: skip
+            self._constant_arguments = (
+                ik.range_tasks, ik.elbow_rows, ik.limit_rows, ik.has_acceleration_limits,
+            )  # fmt: skip
 
     def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
-        """Arguments of `process_joint_state` from `chain` on; None where the next tick is not one
-        of them.
+        """Return the arguments of `process_joint_state` from `chain` on.
+
+        Return None if Python must process the next joint state.
         """
-        driver = self._runner
-        servo, newest = driver.servo, driver.history.newest
-        pursuit, motion, resolver = servo.executor, servo.integrator, servo.differential_ik
-        task, pending = pursuit.task, pursuit.pending_tasks
+        runner = self._runner
+        servo, newest = runner.servo, runner.history.newest
+        executor, integrator, ik = servo.executor, servo.integrator, servo.differential_ik
+        task, pending = executor.task, executor.pending_tasks
         if (
-            not self._is_possible or newest is None or task is None or pursuit.is_joint_controlled
-            or not servo.is_only_executing or driver.sent_values is None
-            or resolver.goal is None or "solve" in vars(resolver)
+            not self._is_possible or newest is None or task is None or executor.is_joint_controlled
+            or not servo.is_only_executing or runner.sent_values is None
+            or ik.goal is None or "solve" in vars(ik)
         ):  # fmt: skip
             return None
         following = pending[0][1] if pending else task
         if following.L.shape != task.L.shape:
             return None
         settings = servo.settings
-        kept = pursuit.cached_velocities or (-inf, np.zeros(len(motion.names)), 0.0, "")
-        self._clock = np.array([driver.update_time, newest.stamp, kept[0], kept[2], -inf, 0.0])
+        cached = executor.cached_velocities or (-inf, np.zeros(len(integrator.names)), 0.0, "")
+        self._clock = np.array([runner.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
         self._rows = np.array([
-            motion.command, motion.velocity, kept[1], driver.sent_values, newest.positions,
-            newest.velocities, np.zeros(len(motion.names)),
+            integrator.command, integrator.velocity, cached[1], runner.sent_values,
+            newest.positions, newest.velocities, np.zeros(len(integrator.names)),
         ])  # fmt: skip
         due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
         numbers = np.array([
@@ -192,38 +197,45 @@ class CompiledUpdates:
         ])  # fmt: skip
         both = task, following
         return (
-            tuple(servo.arm.chain), self._clock, self._rows, resolver.last_velocities,
-            servo.arm.plausible_bounds, motion.lead, numbers, resolver.setting_values,
-            resolver.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
+            tuple(servo.arm.chain), self._clock, self._rows, ik.last_velocities,
+            servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
+            ik.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
             np.array([t.modelled for t in both]), *self._constant_arguments,
         )  # fmt: skip
 
     @property
     def command(self) -> np.ndarray:
-        """(n,) where the command stands."""
+        """Current command (n,)."""
         return self._rows[COMMAND]
 
     def apply_results(
         self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray
     ) -> None:
-        """Take back what `process_joint_state` made of the first joint states (m, 2, n), at stamps
-        in s: commands (m, n)."""
-        driver, clock, rows = self._runner, self._clock, self._rows
-        servo = driver.servo
-        pursuit, names = servo.executor, servo.arm.names
+        """Apply the results of `process_joint_state` to the runner.
+
+        Args:
+            stamps: stamps of the processed joint states, s.
+            samples: joint states (m, 2, n), of which the first len(stamps) were processed.
+            commands: commands (m, n).
+        """
+        runner, clock, rows = self._runner, self._clock, self._rows
+        servo = runner.servo
+        executor, names = servo.executor, servo.arm.names
         if clock[TASK]:
-            pursuit.task = pursuit.pending_tasks.popleft()[1]
-        pursuit.cached_velocities = clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), ""
+            executor.task = executor.pending_tasks.popleft()[1]
+        executor.cached_velocities = (
+            clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), "",
+        )  # fmt: skip
         if not stamps:
             return
         for array in (samples, commands):
             array.setflags(write=False)
-        taken = [
+        processed = [
             JointSample(stamp, names, *sample)
             for stamp, sample in zip(stamps, samples, strict=False)
         ]
         servo.integrator.set_command(rows[COMMAND], rows[VELOCITY])
         servo.apply_updates(
-            taken[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
+            processed[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
         )
-        driver.apply_updates(taken, commands, rows[SENT_COMMAND], clock.item(SENT_AT))
+        runner.apply_updates(processed, commands, rows[SENT_COMMAND], clock.item(SENT_AT))

@@ -1,4 +1,4 @@
-"""Other nodes that command the joints: seen by how the joints move, and named where they can be."""
+"""Detection of other nodes that command the joints, by the motion of the joints and by topic."""
 
 from __future__ import annotations
 
@@ -15,32 +15,32 @@ from ..records.state import HOLDING, Command
 from ..settings import Settings
 
 QUIET_TIME = 1.0  # s without a foreign command after which the loop commands the joints again
-# s of wall time for which foreign commands are listened for after the last sign
+# s of wall time for which commands are observed after the last sign of another node
 LISTENING_TIME = 5.0
 
 
 class ForeignCommands(Protocol):
-    """Receives the commands that other nodes send to the joints."""
+    """Interface to the commands that other nodes send to the joints."""
 
     def listen(self, is_active: bool) -> None:
-        """Start or stop to receive them; returns at once."""
+        """Start or stop receiving commands; returns at once."""
 
     def read_latest(self) -> Mapping[str, tuple[str, float]]:
-        """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
+        """Return by joint: the node that last commanded it, and the wall time (monotonic), s."""
 
 
 class ForeignWatch:
-    """Finds foreign commands to the joints of one loop.
+    """Detection of foreign commands to the joints of one loop.
 
     Attributes:
-        is_able: whether the nodes can be named: their commands can be received.
+        can_name_nodes: whether commands of other nodes can be received, so that nodes have names.
     """
 
     def __init__(
         self, servo: Servo, history: JointHistory, settings: Settings,
         commands: ForeignCommands | None,
     ) -> None:
-        """`commands`: of other nodes; None where they cannot be received."""
+        """Set the source of other nodes' commands; None if they cannot be received."""
         self._servo, self._history, self._settings = servo, history, settings
         self._commands, self._suspicion_time = commands, -np.inf
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
@@ -48,14 +48,16 @@ class ForeignWatch:
         self.reset()
 
     def reset(self) -> None:
-        """The joints are commanded anew: what they did before counts no more."""
-        # (n,) that the joints lacked when it came to rest
+        """Forget the past motion of the joints, because they get a new command."""
+        # (n,) distance of the joints from the command when it stopped changing
         self._joint_errors: np.ndarray | None = None
-        self._acting_stamp: float | None = None  # when a foreign command seemed to act last, s
+        self._acting_stamp: float | None = None  # last apparent effect of a foreign command, s
 
     def find_nodes(self, wall: float) -> None:
-        """Name the nodes that command the joints at `wall`, s of wall time; listen for them while
-        joints do not follow."""
+        """Report the nodes that command the joints at wall time `wall`, s.
+
+        Commands are received only while joints do not follow, and for LISTENING_TIME afterwards.
+        """
         active = {
             joint: node for joint, (node, at) in self._commands.read_latest().items()
             if wall - at < QUIET_TIME
@@ -67,16 +69,17 @@ class ForeignWatch:
         self._commands.listen(wall - self._suspicion_time < LISTENING_TIME)
 
     def can_resend(self, command: Command) -> bool:
-        """Whether a position command that joints have not followed may be sent again.
+        """Return whether a position command that joints have not followed may be sent again.
 
-        A joint that moves away from its command follows foreign commands that cannot be received.
-        Until it has rested for QUIET nothing is sent; then the loop continues from where it is.
+        A joint that moves away from its command follows foreign commands, even if these cannot be
+        received. Nothing is sent until the joint has been at rest for QUIET_TIME; the loop then
+        continues from the measured position.
         """
         newest = self._history.newest
         if newest is None or not self._servo.is_waiting_for_joints:
             return False
         if command.stamp - newest.stamp > self._settings.watchdog:
-            return False  # nobody knows where they are
+            return False  # the current joint positions are not known
         behind = np.abs(command.values - newest.positions)
         if self._joint_errors is None:
             self._joint_errors = behind
@@ -86,7 +89,7 @@ class ForeignWatch:
                 command.stamp,
             )
         elif self._acting_stamp is None and self._servo.phase == HOLDING:
-            self._acting_stamp = command.stamp  # farther away than the loop itself lets them be
+            self._acting_stamp = command.stamp  # farther from the command than the loop allows
         if self._acting_stamp is None:
             return True
         if command.stamp - self._acting_stamp >= QUIET_TIME:

@@ -1,11 +1,11 @@
-"""Drives a loop by what arrives: joint states, images, the passing of time. No ROS.
+"""Event-driven execution of the loop, by joint states, images and the passing of time. No ROS.
 
-    joint states ─► history ─► Servo.tick ─► commands
-    images ──────► joints of their own instant ─► Observation ─► Servo.see ─► reports
-    watch (a thread of its own) ─► stops the arm smoothly when nothing comes any more
+    joint states ─► history ─► Servo.update ─► commands
+    images ──────► joints at the exposure ─► Observation ─► Servo.process_image ─► reports
+    check_timeouts (called by another thread) ─► smooth stop if nothing is received
 
-Time is that of the joint states' stamps; between and after them it goes on with the clock. Only
-the clock going back begins the loop anew: messages that are late or have no stamp do not.
+The time of the loop is that of the joint states' stamps; without joint states it follows the clock.
+The loop restarts only if the clock goes back, not for messages that are late or have no stamp.
 """
 
 from __future__ import annotations
@@ -41,29 +41,29 @@ from ..records.state import (
 from ..settings import Settings
 from .foreign_watch import ForeignCommands, ForeignWatch
 
-REPORT_PERIOD = 1.0 / 30.0  # s; without images, reports need not be faster than a camera
-SILENT_TIME = 0.05  # s without a joint state after which time goes on by the clock
-STOPPED_CLOCK_TIME = 0.5  # s of wall time after which a clock that does not go on is worth a word
+REPORT_PERIOD = 1.0 / 30.0  # s between reports without images, as for a camera
+SILENT_TIME = 0.05  # s without a joint state after which the time follows the clock
+STOPPED_CLOCK_TIME = 0.5  # s of wall time after which a clock that does not advance is reported
 RESUME_ADVICE = "resume the simulation, or start the simulator again"
-REPEAT_PERIOD = 0.1  # s between two sendings of a command that a joint does not follow
-MAX_CLOCK_SKEW = 0.5  # s; stamps further off the clock are of another clock, or of none
+REPEAT_PERIOD = 0.1  # s after which a command that a joint does not follow is sent again
+MAX_CLOCK_SKEW = 0.5  # s; a stamp that differs more from the clock comes from another clock
 
 
 class LoopListener(Protocol):
-    """What a driver tells the world."""
+    """Receiver of the loop's output."""
 
     def send(self, command: Command) -> None:
-        """To the joints."""
+        """Send a command to the joints."""
 
     def report(self, state: ServoState) -> None:
-        """What was seen, decided and done."""
+        """Report the state of the loop, for an image or without one."""
 
     def log(self, text: str) -> None:
-        """One line for a person."""
+        """Log one line."""
 
 
 class LoopRunner:
-    """One loop and what it is told; every method may be called from any thread."""
+    """Execution of one loop; every method may be called from any thread."""
 
     def __init__(
         self,
@@ -75,8 +75,17 @@ class LoopRunner:
         wall_clock: Callable[[], float] = time.monotonic,
         foreign: ForeignCommands | None = None,
     ) -> None:
-        """`clock`: s, of the stamps, simulated or not; `wall`: s of wall time; `foreign`: commands
-        of other nodes, None where they cannot be received."""
+        """Set up the loop.
+
+        Args:
+            servo: the loop.
+            camera_rig: cameras that make the observations.
+            settings: settings of the loop.
+            listener: receiver of commands and reports.
+            clock: function that returns the time of the stamps, s, simulated or not.
+            wall_clock: function that returns the wall time, s.
+            foreign: commands of other nodes; None if they cannot be received.
+        """
         self.servo, self.camera_rig, self.settings = servo, camera_rig, settings
         self._listener, self._clock, self._wall_clock = listener, clock, wall_clock
         self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
@@ -88,9 +97,9 @@ class LoopRunner:
         self._joints_time = self._answer_time = wall_clock()
         self._image_times = dict.fromkeys(camera_rig.observers, wall_clock())
         self._silence_report_time = -np.inf
-        self._clock_moved_time = wall_clock()  # when the clock last went on
+        self._clock_moved_time = wall_clock()  # when the clock last advanced
         self._is_starved = self._is_e_stopped = self._is_ended = False
-        self.start_count = 0  # how often joint states began to come
+        self.start_count = 0  # number of times that joint states have started
         self._sources: dict[str, Source] = {}
         features = settings.get_camera(camera_rig.control.name).features
         self.set_source(
@@ -101,12 +110,12 @@ class LoopRunner:
             servo.stop("waiting for start")
 
     def set_source(self, camera: str, source: Source) -> None:
-        """Where a camera's images come from, for messages."""
+        """Set the source of a camera's images, for messages."""
         self._sources[camera] = source
         if camera == self.camera_rig.control.name:
             self.servo.source = source
 
-    # -- what is heard ---------------------------------------------------------------------
+    # -- inputs ----------------------------------------------------------------------------
 
     def add_joint_state(
         self,
@@ -115,7 +124,7 @@ class LoopRunner:
         velocities: Sequence[float],
         stamp: float,
     ) -> None:
-        """One joint state."""
+        """Process one joint state."""
         with self._lock:
             self._joints_time = self._wall_clock()
             now = self._update_clock()
@@ -124,7 +133,7 @@ class LoopRunner:
             if self._stamp is None:
                 self.start_count += 1
             elif stamp <= self._stamp:
-                return  # late
+                return  # older than the latest
             self._stamp, self._joints_arrival = stamp, now
             try:
                 sample = self.servo.arm.read_joints(names, positions, velocities, stamp)
@@ -140,7 +149,7 @@ class LoopRunner:
                     sample.positions, newest.positions, sample.velocities, newest.velocities,
                     self._lead, dt,
                 ):  # fmt: skip
-                    self.servo.mark_joint_jump()  # or not heard of for long
+                    self.servo.mark_joint_jump()  # a jump, or a long gap
             self.history.add(sample)
             if self._foreign_watch.can_name_nodes:
                 self._foreign_watch.find_nodes(self._wall_clock())
@@ -153,15 +162,18 @@ class LoopRunner:
                 self._report_periodically(command, sample)
 
     def add_image(self, stamp: float, observe_frame: ObserveFrame, camera: str = "") -> None:
-        """One image; `observe_frame` makes its observation, given the joints of its instant.
+        """Process one image.
 
-        camera: its name; '': the control camera.
+        Args:
+            stamp: exposure time, s.
+            observe_frame: function that makes the observation from the joints at that time.
+            camera: name of the camera; '': the control camera.
         """
         with self._lock:
             camera = camera or self.camera_rig.control.name
             ahead = stamp - self._update_clock()
             if ahead > MAX_CLOCK_SKEW and not self.settings.lockstep:
-                # It was on its way when the clock went back, or all of them are of another clock.
+                # It was sent before the clock went back, or the camera uses another clock.
                 self._stamps_ahead[camera] = ahead
                 return
             self._stamps_ahead.pop(camera, None)
@@ -189,15 +201,15 @@ class LoopRunner:
             return
         joints, newest = self.history.interpolate(stamp, earlier_only=lockstep), self.history.newest
         if newest is not None and stamp - newest.stamp > MAX_AGE:
-            return  # whatever it shows, nothing is known of the joints any more
-        since: list[JointSample] = []  # commands from the stamp on
+            return  # the joints at the exposure are not known
+        since: list[JointSample] = []  # commands since the exposure
         for command in reversed(self.commands):
             if command.stamp < stamp:
                 break
             since.append(command)
         state = self.servo.process_image(observe_frame(joints, tuple(reversed(since))))
         if not state.has_processed_image:
-            return  # late, or seen before
+            return  # late, or already processed
         if state.fault:
             self._listener.log(state.fault)
         if state.phase in (SERVOING, CONVERGED):
@@ -207,7 +219,7 @@ class LoopRunner:
         self._report(state)
 
     def check_timeouts(self) -> None:
-        """Call often, from a thread of its own: stops the arm when nothing comes any more."""
+        """Stop the arm if nothing is received; must be called often, from another thread."""
         with self._lock:
             now, wall = self._update_clock(), self._wall_clock()
             if self._stamp is not None and not self.settings.lockstep:
@@ -221,40 +233,40 @@ class LoopRunner:
             moving = self.servo.phase in (SERVOING, CONVERGED)
             if moving and wall - self._answer_time > self.settings.wall_watchdog:
                 self._is_starved = True
-                reason = f"no answer for {wall - self._answer_time:.1f} s of wall time"
+                reason = f"no image processed for {wall - self._answer_time:.1f} s of wall time"
                 why = self._describe_stopped_clock() or self.servo.source.describe_silence()
                 reason = f"{reason}: {why}"
                 self.servo.hold(reason, self._make_silence_outcome("too_few_images", reason))
             self._report_silence(wall, now)
 
-    # -- what is asked for -----------------------------------------------------------------
+    # -- requests --------------------------------------------------------------------------
 
     def start(self) -> None:
-        """Servo."""
+        """Start or resume servoing."""
         with self._lock:
             self._is_starved = self._is_e_stopped = False
             self._answer_time = self._wall_clock()
             self.servo.start()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Come smoothly to rest until `start`."""
+        """Bring the arm smoothly to rest, and wait for `start`."""
         with self._lock:
             self._is_starved = False
             self.servo.stop(reason)
 
     def hold(self, reason: str = "held") -> None:
-        """Come smoothly to rest and hold still until `start`."""
+        """Bring the arm smoothly to rest, and hold its position until `start`."""
         with self._lock:
             self._is_starved = False
             self.servo.hold(reason)
 
     def emergency_stop(self, pressed: bool) -> None:
-        """The arm's emergency stop; after it no command is repeated until `start`."""
+        """Handle the emergency stop; after it no command is repeated until `start`."""
         with self._lock:
             self._is_e_stopped |= pressed
 
     def shut_down(self, reason: str) -> None:
-        """Stop, and send nothing any more; speeds and efforts end with zeros, which come last."""
+        """Stop, and send nothing more; a velocity or effort output ends with zeros."""
         with self._lock:
             self.servo.stop(reason)
             self._is_ended = True
@@ -266,21 +278,21 @@ class LoopRunner:
                 )
 
     def apply_change(self, change: Callable[[Servo], None]) -> None:
-        """Change something of the loop between two of its steps."""
+        """Change the loop by a function, between two of its steps."""
         with self._lock:
             change(self.servo)
 
-    # -- shared ----------------------------------------------------------------------------
+    # -- internals -------------------------------------------------------------------------
 
     def _clear(self) -> None:
         self.history.clear()
         self.commands.clear()
         self._pending_image: tuple[float, ObserveFrame] | None = None
-        # s by which a camera's last image was, and so left out
+        # s by which the stamp of a camera's last image, which was ignored, was ahead of the clock
         self._stamps_ahead: dict[str, float] = {}
         self._stamp: float | None = None  # of the latest joint state
-        self._joints_arrival = 0.0  # when that came, by the clock
-        self.update_time: float | None = None  # that the loop was last told
+        self._joints_arrival = 0.0  # clock time when it was received
+        self.update_time: float | None = None  # time of the last update
         self._now: float | None = None
         self.sent_values: np.ndarray | None = None
         self._sent_stamp = 0.0
@@ -288,10 +300,10 @@ class LoopRunner:
         self._report_stamp = -np.inf
 
     def _update_clock(self) -> float:
-        """The clock, s; when it went back, the loop begins anew."""
+        """Return the clock time, s; restart the loop if the clock went back."""
         now = self._clock()
         if self._now is not None and now < self._now:
-            self._listener.log(f"simulated time went back to {now:.3f} s: beginning anew")
+            self._listener.log(f"simulated time went back to {now:.3f} s: restarting the loop")
             stopped = self.servo.phase == STOPPED
             self._clear()
             self.servo.reset()
@@ -304,15 +316,15 @@ class LoopRunner:
         return now
 
     def _describe_stopped_clock(self) -> str:
-        """That the clock has not moved for long, in words; empty while it does."""
+        """Describe a clock that has not advanced for long; '' while it advances."""
         if self._wall_clock() - self._clock_moved_time < STOPPED_CLOCK_TIME:
             return ""
-        return f"time stands still at {self._now:.3f} s (is the simulator paused, or gone?)"
+        return f"the clock has stopped at {self._now:.3f} s (is the simulator paused, or gone?)"
 
     def _update(
         self, t: float, sample: JointSample | None = None, missing_reason: str = ""
     ) -> Command:
-        # A joint state that was held up comes behind a tick by the clock, which did not go back.
+        # A delayed joint state can be older than an update by the clock.
         t = self.update_time = t if self.update_time is None else max(t, self.update_time)
         command = self.servo.update(t, sample, missing_reason)
         if command.kind == "position" and command.values is not None:
@@ -320,21 +332,21 @@ class LoopRunner:
         return command
 
     def _stop_without_joints(self, t: float, reason: str) -> None:
-        """Joints that cannot be measured stop the arm."""
+        """Stop the arm because its joints cannot be measured."""
         command = self._update(t, missing_reason=reason)
         if not self.settings.lockstep:
             self._send(command)
         self._report_periodically(command, None)
 
     def _send(self, command: Command, repeat: bool = False) -> None:
-        """Send; positions that are not new only where a joint does not follow them."""
+        """Send a command; repeat equal positions only if a joint does not follow."""
         values = command.values
         if self._is_ended or values is None or not are_finite(values, values, values):
             return
         if self.sent_values is None and self.servo.phase == STOPPED:
-            return  # standing by: whoever commands the joints now goes on doing so
+            return  # before the first start, another node may command the joints
         if self.servo.is_yielding and command.positions is not None:
-            self.sent_values = None  # a controller has other commands now
+            self.sent_values = None  # the controller has commands of another node now
             return
         same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
         if not same:
@@ -346,8 +358,10 @@ class LoopRunner:
             self._listener.send(command)
 
     def _is_due_again(self, command: Command) -> bool:
-        """Whether a position command is sent again: a controller may not have received it, as one
-        that was loaded after it was sent."""
+        """Return whether a position command must be sent again.
+
+        Its controller may not have received it, for example because it was loaded later.
+        """
         allowed = not self._is_e_stopped and self._foreign_watch.can_resend(command)
         return allowed and command.stamp - self._sent_stamp >= REPEAT_PERIOD - 1e-9
 
@@ -358,8 +372,14 @@ class LoopRunner:
         sent: np.ndarray,
         sent_stamp: float,
     ) -> None:
-        """Compiled ticks answered joint states with commands (m, n); what was sent last, and when,
-        s."""
+        """Apply the results of compiled updates.
+
+        Args:
+            samples: processed joint states.
+            commands: commands (m, n).
+            sent: command (n,) that was sent last.
+            sent_stamp: time when it was sent, s.
+        """
         still = np.zeros(len(sent))
         for sample, command in zip(samples, commands, strict=False):
             self.history.add(sample)
@@ -371,7 +391,7 @@ class LoopRunner:
             self._foreign_watch.reset()
 
     def _report_periodically(self, command: Command, joints: JointSample | None) -> None:
-        """Report without an image, at a camera's pace."""
+        """Report the state without an image, at the rate of a camera."""
         if not 0.0 <= command.stamp - self._report_stamp < REPORT_PERIOD:
             state = ServoState(
                 command.stamp, self.servo.phase, reason=command.reason, joints=joints,
@@ -384,15 +404,15 @@ class LoopRunner:
         self._listener.report(state)
 
     def _report_silence(self, wall: float, now: float) -> None:
-        """Say what does not come, once a second."""
+        """Report which inputs are missing, once per second."""
         settings, missing, kind = self.settings, [], "too_few_images"
         if wall - self._joints_time > settings.joint_timeout:
             kind = "no_joint_states"
             missing.append(
                 f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
             )
-        for camera, heard in self._image_times.items():
-            if wall - heard > settings.image_timeout and not self.servo.is_approaching:
+        for camera, image_time in self._image_times.items():
+            if wall - image_time > settings.image_timeout and not self.servo.is_approaching:
                 source = self._sources.get(camera, self.servo.source)
                 ahead = self._stamps_ahead.get(camera)
                 missing.append(
@@ -405,12 +425,12 @@ class LoopRunner:
         self._silence_report_time = wall
         phase = HOLDING if self.servo.phase == HOLDING else WAITING
         reason = " and ".join(missing) + (
-            f"; {words}" if (words := self._describe_stopped_clock()) else ""
+            f"; {text}" if (text := self._describe_stopped_clock()) else ""
         )
         found = self._make_silence_outcome(kind, reason)
         self._report(ServoState(now, phase, found.kind, reason, found.remedy))
 
     def _make_silence_outcome(self, kind: str, reason: str) -> Outcome:
-        """The outcome while nothing comes: a clock that does not go on stops everything."""
+        """Return the outcome while nothing is received, with the remedy of a stopped clock."""
         found = make_outcome(kind, reason)
         return found.with_remedy(RESUME_ADVICE) if self._describe_stopped_clock() else found

@@ -1,4 +1,4 @@
-"""Schemes: what a user names. Most are features with a law."""
+"""Visual servoing schemes, created by name. Most schemes are one or more features with a law."""
 
 from .base import SCHEMES, JointController, Scheme, SchemeOutput
 from .feature_scheme import INTERACTIONS, FeatureScheme

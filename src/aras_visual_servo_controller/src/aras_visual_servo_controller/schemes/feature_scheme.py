@@ -1,4 +1,4 @@
-"""Features and a law: what most schemes are."""
+"""The general scheme: one or more features with a control law."""
 
 from __future__ import annotations
 
@@ -21,29 +21,29 @@ from .feature_scheme_base import FeatureSchemeBase
 from .output_checks import check_array
 
 INTERACTIONS = ("current", "desired", "mean", "estimated")
-# A gap after which a filter begins anew, s; a jump that no camera makes (an angle that wrapped).
+# s; a longer gap between images, or a larger jump of an angle, restarts the error filter.
 LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
-# Part of L's greatest singular value up to which one counts as noise, where features come from
-# pictures and do not say how exact they are.
+# Singular values of L below this part of the largest count as noise, if features come from images
+# and have no stated accuracy.
 NOISE_RANK_TOLERANCE = 1e-4
-# Part of the greatest one from which on noise is no reason to let a direction go: the pose's, whose
-# L is always well conditioned, is servoed however noisy it is.
+# If the smallest singular value is above this part of the largest, L is well conditioned and no
+# direction is dropped because of noise. The L of pose features is always well conditioned.
 WELL_CONDITIONED = 0.05
 Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
 
 
 class FeatureScheme(FeatureSchemeBase):
-    """e_dot = law(e), with L at the current view, at the goal, their mean, or estimated.
+    """Scheme e_dot = law(e) with L at the current view, at the goal, their mean, or estimated.
 
     Attributes:
-        feature: one feature, or the Stack of several.
-        law: see laws.
+        feature: the feature, or the Stack of several features.
+        law: control law.
         interaction: one of INTERACTIONS.
-        smoothing: time constant of a low-pass before the law, s; 0 for none. What it gives is
-            the decision's `filtered_error`; `error` stays as measured.
-        ratio: (k,) factors of the wanted rates, or None.
-        estimator: for 'estimated': answers L (k, 6) from the observation and what was measured,
-            and forgets at its `reset()`, if it has one; Broyden's rule where none is given.
+        smoothing: time constant of a low-pass filter on the error, s; 0 for none. The law gets the
+            filtered error, SchemeOutput.filtered_error; `error` stays as measured.
+        ratio: (k,) factors of the desired error rates, or None.
+        estimator: callable that returns L (k, 6) for an observation and its measurement, with an
+            optional `reset()`, for interaction 'estimated'; the default is Broyden's rule.
     """
 
     def __init__(
@@ -79,12 +79,12 @@ class FeatureScheme(FeatureSchemeBase):
             )
         self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
         self.ratio = None if ratio is None else np.array(ratio, float)
-        # An L that is not of this view (desired, mean, estimated) says nothing of the camera.
+        # The error can reveal a wrong camera model only if L belongs to the current view.
         self.can_check_camera = interaction == "current" and self.feature.is_geometric
         self._filter_state: tuple[float, np.ndarray] | None = None
 
     def reset(self) -> None:
-        """See Scheme.reset."""
+        """Forget earlier images."""
         super().reset()
         if self.estimator is not None and hasattr(self.estimator, "reset"):
             self.estimator.reset()
@@ -95,13 +95,13 @@ class FeatureScheme(FeatureSchemeBase):
         self._modelled = np.array(self.feature.directions, bool)
 
     def check(self, goal: Goal) -> None:
-        """See Scheme.check."""
+        """Refuse a goal that this scheme cannot servo to."""
         super().check(goal)
         if self.interaction in ("desired", "mean"):
             self.feature.desired_interaction(goal)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """See Scheme.compute."""
+        """Compute the features of an image and the camera task."""
         measured = self.check_measurement(
             self.feature.measure(self.require_visible(observation), goal)
         )
@@ -113,34 +113,37 @@ class FeatureScheme(FeatureSchemeBase):
         if self.smoothing > 0.0:
             filtered = self._filter_error(filtered, observation.stamp)
         scale = np.repeat((goal.distance, 1.0), 3)
-        rotated = scale * _compute_pseudo_inverse_error(
+        camera_error = scale * _compute_pseudo_inverse_error(
             modelled * scale, filtered, self.feature.weights
         )
-        wanted = self.law.desired_error_rate(filtered, modelled, rotated, t, observation.dt)
-        wanted = check_array(self.law, "desired_error_rate", wanted, filtered.shape)
+        desired_rate = self.law.desired_error_rate(
+            filtered, modelled, camera_error, t, observation.dt
+        )
+        desired_rate = check_array(self.law, "desired_error_rate", desired_rate, filtered.shape)
         if self.interaction == "mean":
-            # It takes a turn by theta for one by 2 tan(theta / 2), and none is longer than pi.
-            wanted = wanted * (np.pi / max(float(np.linalg.norm(rotated[3:])), np.pi))
+            # The mean L converges as 2 tan(theta / 2), not theta: limit the rate to that of pi.
+            angle = float(np.linalg.norm(camera_error[3:]))
+            desired_rate = desired_rate * (np.pi / max(angle, np.pi))
         if self.ratio is not None:
-            wanted = self.ratio * wanted
-        judged = measured.error_summary
+            desired_rate = self.ratio * desired_rate
+        summary = measured.error_summary
         return SchemeOutput(
             names=self.names,
-            features=measured.s if judged is None else judged,
-            desired=measured.desired if judged is None else np.zeros_like(judged),
-            error=measured.error if judged is None else judged,
+            features=measured.s if summary is None else summary,
+            desired=measured.desired if summary is None else np.zeros_like(summary),
+            error=measured.error if summary is None else summary,
             task=Task.from_interaction(
                 L,
-                wanted - measured.error_drift,
+                desired_rate - measured.error_drift,
                 self._modelled,
                 self.feature.weights,
                 goal.distance,
                 **self._estimate_accuracy(L, observation, goal),
             ),
             L=L,
-            residual=None if judged is None else measured.error,
-            error_drift=measured.error_drift if judged is None else 0.0,
-            filtered_error=filtered if self.smoothing > 0.0 and judged is None else None,
+            residual=None if summary is None else measured.error,
+            error_drift=measured.error_drift if summary is None else 0.0,
+            filtered_error=filtered if self.smoothing > 0.0 and summary is None else None,
             ambiguity=measured.ambiguity,
             notes=measured.notes,
         )
@@ -148,10 +151,10 @@ class FeatureScheme(FeatureSchemeBase):
     def _estimate_accuracy(
         self, L: np.ndarray, observation: Observation, goal: Goal
     ) -> dict[str, Any]:
-        """Task.accuracy and Task.least of this image, where L (k, 6) sees some direction badly.
+        """Return the arguments `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
 
-        Rows are compared with each other whatever their units: each as if its length were 1, with
-        lengths in depths.
+        To make rows of different units comparable, L (k, 6) is scaled to rows of length 1, with
+        lengths relative to the distance at the goal.
         """
         scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
         lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
@@ -175,10 +178,10 @@ class FeatureScheme(FeatureSchemeBase):
         return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
 
     def _filter_error(self, error: np.ndarray, stamp: float) -> np.ndarray:
-        """The error (k,) behind a first-order low-pass; after a gap or a jump it begins anew.
+        """Return the error (k,) after a first-order low-pass; a gap or a jump restarts the filter.
 
-        Edges of an image have finitely many grey levels: the angle of a near-square jumps by some
-        mrad from one image to the next, and a joint with friction turns that into a tremor.
+        Image edges have a finite number of grey levels. The angle of a nearly square target
+        therefore jumps by some mrad between images, which makes a joint with friction tremble.
         """
         if self._filter_state is not None:
             before, value = self._filter_state
@@ -195,7 +198,7 @@ class FeatureScheme(FeatureSchemeBase):
 def _compute_pseudo_inverse_error(
     L: np.ndarray, error: np.ndarray, weights: np.ndarray | None
 ) -> np.ndarray:
-    """L^+ error (6,), by the normal equations where L is tall."""
+    """Return L^+ error (6,), from the normal equations if L has many rows."""
     if weights is not None:
         L, error = weights[:, None] * L, weights * error
     if len(L) > 64:

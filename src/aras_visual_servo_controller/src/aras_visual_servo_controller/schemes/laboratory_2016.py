@@ -1,4 +1,4 @@
-"""The law of the laboratory's controller of 2016."""
+"""The scheme of the laboratory's controller of 2016."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from .feature_scheme_base import FeatureSchemeBase
 
 @SCHEMES.register("moments_2016")
 class Laboratory2016(FeatureSchemeBase):
-    """The paper's features with the laboratory's inverse matrix and the ratio of its gains.
+    """Image moments with the laboratory's inverse matrix and the ratio of its gains.
 
-    v = Lambda L^-1 e_dot, where L^-1 = -I with the last column (-yn, xn, 0, -1): that of a target
-    parallel to the image, at the current view, and e_dot is the law's. Lambda = diag(140, 120, 60,
-    30) in the original, on an angle scaled by 0.1 and integrated over 0.01 s once an image, each
-    after the arm had arrived. At 30 images/s, with the arm moving on, gains of 42/s overshoot;
-    here their ratio is kept and the law's gain is that of the first feature. The angle is not
-    scaled, or it would take minutes.
+    v = Lambda L^-1 e_dot, where e_dot comes from the law and L^-1 = -I with the last column
+    (-yn, xn, 0, -1), for a target parallel to the image at the current view.
+
+    The original uses Lambda = diag(140, 120, 60, 30) on an angle scaled by 0.1, integrated over
+    0.01 s once per image, and waits until the arm has arrived. With 30 images/s and a moving arm,
+    gains of 42/s overshoot. Here only their ratio is used, and the law's gain applies to the first
+    feature. The angle is not scaled, because its convergence would take minutes.
     """
 
     feature_class = ImageMoments
     ratio: ClassVar[tuple[float, ...]] = (1.0, 120.0 / 140.0, 60.0 / 140.0, 30.0 / 140.0)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """See Scheme.compute."""
+        """Compute the features of an image and the camera task."""
         measured = self.check_measurement(
             self.feature.measure(self.require_visible(observation), goal)
         )
@@ -39,11 +40,13 @@ class Laboratory2016(FeatureSchemeBase):
         inverse[:2, 3] = -measured.s[1], measured.s[0]
         L = np.zeros((4, 6))
         L[:, modelled] = np.linalg.inv(inverse)
-        rotated = np.zeros(6)
-        rotated[modelled] = inverse @ measured.error
-        wanted = self.law.desired_error_rate(measured.error, L, rotated, t, observation.dt)
+        camera_error = np.zeros(6)
+        camera_error[modelled] = inverse @ measured.error
+        desired_rate = self.law.desired_error_rate(
+            measured.error, L, camera_error, t, observation.dt
+        )
         twist = np.zeros(6)
-        twist[modelled] = np.array(self.ratio) * (inverse @ wanted)
+        twist[modelled] = np.array(self.ratio) * (inverse @ desired_rate)
         return SchemeOutput(
             names=self.names,
             features=measured.s,

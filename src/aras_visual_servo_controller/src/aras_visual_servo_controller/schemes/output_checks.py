@@ -1,4 +1,4 @@
-"""The wall round a user's code: whatever it raises or answers becomes one line."""
+"""Checks of the values that user-defined schemes and features return."""
 
 from __future__ import annotations
 
@@ -21,10 +21,10 @@ T = TypeVar("T")
 def check_goal(
     name: str, scheme: Scheme | JointController, goal: object, limit: float
 ) -> None:
-    """Let the scheme refuse its goal, within `limit`, s.
+    """Call the scheme's own check of the goal, within `limit` s of wall time.
 
     Raises:
-        ConfigurationError: it did, or it raised, or took longer.
+        ConfigurationError: the scheme refused the goal, raised another exception, or timed out.
     """
     try:
         call_user_code(scheme.check, goal, limit=limit)
@@ -37,10 +37,12 @@ def check_goal(
 
 
 def check_measurement(feature: Feature, measurement: object) -> FeatureMeasurement:
-    """What a feature measured, with arrays in float64: lists, tuples, scalars and columns as well.
+    """Return the measurement of a feature with float64 arrays.
+
+    Lists, tuples, scalars and column vectors are converted.
 
     Raises:
-        SchemeError: naming the class, what it returned and what is needed.
+        SchemeError: naming the class, the value that it returned and what is needed.
     """
     where = f"{type(feature).__name__}.measure returned"
     if not isinstance(measurement, FeatureMeasurement):
@@ -50,8 +52,8 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
         measurement = FeatureMeasurement(
             **{name: getattr(measurement, name) for name in fields if hasattr(measurement, name)}
         )
-    names, judged = len(tuple(feature.names)), measurement.error_summary
-    count = names if judged is None else np.size(measurement.error)
+    names, summary = len(tuple(feature.names)), measurement.error_summary
+    count = names if summary is None else np.size(measurement.error)
     arrays = {
         field: _read_shaped(where, field, getattr(measurement, field), (count,))
         for field in ("s", "desired", "error")
@@ -60,33 +62,35 @@ def check_measurement(feature: Feature, measurement: object) -> FeatureMeasureme
     if np.ndim(measurement.error_drift) or not isinstance(measurement.error_drift, float):
         shape = () if np.ndim(measurement.error_drift) == 0 else (count,)
         arrays["error_drift"] = _read_shaped(where, "error_drift", measurement.error_drift, shape)
-    if judged is not None:
-        arrays["error_summary"] = _read_shaped(where, "error_summary", judged, (names,))
+    if summary is not None:
+        arrays["error_summary"] = _read_shaped(where, "error_summary", summary, (names,))
     if isinstance(measurement.notes, str):
         arrays["notes"] = (measurement.notes,)
     if not isinstance(measurement.ambiguity, str):
         raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
     if all(value is getattr(measurement, field) for field, value in arrays.items()):
-        return measurement  # as most are
+        return measurement  # the usual case: no array was converted
     return dataclasses.replace(measurement, **arrays)
 
 
 def check_array(
     owner: object, method: str, value: object, shape: tuple[int, ...]
 ) -> np.ndarray:
-    """The array of this shape that a method of a feature or a law returned.
+    """Return the value that a method of a feature or law returned, as an array of this shape.
 
     Raises:
-        SchemeError: naming the class, the method, what it returned and what is needed.
+        SchemeError: naming the class, the method, the value and what is needed.
     """
     return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
 
 
 def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray | float | None:
-    """Feature.accuracy of `count` numbers; (count,) are their standard deviations.
+    """Return the value of Feature.accuracy for `count` components, or None.
+
+    An array (count,) is taken as standard deviations and returned as a diagonal matrix.
 
     Raises:
-        SchemeError: naming the class, what it returned and what is needed.
+        SchemeError: naming the class, the value and what is needed.
     """
     if accuracy is None:
         return None
@@ -103,10 +107,10 @@ def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray
 
 
 def check_taught_entry(feature: Feature, entry: object) -> Mapping[str, Any]:
-    """What a feature teaches.
+    """Return the entry that a feature teaches for the goal file.
 
     Raises:
-        ConfigurationError: it is no mapping.
+        ConfigurationError: the entry is not a mapping.
     """
     if isinstance(entry, Mapping):
         return entry
@@ -117,7 +121,7 @@ def check_taught_entry(feature: Feature, entry: object) -> Mapping[str, Any]:
 
 
 def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
-    """The finite numbers of this shape, also without its lengths of 1; SchemeError."""
+    """Return the value as a finite array of this shape, ignoring axes of length 1; SchemeError."""
     array, field = to_float_array(value), f"{field} " if field else ""
     needed = f"{shape} finite numbers are needed" if shape else "a finite number is needed"
     if array is not None and array.shape != shape and (
@@ -132,29 +136,29 @@ def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) 
 
 
 def _describe(value: object) -> str:
-    """A value for a message: short ones as they are."""
+    """Describe a value for a message; long values are truncated."""
     text = " ".join(repr(value).split())
     shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
     return f"{type(value).__name__}{shape} {text if len(text) <= 60 else text[:57] + '...'}"
 
 
 def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
-    """The joints (n,) that a controller answered, if they are some.
+    """Return the joint output (n,) of a controller as a float64 array.
 
     Raises:
-        SchemeError: wrong shape, or not finite.
+        SchemeError: the output has a wrong shape, or is not finite.
     """
     array = to_float_array(output)
     if array is None or array.shape != (count,):
         shape = "no numbers" if array is None else f"shape {array.shape}"
-        raise SchemeError(f"scheme {name} answered joints of {shape}, ({count},) is needed")
+        raise SchemeError(f"scheme {name} returned joints of {shape}, ({count},) is needed")
     if not np.isfinite(array).all():
-        raise SchemeError(f"scheme {name} answered joints that are not finite")
+        raise SchemeError(f"scheme {name} returned joints that are not finite")
     return array
 
 
 def to_float_array(values: object) -> np.ndarray | None:
-    """The values as an array of float64; None: they are no numbers."""
+    """Return the values as a float64 array; None if they are not numbers."""
     if values is None:
         return None
     if type(values) is np.ndarray and values.dtype == float:

@@ -1,4 +1,4 @@
-"""Hybrid control: the motion along and about the optical axis is decided apart from the rest."""
+"""Partitioned control: motion along and about the optical axis has its own control law."""
 
 from __future__ import annotations
 
@@ -21,33 +21,35 @@ AXIAL_DIRECTIONS = np.array([False, False, True, False, False, True])  # vz, wz
 
 @SCHEMES.register("partitioned")
 class Partitioned(FeatureSchemeBase):
-    """vz by the root of the points' area, wz by the angle of their first edge, the rest by L.
+    """Partitioned scheme: vz from the area, wz from the angle of an edge, the rest from L.
 
-    With s = log(area) / 2 and theta the angle of the edge, vz = gain Z (s* - s) and wz = gain
-    (theta - theta*); of the points' wanted rate what these two bring about is taken off before
-    the other four are solved for. No camera retreat: a turn asks for no translation. Reference:
-    P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo control,
-    IEEE Transactions on Robotics and Automation 17(4), 2001.
+    With s = log(area) / 2 and theta the angle of the first edge of the points,
+    vz = gain Z (s* - s) and wz = gain (theta - theta*). The effect of vz and wz is subtracted from
+    the desired rate of the points before the other four components are computed from L. The
+    camera does not retreat, since a rotation about the optical axis causes no translation.
+
+    Reference: P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo
+    control, IEEE Transactions on Robotics and Automation 17(4), 2001.
     """
 
     feature_class = NumberedPoints
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """See Scheme.compute."""
+        """Compute the features of an image and the camera task."""
         measured = self.check_measurement(
             self.feature.measure(self.require_visible(observation), goal)
         )
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
-        rotated = solve_least_squares(L, error, ROUNDING_TOLERANCE)
-        wanted = self.law.desired_error_rate(error, L, rotated, t, observation.dt)
+        camera_error = solve_least_squares(L, error, ROUNDING_TOLERANCE)
+        desired_rate = self.law.desired_error_rate(error, L, camera_error, t, observation.dt)
         size = float(np.linalg.norm(error))
-        gain = -float(wanted @ error) / size**2 if size > 0.0 else 0.0
+        gain = -float(desired_rate @ error) / size**2 if size > 0.0 else 0.0
         depth = float(np.mean(-1.0 / L[0::2, 0]))
         twist = np.zeros(6)
         twist[2] = gain * depth * 0.5 * np.log(_compute_area(desired) / _compute_area(points))
         twist[5] = gain * float(wrap(_compute_angle(points) - _compute_angle(desired)))
-        rest = wanted - measured.error_drift - L @ twist
+        rest = desired_rate - measured.error_drift - L @ twist
         twist[~AXIAL_DIRECTIONS] = solve_least_squares(
             np.ascontiguousarray(L[:, ~AXIAL_DIRECTIONS]), rest, ROUNDING_TOLERANCE
         )
@@ -58,10 +60,10 @@ class Partitioned(FeatureSchemeBase):
 
 
 def _compute_area(points: np.ndarray) -> float:
-    """Of a polygon (n, 2).
+    """Return the area of a polygon (n, 2).
 
     Raises:
-        MeasurementError: it has none.
+        MeasurementError: the area is zero.
     """
     area = abs(signed_area(points))
     if area < 1e-12:
@@ -70,6 +72,6 @@ def _compute_area(points: np.ndarray) -> float:
 
 
 def _compute_angle(points: np.ndarray) -> float:
-    """Of the first edge, rad."""
+    """Return the angle of the first edge of the points, rad."""
     dx, dy = points[1] - points[0]
     return float(np.arctan2(dy, dx))

@@ -1,4 +1,4 @@
-"""Make a scheme by its name: a Scheme, a JointController, or Features with a law."""
+"""Construction of schemes by name."""
 
 from __future__ import annotations
 
@@ -22,24 +22,26 @@ def create_scheme(
     weights: Sequence[float] | None = None,
     **options: object,
 ) -> Scheme | JointController:
-    """Make a scheme by its short name, 'package.module:Class', or the names of several features.
+    """Create a scheme from its name, 'package.module:Class', or the names of several features.
 
-    A feature becomes a scheme with the law: L v = f(e). Several features are stacked: s, e and L
-    one below the other.
+    A feature becomes a scheme with the law: L v = f(e). Several features are stacked: their s, e
+    and L are concatenated.
 
     Args:
-        name: a scheme, a feature, or several features (a list, or joined by '+'). Cameras that it
-            reads other than the first follow an '@': 'points@right', 'stereo_points@left,right'.
-        law: control law; None: proportional. Controllers that answer joints have their own.
-        weights: one for each of several features, multiplied with its rows of e and L.
-        options: of features: interaction ('current', 'desired', 'mean' or 'estimated') and
-            smoothing (time constant of a low-pass on the error, s).
+        name: a scheme, a feature, or several features (a list, or joined by '+'). The cameras of a
+            feature, if not the control camera, follow an '@': 'points@right',
+            'stereo_points@left,right'.
+        law: control law; None: proportional. Joint controllers do not use it.
+        weights: one weight for each feature, applied to its rows of e and L.
+        options: options of features: `interaction` ('current', 'desired', 'mean' or 'estimated')
+            and `smoothing` (time constant of a low-pass filter on the error, s).
 
     Returns:
         The scheme, or the joint controller.
 
     Raises:
-        ConfigurationError: unknown name; what its constructor raised; an option it does not take.
+        ConfigurationError: the name is unknown, the constructor failed, or an option does not
+            apply to the scheme.
     """
     names = name.split("+") if isinstance(name, str) else list(name)
     parts = [part.partition("@") for part in names]
@@ -53,7 +55,7 @@ def create_scheme(
         given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
         if given or weights is not None:
             raise ConfigurationError(
-                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: it is no composition"
+                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: only features do"
             )
         own = (law,) if issubclass(cls, Scheme) else ()
         made = check_scheme(construct("scheme", names[0], cls, ConfigurationError, *own), names[0])
@@ -63,7 +65,7 @@ def create_scheme(
             made.cameras = cameras[0]
         return made
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
-        raise ConfigurationError(f"scheme '{wrong[0]}' is no feature: it cannot be stacked")
+        raise ConfigurationError(f"scheme '{wrong[0]}' is not a feature and cannot be stacked")
     features = [
         construct("scheme", n, cls, ConfigurationError)
         for n, cls in zip(names, found, strict=True)
@@ -85,15 +87,15 @@ def create_scheme(
 
 
 def _split_camera_names(text: str) -> tuple[str, ...]:
-    """Names of cameras apart by commas; none of an empty text."""
+    """Split the comma-separated camera names of a text; an empty text has none."""
     return tuple(part.strip() for part in text.split(",")) if text else ()
 
 
 def _assign_cameras(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
-    """The feature, reading these cameras; none: as it says itself.
+    """Return the feature set to read these cameras; without any, its own cameras are used.
 
     Raises:
-        ConfigurationError: it reads more of them, or fewer.
+        ConfigurationError: the feature reads another number of cameras.
     """
     count = max(feature.camera_count, len(feature.cameras))
     if cameras and len(cameras) != count or not cameras and count > max(len(feature.cameras), 1):
@@ -113,16 +115,16 @@ def _assign_cameras(feature: Feature, name: str, cameras: tuple[str, ...]) -> Fe
 
 
 def check_scheme(scheme: object, name: str) -> object:
-    """The scheme or feature, if it says what it has to.
+    """Return the scheme or feature with its attributes checked and converted.
 
     Raises:
-        ConfigurationError: names, tolerances or needs are missing or do not fit.
+        ConfigurationError: `names`, `tolerances` or `needs` are missing or do not fit together.
     """
     for attribute in ("names", "tolerances", "needs"):
         if not hasattr(scheme, attribute):
             raise ConfigurationError(f"scheme '{name}': {type(scheme).__name__} has no {attribute}")
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
-        if isinstance(getattr(scheme, attribute), single):  # one, not in a tuple
+        if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
             value = getattr(scheme, attribute)
             setattr(scheme, attribute, (value,) if value else ())
     if np.ndim(scheme.tolerances) == 0 and isinstance(scheme.tolerances, int | float):

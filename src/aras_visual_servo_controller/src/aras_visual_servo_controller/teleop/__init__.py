@@ -1,1 +1,1 @@
-"""Moving the arm by hand: keyboard, gamepad, single steps."""
+"""Teleoperation of the arm by keyboard or gamepad."""

@@ -1,7 +1,7 @@
-"""Driving by hand: joint commands from the speed of a joint, or from a twist of the camera.
+"""Jogging: joint commands from the speed of one joint or from a camera twist. No ROS.
 
-What is asked counts for a moment only (`LASTS`): who wants to go on asks again, so that a key that
-is let go, a closed page or a lost gamepad leave the arm standing. No ROS.
+A requested speed is valid for COMMAND_LIFETIME only and must be repeated. The arm therefore stops
+when a key is released, a web page is closed or a gamepad loses its connection.
 """
 
 from __future__ import annotations
@@ -16,28 +16,28 @@ from ..errors import ConfigurationError
 from ..kinematics import Arm, DifferentialIK, Limits
 from ..kinematics.task import Task
 
-COMMAND_LIFETIME = 0.3  # s for which a speed counts after it was asked for
-RAMP_TIME = 0.25  # s in which a greatest speed is reached, and left again
-# greatest speeds of the camera that RISE speaks of, m/s and rad/s
+COMMAND_LIFETIME = 0.3  # s for which a requested speed is valid
+RAMP_TIME = 0.25  # s in which the maximum speed is reached from rest, and the reverse
+# maximum speeds of the camera, m/s and rad/s
 MAX_TWIST = (0.25,) * 3 + (1.0,) * 3
-LONGEST_STEP = 0.1  # s; a longer pause between two ticks moves the arm no further than this
+LONGEST_STEP = 0.1  # s; a longer pause between two updates counts as this long
 MAX_LEAD = 0.05  # rad or m by which a command may be ahead of its joint, which may be blocked
-DEFAULT_JOINT_SPEED = 1.0  # rad/s or m/s of a joint without a limit of its own
+DEFAULT_JOINT_SPEED = 1.0  # rad/s or m/s; maximum speed of a joint without a speed limit
 
 
 class Jog:
-    """Commands (n,) of one arm while a person drives it.
+    """Generator of joint commands (n,) while an operator moves the arm.
 
     Attributes:
-        reason: why the arm does not do what is asked, in words; empty when it does.
-        velocity: of the commands, (n,), rad/s or m/s.
-        fastest: greatest speeds of the joints that may be asked for, (n,), rad/s or m/s.
+        reason: reason why the arm does not follow the request, as text; '' if it does.
+        velocity: (n,) velocities of the commands, rad/s or m/s.
+        max_speeds: (n,) maximum joint speeds, rad/s or m/s.
     """
 
     def __init__(
         self, arm: Arm, limits: Limits, differential_ik: DifferentialIK | None = None
     ) -> None:
-        """`differential_ik`: of the arm; None: one of its own, without secondary tasks."""
+        """Set the arm and its limits; by default the inverse kinematics has no secondary tasks."""
         self.arm, self.limits = arm, limits
         self._differential_ik = (
             differential_ik if differential_ik is not None else DifferentialIK(arm, limits)
@@ -48,21 +48,21 @@ class Jog:
         self.release()
 
     def release(self) -> None:
-        """Ask for nothing; the next command begins where the joints are."""
+        """Cancel the request; the next command starts at the measured joint positions."""
         self.reason = ""
         self._is_camera_twist = False
-        self._desired = np.zeros(0)  # the twist (6,) or the joints' speeds (n,)
-        self._ramped = np.zeros(0)  # of it what the arm is told now, for speed comes gradually
+        self._desired = np.zeros(0)  # requested twist (6,) or joint speeds (n,)
+        self._ramped = np.zeros(0)  # `_desired` after the acceleration ramp
         self._expiry_time = -np.inf
         self.velocity = np.zeros(len(self.arm.names))
         self._command: np.ndarray | None = None
         self._time: float | None = None
 
     def set_twist(self, twist: Sequence[float], t: float) -> None:
-        """Move the camera in its own frame, (6,) m/s and rad/s, from t (s) on.
+        """Request a camera twist (6,) in the camera frame, m/s and rad/s, at time t (s).
 
         Raises:
-            ConfigurationError: not six finite numbers.
+            ConfigurationError: the twist is not six finite numbers.
         """
         values = np.array(twist, float)
         if values.shape != (6,) or not np.isfinite(values).all():
@@ -70,10 +70,10 @@ class Jog:
         self._set_desired(values, True, t)
 
     def set_joint_speed(self, name: str, speed_fraction: float, t: float) -> None:
-        """Move one joint with a part of its greatest speed, -1 to 1, from t (s) on.
+        """Request a part of one joint's maximum speed, -1 to 1, at time t (s).
 
         Raises:
-            ConfigurationError: a joint that the arm has not, or no such part.
+            ConfigurationError: the joint is unknown, or the part is out of range.
         """
         if name not in self.arm.names:
             raise ConfigurationError(describe_unknown("joint", name, self.arm.names))
@@ -97,21 +97,21 @@ class Jog:
 
     @property
     def is_moving(self) -> bool:
-        """Whether commands are to be sent: something is asked for, or not all has come to rest."""
+        """Whether commands must be sent: a speed is requested, or the arm is still stopping."""
         return self._command is not None
 
     def update(self, t: float, positions: np.ndarray) -> np.ndarray | None:
-        """The command (n,) at t (s), measured joints (n,); None: leave the joints alone."""
-        asked = t < self._expiry_time
-        if not asked and self._command is None:
+        """Compute the command (n,) at t (s) from measured joints (n,); None: send no command."""
+        is_requested = t < self._expiry_time
+        if not is_requested and self._command is None:
             return None
         if self._command is None:
             self._command = np.array(positions, float)
             self._differential_ik.reset()
         dt = 0.0 if self._time is None else min(max(t - self._time, 0.0), LONGEST_STEP)
         self._time = t
-        self._ramp(self._desired if asked else np.zeros_like(self._desired), dt)
-        if not asked and not self._ramped.any():
+        self._ramp(self._desired if is_requested else np.zeros_like(self._desired), dt)
+        if not is_requested and not self._ramped.any():
             last = self._command
             self.release()
             return last
@@ -120,16 +120,16 @@ class Jog:
         return self._command.copy()
 
     def _ramp(self, desired: np.ndarray, dt: float) -> None:
-        """What is given goes straight to what is wanted: a twist keeps its direction."""
-        greatest = np.array(MAX_TWIST) if self._is_camera_twist else self.max_speeds
-        way = desired - self._ramped
-        longest = float(np.max(np.abs(way) / greatest))
-        self._ramped = self._ramped + way * (
-            1.0 if longest * RAMP_TIME <= dt else dt / RAMP_TIME / longest
+        """Move the ramped speed towards the desired one, so that a twist keeps its direction."""
+        max_speeds = np.array(MAX_TWIST) if self._is_camera_twist else self.max_speeds
+        difference = desired - self._ramped
+        largest = float(np.max(np.abs(difference) / max_speeds))
+        self._ramped = self._ramped + difference * (
+            1.0 if largest * RAMP_TIME <= dt else dt / RAMP_TIME / largest
         )
 
     def _compute_velocities(self, positions: np.ndarray, dt: float) -> np.ndarray:
-        """Joint velocities (n,) for what is given."""
+        """Compute the joint velocities (n,) for the ramped speed."""
         self.reason = ""
         if not self._is_camera_twist:
             return self._ramped
@@ -140,9 +140,9 @@ class Jog:
         return found.velocities
 
     def _advance(self, positions: np.ndarray, dt: float) -> None:
-        """On by dt, within the limits, and never far ahead of the joints."""
+        """Integrate the command by dt, within the position limits and close to the joints."""
         after = self._command + self.velocity * dt
-        # Where a joint stands outside its limits already it may come back, not go further.
+        # A joint that is already outside its limits may return, but not move further out.
         low = np.minimum(self.limits.lower, self._command)
         high = np.maximum(self.limits.upper, self._command)
         inside = np.clip(after, low, high)

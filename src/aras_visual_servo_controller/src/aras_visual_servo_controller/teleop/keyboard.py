@@ -1,18 +1,18 @@
-"""Drive the arm by keys: joints one by one, or the camera along its own axes. A gamepad, too.
+"""Keyboard teleoperation of single joints, or of the camera along its own axes.
 
     left, right     the first joint (gantry), in steps of 0.05      up, down    the second (J2)
-    1 2 3 ...       choose a joint          + -     move it, as long as the key is held
+    1 2 3 ...       select a joint          + -     move it while the key is held
 
-    the camera in its own picture, as long as the key is held:
-    w s a d         up, down, left, right   r f     nearer to what it sees, away from it
-    j l             turn about the view     i k     tilt up and down      u o     to the sides
+    the camera in its own frame, while the key is held:
+    w s a d         up, down, left, right   r f     forward, backward
+    j l             rotate about the optical axis   i k     tilt up and down    u o     pan
     < >             slower, faster
 
-    space           where are we, and why does it not move              h       this help
-    q, ^C           end
+    space           print the joints, and why the arm does not move     h       this help
+    q, ^C           quit
 
-The controller is stopped when the camera or a chosen joint is first moved. Other joints for the
-arrows than gantry and J2: ~across and ~along. A gamepad: ~joy (topic), ~joystick (device).
+The first motion of the camera or a selected joint stops the controller. Other joints for the arrows
+than gantry and J2: ~across and ~along. A gamepad: ~joy (topic), ~joystick (device).
 """
 
 from __future__ import annotations
@@ -32,24 +32,24 @@ from ..kinematics import Limits
 from .jog import MAX_TWIST, Jog
 
 STEP = 0.05
-JOINTS = {"across": "gantry", "along": "J2"}  # where an arm has them
+JOINTS = {"across": "gantry", "along": "J2"}  # joints of the arrow keys, if the arm has them
 KEYS = {
     "\x1b[D": ("across", -STEP),
     "\x1b[C": ("across", STEP),
     "\x1b[A": ("along", STEP),
     "\x1b[B": ("along", -STEP),
 }
-# Row of the camera's twist, and sign: x right, y down, z forward.
+# Component of the camera twist and its sign for each key: x right, y down, z forward.
 CAMERA_KEYS = {
     "a": (0, -1.0), "d": (0, 1.0), "w": (1, -1.0), "s": (1, 1.0), "r": (2, 1.0), "f": (2, -1.0),
     "i": (3, 1.0), "k": (3, -1.0), "o": (4, 1.0), "u": (4, -1.0), "l": (5, 1.0), "j": (5, -1.0),
 }  # fmt: skip
-SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of the greatest
+SPEEDS = (0.05, 0.1, 0.2, 0.4, 0.7, 1.0)  # parts of the maximum speed
 SIGNS = {"+": 1.0, "=": 1.0, "-": -1.0}
 
 
 def choose_step_joints(names: Sequence[str]) -> dict[str, str]:
-    """The joints that the arrows step, of an arm with these names: the first two of another arm."""
+    """Return the joints that the arrow keys move: gantry and J2, or else the first two joints."""
     first, second = names[0], names[min(1, len(names) - 1)]
     return {
         way: name if name in names else other
@@ -60,9 +60,12 @@ def choose_step_joints(names: Sequence[str]) -> dict[str, str]:
 def step_joint(
     key: str, command: np.ndarray, limits: Limits, joints: Mapping[str, str]
 ) -> tuple[np.ndarray, str]:
-    """The command (n,) after a key, and what to tell the driver.
+    """Return the command (n,) after a key, and a text for the operator.
 
-    A step that would leave the limits is not taken. `joints`: names by 'across' and 'along'.
+    A step beyond the limits is not made.
+
+    Args:
+        joints: joint names by 'across' and 'along'.
     """
     if key not in KEYS:
         return command, ""
@@ -79,12 +82,12 @@ def step_joint(
 
 @dataclass
 class KeyboardState:
-    """What the keys of a drive mean now.
+    """State of the keyboard teleoperation.
 
     Attributes:
-        names: of the joints.
-        chosen: the joint that + and - move.
-        speed: which of SPEEDS.
+        names: names of the joints.
+        selected_joint: index of the joint that + and - move.
+        speed: index into SPEEDS.
     """
 
     names: Sequence[str]
@@ -92,7 +95,7 @@ class KeyboardState:
     speed: int = field(default=2)
 
     def press(self, key: str, jog: Jog, t: float) -> tuple[bool, str]:
-        """Take a key at t (s); whether the arm is to move for it, and what to tell the driver."""
+        """Process a key at t (s); return whether it moves the arm, and a text for the operator."""
         if key in CAMERA_KEYS:
             row, sign = CAMERA_KEYS[key]
             twist = np.zeros(6)
@@ -114,8 +117,7 @@ class KeyboardState:
 
 
 def split_keys(text: str) -> list[str]:
-    """The keys of what a terminal sent: an arrow is an escape sequence, a held key comes many
-    times."""
+    """Split the text of a terminal into keys; an arrow key is an escape sequence."""
     found: list[str] = []
     while text:
         arrow = next((key for key in KEYS if text.startswith(key)), None)
@@ -126,7 +128,7 @@ def split_keys(text: str) -> list[str]:
 
 @contextlib.contextmanager
 def raw_terminal() -> Iterator[None]:
-    """Keys one by one and unseen; the terminal is as before afterwards."""
+    """Read keys one by one without echo, and restore the terminal afterwards."""
     before = termios.tcgetattr(sys.stdin)
     try:
         tty.setcbreak(sys.stdin)
@@ -136,7 +138,7 @@ def raw_terminal() -> Iterator[None]:
 
 
 def read_keys(timeout: float) -> list[str]:
-    """The next keys, none if none comes in time (s)."""
+    """Return the keys pressed within the timeout (s); an empty list if there are none."""
     if not select.select([sys.stdin], [], [], timeout)[0]:
         return []
     return split_keys(os.read(sys.stdin.fileno(), 64).decode(errors="replace")) or ["\x04"]

@@ -116,7 +116,7 @@ def collect_demonstrations(
     """
     random = np.random.default_rng(seed)
     vector_environment = gymnasium.make_vec(
-        ENVIRONMENT, environments, "async", experiment=TRAINING_EXPERIMENT, observes="picture"
+        ENVIRONMENT, environments, "async", experiment=TRAINING_EXPERIMENT, observes="image"
     )
     x, y = [], []
     try:

@@ -395,7 +395,7 @@ def test_a_model_of_several_bodies_and_with_a_closed_chain_is_one(call):
         joint = call("get_joint_properties", name)
         assert (joint.type, joint.position) == (1, [pytest.approx(0.0, abs=1e-6)])
     said = call("set_joint_properties", "k", ODEJointProperties(), refused=True).status_message
-    assert "'k' closes a chain of joints, and is only read" in said
+    assert "'k' closes a kinematic loop and can only be read" in said
     there = Pose(Point(0.0, 1.0, 5.0), Quaternion(w=1.0))
     call("set_model_state", ModelState("m", there, Twist(), ""))
     state = call("get_link_state", "m::free", "").link_state

@@ -268,7 +268,7 @@ def test_a_bond_takes_the_model_out_at_the_end(gazebo, tmp_path, gone):
         gazebo.faults["/gz/delete_model"] = gone("gone")
     assert spawn(gazebo, tmp_path, "-b") == 0
     assert gazebo.asked[1:] == [("/gz/delete_model", DeleteModelRequest("m"))]
-    told = gazebo.graph.lines[-1] == "model m was not deleted: the simulator is gone"
+    told = gazebo.graph.lines[-1] == "model m was not deleted: the simulator has ended"
     assert told is (gone is not None)
 
 
@@ -417,7 +417,7 @@ def test_unspawner_keeps_stopped_what_it_is_told_and_starts_it_at_the_end(progra
     ]
     assert program.calls() == [("switch_controller", ["b", "a", "c"], [], 1, False, 0.0)]
     assert program.graph.lines[0] == "the controller manager does not answer: x"
-    told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator is gone"
+    told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator has ended"
     assert told is (gone is not None)
 
 
@@ -503,7 +503,7 @@ def test_groups_are_listed(program, capsys):
         "  position", "      p", "      q", "      p"]
     program.graph.parameters["/controller_groups"] = "p"
     assert program.run(controller_group, "spawn", "p") == 1
-    assert "/controller_groups has none" in capsys.readouterr().err
+    assert "groups in /controller_groups: none" in capsys.readouterr().err
 
 
 def test_a_group_is_spawned(program, capsys):
@@ -526,7 +526,7 @@ def test_a_group_is_spawned(program, capsys):
     capsys.readouterr()
     for name in ("none", "nobody"):
         assert program.run(controller_group, "spawn", name) == 1
-        told = f"no controller defined in group {name}; /controller_groups has effort, none, positi"
+        told = f"no controller defined in group {name}; groups in /controller_groups: effort, no"
         assert told in capsys.readouterr().err
 
 

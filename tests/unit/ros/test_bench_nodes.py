@@ -270,7 +270,7 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
             shutdown.init_node("n", "\nabout\n")
         assert ended.value.code == 0 and len(begun) == 8
         assert capsys.readouterr().out == (
-            "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
+            "about\n\nTakes no options; set ROS parameters with _name:=value.\n")
 
     def fail(*_, **__):
         raise rospy.ROSInitException("why")

@@ -42,7 +42,7 @@ class MasterWatch:
         self._failures = 0
         self._next = now + self._period
         self._pid = self._pid or pid
-        return "" if pid == self._pid else "the ROS master was restarted and does not know this node"
+        return "" if pid == self._pid else "the ROS master was restarted"
 
     def watch(self, on_loss: Callable[[str], None]) -> None:
         """Monitor the master in a new thread and call `on_loss` once with the reason."""

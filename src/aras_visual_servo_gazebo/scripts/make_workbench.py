@@ -158,7 +158,7 @@ class MeshWriter:
         self._count = 0
 
     def start_material(self, name: str, colour: tuple[float, float, float] = (1, 1, 1),
-                 image: str = "") -> None:
+                       image: str = "") -> None:
         """Set the material of the following quadrilaterals; `colour` is RGB in 0..1."""
         self._library += [f"newmtl {name}", "Kd {:g} {:g} {:g}".format(*colour)]
         self._library += [f"map_Kd {image}"] if image else []
@@ -193,7 +193,7 @@ class MeshWriter:
             self.add_quad(corners, np.tile(normal, (4, 1)), uv)
 
     def add_revolution(self, profile: list[tuple[float, float]], sectors: int = 36,
-               sharp: bool = False) -> None:
+                       sharp: bool = False) -> None:
         """Add a surface of revolution about z; `profile` lists (radius, z) from bottom to top."""
         angle = np.linspace(0, 2 * np.pi, sectors + 1)
         length = np.concatenate([[0], np.cumsum(np.hypot(*np.diff(profile, axis=0).T))])
@@ -266,7 +266,7 @@ def write_meshes(folder: Path) -> None:
         tin.add_revolution([(radius, 0.0), (radius, high)], sharp=True)
         tin.start_material("metal", (0.72, 0.74, 0.76))
         tin.add_revolution([(radius, high), (radius * 0.94, high), (radius * 0.92, high - 0.002),
-                    (1e-4, high - 0.002)], sharp=True)
+                            (1e-4, high - 0.002)], sharp=True)
         tin.write(folder)
     bowl = MeshWriter("bowl")
     bowl.start_material("glaze", (0.20, 0.42, 0.62))

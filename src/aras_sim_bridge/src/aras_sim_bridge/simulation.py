@@ -267,7 +267,7 @@ class Simulation:
         one.
 
         Raises:
-            WorldError: a value of the light is invalid; nothing is changed.
+            WorldError: a value of the light is invalid; the simulation is unchanged.
         """
         is_new = light.name not in self.lights
         self.lights[light.name] = check_light(light)
@@ -435,7 +435,7 @@ class Simulation:
         command.
 
         Raises:
-            WorldError: a model or joint is unknown or a number is not finite; nothing is changed.
+            WorldError: a model or joint is unknown or a number is not finite; the simulation is unchanged.
         """
         (self.world.models.get(name) or self.world.model(name)).set_joint_positions(positions)
         if name in self.robots:
@@ -464,7 +464,7 @@ class Simulation:
         """Change time step (s), gravity (m/s²) and solver iterations of the physics engine.
 
         Raises:
-            WorldError: a value is invalid; nothing is changed.
+            WorldError: a value is invalid; the simulation is unchanged.
         """
         self.world.set_physics(time_step, gravity, solver_iterations)
         self.step_ns = round(time_step * 1e9)

@@ -94,7 +94,7 @@ class WrenchSensor(RateSensor[np.ndarray]):
         for _, force, point, _ in self._applied_forces:
             yield np.array(force), np.array(point)
         if self.model.joints.has_own_dynamics:
-            return  # a model with its own joint dynamics has no contacts
+            return  # joints are simulated without Bullet only while no contact is possible
         indices = {self.model.link_index(name) for name in self._carried_links}
         for link, _, _, numbers in find_contacts(self.model.body_id, self.model.client):
             if link in indices:

@@ -117,7 +117,7 @@ class CompressedTopic:
                 self._publisher.publish(CompressedImage(header, text, data))
         except (CameraError, cv2.error) as error:
             rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
-        except rospy.ROSException:  # the topic was closed meanwhile
+        except rospy.ROSException:  # the topic was closed in the meantime
             self._worker.stop()
 
 

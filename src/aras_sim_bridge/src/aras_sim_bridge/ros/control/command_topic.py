@@ -38,7 +38,7 @@ class CommandTopic:
         on_message: Callable[[Message], None],
         thread: SimulationThread,
     ) -> None:
-        """Subscribe; `on_message`, called in the simulation's thread, may raise SimError."""
+        """Subscribe; `on_message`, called in the simulation thread, may raise SimError."""
         self._topic = topic
         self._on_message = on_message
         self._last_complaint = -COMPLAINT_PERIOD
@@ -121,7 +121,7 @@ class _SharedSubscription:
         connection: TCPROSTransport | None = next(
             (c for c in connections if c.header is message._connection_header), None
         )
-        if connection is None:  # closed meanwhile
+        if connection is None:  # the connection was closed in the meantime
             return
         rest = connection.read_buff.getvalue()
         connection.read_buff.seek(0)

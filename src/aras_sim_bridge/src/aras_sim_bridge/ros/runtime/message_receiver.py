@@ -135,7 +135,7 @@ class MessageReceiver:
         self._end(self._streams.pop(stream.descriptor, None))
         try:
             self._poll.register(stream.descriptor, select.EPOLLIN)
-        except (OSError, ValueError):  # closed meanwhile
+        except (OSError, ValueError):  # the socket was closed in the meantime
             self._end(stream)
             return
         self._streams[stream.descriptor] = stream

@@ -55,7 +55,7 @@ class FactorMeter:
 
 
 class Pacer:
-    """Pacer that lets simulated time follow `factor` times wall time; 0: as fast as possible.
+    """Pacer that advances simulated time `factor` times as fast as wall time; 0: without limit.
 
     Due times are computed from the last restart, so that rounding errors and late wake-ups do not
     accumulate.
@@ -115,7 +115,7 @@ class Pacer:
     def compute_wait(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
     ) -> float:
-        """Return the wall time, s, until the next steps are due; it may be negative."""
+        """Return the wall time, s, until the next steps are due; negative if they are overdue."""
         if self._factor <= 0.0:
             return 0.0
         next_ns = (time_ns // group_ns + 1) * group_ns

@@ -54,7 +54,7 @@ class SendQueue:
         QUEUE_FLUSHER.forget(self)
 
     def send(self, parts: MessageParts) -> None:
-        """Write as much of a message as the socket accepts; the rest is sent later."""
+        """Write the part of a message that the socket accepts; the rest is sent later."""
         with self._lock:
             if self._is_broken:
                 return
@@ -89,7 +89,7 @@ class SendQueue:
             self.is_abandoned = False
 
     def _write(self, parts: MessageParts) -> MessageParts:
-        """Write as much as the socket accepts and return the rest.
+        """Write all data that the socket accepts and return the rest.
 
         The rest is the object `parts` itself if nothing was written.
         """
@@ -133,7 +133,7 @@ class QueueFlusher:
             if self._poll is None:
                 self._poll = select.epoll()
                 threading.Thread(target=self._run, name="queue_flusher", daemon=True).start()
-            if queue.socket.fileno() < 0:  # closed meanwhile
+            if queue.socket.fileno() < 0:  # the socket was closed in the meantime
                 return
             self._queues[queue.descriptor] = queue
             with contextlib.suppress(FileExistsError):  # already registered

@@ -71,7 +71,7 @@ def service_handler(
     """
 
     def mark(handler: Handler) -> Handler:
-        handler.terms = ServicePolicy(service, success_text, in_caller_thread, call_fails)
+        handler.policy = ServicePolicy(service, success_text, in_caller_thread, call_fails)
         return handler
 
     return mark
@@ -80,7 +80,7 @@ def service_handler(
 def find_handlers(*places: object) -> list[Handler]:
     """Return all service handlers among the attributes of modules and objects."""
     found = (getattr(place, name) for place in places for name in dir(place))
-    return [member for member in found if isinstance(getattr(member, "terms", None), ServicePolicy)]
+    return [member for member in found if isinstance(getattr(member, "policy", None), ServicePolicy)]
 
 
 class ServiceTable:
@@ -111,13 +111,13 @@ class ServiceTable:
 
     def _advertise(self, handler: Handler) -> None:
         name = f"{self._namespace}/{handler.__name__}"
-        terms: ServicePolicy = handler.terms
+        policy: ServicePolicy = handler.policy
 
         def serve(request: Message) -> Message:
             with self._call_lock:
                 return call_handler(handler, request, name, self._thread)
 
-        self._services.append(rospy.Service(name, terms.service, serve))
+        self._services.append(rospy.Service(name, policy.service, serve))
 
     def shutdown(self) -> None:
         """Shut down all services of the table."""
@@ -136,15 +136,15 @@ def call_handler(
     Raises:
         rospy.ServiceException: the handler failed and its policy is `call_fails`.
     """
-    terms: ServicePolicy = handler.terms
+    policy: ServicePolicy = handler.policy
     try:
-        if terms.in_caller_thread:
+        if policy.in_caller_thread:
             fields = handler(thread, request)
         else:
             fields = thread.call(lambda: handler(thread.simulation, request))
-        return terms.make_response(fields)
+        return policy.make_response(fields)
     except SimError as error:
-        text = f"{terms.type_name}: {error}"
+        text = f"{policy.type_name}: {error}"
         # A call that arrives during shutdown is no error: after Ctrl-C, spawners still unload their
         # controllers.
         write_log = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
@@ -152,12 +152,12 @@ def call_handler(
     except rospy.ServiceException:
         raise
     except USER_FAULTS as error:
-        text = f"{terms.type_name}: internal error, {type(error).__name__}: {error}"
+        text = f"{policy.type_name}: internal error, {type(error).__name__}: {error}"
         rospy.logerr("%s: %s (please report it)", name, text)
         log.debug("%s", traceback.format_exc())
-    if terms.call_fails:
+    if policy.call_fails:
         raise rospy.ServiceException(text)
-    response = terms.service._response_class()
+    response = policy.service._response_class()
     if hasattr(response, "status_message"):
         response.status_message = text
     return response

@@ -23,7 +23,7 @@ class SpawnRecord:
     """Spawned models and loaded controllers, in the order of spawning."""
 
     def __init__(self, enabled: bool) -> None:
-        """Read the record of a previous node; if not `enabled`, nothing is read or written."""
+        """Read the record of a previous node; if not `enabled`, the record is never accessed."""
         self._is_enabled = enabled
         self._previous = get_namespace(PARAMETER) if enabled else {}
         self._models: dict[str, dict[str, object]] = {}
@@ -54,7 +54,7 @@ class SpawnRecord:
         self._write()
 
     def clear(self) -> None:
-        """Delete the record when the node ends normally, so that nothing is restored."""
+        """Delete the record when the node ends normally, so that no model is restored later."""
         if self._is_enabled and rospy.has_param(PARAMETER):
             rospy.delete_param(PARAMETER)
         self._is_enabled = False

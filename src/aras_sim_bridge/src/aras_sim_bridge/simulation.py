@@ -435,7 +435,8 @@ class Simulation:
         command.
 
         Raises:
-            WorldError: a model or joint is unknown or a number is not finite; the simulation is unchanged.
+            WorldError: a model or joint is unknown or a number is not finite; the simulation is
+                unchanged.
         """
         (self.world.models.get(name) or self.world.model(name)).set_joint_positions(positions)
         if name in self.robots:

@@ -80,7 +80,7 @@ def service_handler(
 def find_handlers(*places: object) -> list[Handler]:
     """Return all service handlers among the attributes of modules and objects."""
     found = (getattr(place, name) for place in places for name in dir(place))
-    return [member for member in found if isinstance(getattr(member, "policy", None), ServicePolicy)]
+    return [item for item in found if isinstance(getattr(item, "policy", None), ServicePolicy)]
 
 
 class ServiceTable:

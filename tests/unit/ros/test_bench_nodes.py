@@ -161,7 +161,7 @@ def test_xacro_reads_files_of_before_noetic(tmp_path, unknown):
     said = ran.stderr.splitlines()
     for tag in ("property", "macro", "insert_block", "if", "include", "bar"):
         assert sum(f"<{tag}> without the prefix" in line for line in said) == 1
-    assert sum("<xacro:tool>; left out" in line for line in said) == bool(unknown)
+    assert sum("<xacro:tool>; it is left out" in line for line in said) == bool(unknown)
     assert len(said) == 6 + bool(unknown)
 
 

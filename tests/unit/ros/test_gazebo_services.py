@@ -373,7 +373,7 @@ def test_a_joint_gets_other_properties(call, step, slider):
     call("set_joint_properties", "rail", ODEJointProperties(damping=[3.0]))
     assert call("get_joint_properties", "rail").damping == [3.0]
     answer = call("set_joint_properties", "rail", ODEJointProperties(vel=[1.0]), refused=True)
-    assert "driven by a controller" in answer.status_message
+    assert "with a controller" in answer.status_message
     answer = call("set_joint_properties", "rail", ODEJointProperties(fmax=[1, 2]), refused=True)
     assert "fmax has 2 numbers" in answer.status_message
     answer = call("set_model_configuration", "slider", "", ["rail"], [], refused=True)

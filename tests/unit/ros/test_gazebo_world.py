@@ -47,7 +47,7 @@ def test_lights(api, call):
     assert (light.specular, light.cast_shadows) == ((0.5, 0.6, 0.7, 0.8), True)
     assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
     answer = call("set_light_properties", **{**given, "direction": Vector3()})
-    assert "keeps the one it had" in answer.status_message
+    assert "keeps its direction" in answer.status_message
     assert "'sun'" in call("delete_light", "sun").status_message
     assert "sun" in call("delete_light", "sun", refused=True).status_message
 
@@ -114,7 +114,7 @@ def test_packages_are_looked_for_wherever_they_are_named_but_in_comments(call):
 
 
 @pytest.mark.parametrize(("name", "words"), [
-    ("", "is empty"), ("a::b", "no '::'"), ("x" * 257, "at most 256"),
+    ("", "is empty"), ("a::b", "not contain '::'"), ("x" * 257, "exceed 256"),
 ])
 def test_names_that_cannot_be(call, name, words):
     answer = call("spawn_urdf_model", name, BALL, "", Pose(), "", refused=True)

@@ -353,7 +353,7 @@ def test_what_ends_spawner(program, fault):
     assert program.run(spawner, "a") == status
     said = [line for line in program.graph.lines if "Waiting" not in line and "Loading" not in line]
     assert len(said) == (fault in ("gone", "interrupted"))
-    assert all("went away: x" in line or "couldn't find" in line for line in said)
+    assert all("has ended: x" in line or "couldn't find" in line for line in said)
 
 
 def test_spawner_waits_for_a_true(program):
@@ -633,7 +633,7 @@ def test_worlds_are_looked_for_where_gazebo_looks(monkeypatch, tmp_path, capsys)
     packages = SimpleNamespace(get_path={"gazebo_ros": str(ros)}.__getitem__)
     monkeypatch.setattr(gzserver.rospkg, "RosPack", lambda: packages)
     assert gzserver.find_world("") == ""
-    with pytest.raises(DescriptionError, match=f"'x' in {here}, {a}, {b}, {ros}; give a path"):
+    with pytest.raises(DescriptionError, match=f"'x' in {here}, {a}, {b}, {ros}; give its full"):
         gzserver.find_world("x")
     for folder in (ros, b, a, here):
         (folder / "x").touch()
@@ -653,4 +653,4 @@ def test_worlds_are_looked_for_where_gazebo_looks(monkeypatch, tmp_path, capsys)
 def test_gzclient_says_what_to_look_with_and_stays(program):
     assert program.run(gzclient) == 0
     assert program.begun == [("gazebo_gui", {"anonymous": True, "disable_rostime": True})]
-    assert program.down and "look with rviz" in program.graph.lines[0]
+    assert program.down and "use rviz" in program.graph.lines[0]

@@ -55,7 +55,7 @@ def run_cycles(count, time_ns, step_ns, loops, handles, drives,
            is_base_resting, previous_speeds, ground, corners, contact_wrench, ground_wrench):
     """Run up to `count` control cycles of `step_ns` each, starting at `time_ns`.
 
-    The cycles stop early when Python code has to act, for example to log a warning.
+    The function returns early if Python code has to act, for example to log a warning.
 
     Args:
         loops, handles, drives: rows of JointLoop, JointHandle and Drive.

@@ -306,10 +306,10 @@ class Simulation:
         )
 
     def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
-        """Return the lighting by these lights and the ambient light.
+        """Return the lighting of images by these lights and the ambient light.
 
-        At most one white directional light without shadows is returned in the simplified form with
-        `direction` and `diffuse`, all other combinations as a list of lights.
+        If there is no light, or only a white directional light without shadows, the result uses
+        `direction` and `diffuse`; in all other cases it contains the list of lights.
         """
         scene = self.config.scene
         ambient = max(scene.ambient[:3])

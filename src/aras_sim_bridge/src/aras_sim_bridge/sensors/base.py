@@ -92,7 +92,7 @@ class RateSensor(ABC, Generic[State]):
         self._observe_step(self._due_ns <= after_ns)
 
     def after_step(self, time_ns: int) -> None:
-        """Take a reading if one is due at `time_ns`, the end of the last step."""
+        """Take a reading if one is due; call after the step that ended at `time_ns`."""
         if self._is_new or time_ns < self._due_ns:
             return
         if self._previous_state is not None and self._listener is not None:

@@ -19,7 +19,7 @@ class ContactPoint:
     """Contact point of two collisions, in world coordinates.
 
     Attributes:
-        position: m.
+        position: position of the contact, m.
         normal: unit vector that points into the first collision.
         depth: penetration depth, m.
         force: force on the link of the first collision, N.

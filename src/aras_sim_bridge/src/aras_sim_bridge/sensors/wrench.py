@@ -117,8 +117,7 @@ class WrenchSensor(RateSensor[np.ndarray]):
         return WrenchReading(time_ns, *self._add_noise(*vectors, time_ns))
 
     def _compute_frame(self) -> np.ndarray:
-        """Return the measurement frame (4, 4) in the world: joint origin, axes of the description.
-        """
+        """Return the measurement frame (4, 4) in the world, with its origin at the joint."""
         description = self.description
         frame = self.model.link_state(self._joint.child)[0].matrix()
         if description.wrench_frame == "sensor":

@@ -136,8 +136,7 @@ class Spawner:
         return False
 
     def unload(self) -> None:
-        """Stop and unload the controllers in reverse order, without errors if the simulator ended.
-        """
+        """Stop the controllers and unload them in reverse order; ignore a simulator that ended."""
         if not self._loaded:
             return
         try:

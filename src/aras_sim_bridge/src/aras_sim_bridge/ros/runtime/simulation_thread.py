@@ -56,8 +56,7 @@ class SimulationThread:
         """Create the thread without starting it; see `start`.
 
         Args:
-            build: creates the simulation; called in the thread, to which an OpenGL context is
-            bound.
+            build: creates the simulation; called in the new thread.
             pacer: determines which steps are due.
             after_step: called with the simulated time, ns, after every step.
             after_batch: called with the simulated time, ns, after each group of steps.

@@ -48,17 +48,17 @@ def _fill_wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) 
 def _fill_contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
     stamp, count = to_time(reading.stamp_ns), len(reading.contacts)
     message.states = []
-    for k, (names, touches) in enumerate(reading.contacts.items()):
-        wrenches = [Wrench(Vector3(*one.force), Vector3(*one.torque)) for one in touches]
-        total = np.array([[*one.force, *one.torque] for one in touches]).sum(axis=0).tolist()
+    for k, (names, points) in enumerate(reading.contacts.items()):
+        wrenches = [Wrench(Vector3(*point.force), Vector3(*point.torque)) for point in points]
+        total = np.array([[*point.force, *point.torque] for point in points]).sum(axis=0).tolist()
         message.states.append(ContactState(
             info=f"Debug:  i:({k}/{count})     my geom:{names[0]}   other geom:{names[1]}"
                  f"         time:{stamp.secs}.{stamp.nsecs:09d}\n",
             collision1_name=names[0], collision2_name=names[1], wrenches=wrenches,
             total_wrench=Wrench(Vector3(*total[:3]), Vector3(*total[3:])),
-            contact_positions=[Vector3(*one.position) for one in touches],
-            contact_normals=[Vector3(*one.normal) for one in touches],
-            depths=[one.depth for one in touches]))
+            contact_positions=[Vector3(*point.position) for point in points],
+            contact_normals=[Vector3(*point.normal) for point in points],
+            depths=[point.depth for point in points]))
 
 
 def _fill_joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:

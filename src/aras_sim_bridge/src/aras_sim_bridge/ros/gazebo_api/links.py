@@ -129,7 +129,7 @@ def get_joint_properties(simulation: Simulation, request: GetJointProperties) ->
 def set_joint_properties(simulation: Simulation, request: SetJointProperties) -> Fields:
     """Set the joint properties that have a counterpart here; the response lists the others."""
     config = request.ode_joint_config
-    given: dict[str, float] = {}
+    properties: dict[str, float] = {}
     for name in config.__slots__:
         values = getattr(config, name)
         if len(values) > 1:
@@ -137,16 +137,16 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
                 f"{name} has {len(values)} numbers; joint '{request.joint_name}' has one axis"
             )
         if values:
-            given[name] = values[0]
-    if given.get("vel", 0.0) != 0.0:
-        raise SimError(f"vel is {given['vel']}; set 0 and move the joint with a controller")
-    values = {JOINT_FIELDS[name]: given[name] for name in given if name in JOINT_FIELDS}
+            properties[name] = values[0]
+    if properties.get("vel", 0.0) != 0.0:
+        raise SimError(f"vel is {properties['vel']}; set 0 and move the joint with a controller")
+    values = {JOINT_FIELDS[name]: properties[name] for name in properties if name in JOINT_FIELDS}
     model, joint = entities.find_joint(simulation, request.joint_name)
     changed = change_joint(model.description, joint, **values)
     if values:
         simulation.world.change_model(model.name, changed)
     text = "SetJointProperties: properties set"
-    ignored = [name for name in given if name not in JOINT_FIELDS and name != "vel"]
+    ignored = [name for name in properties if name not in JOINT_FIELDS and name != "vel"]
     if ignored:
         text += f"; ignored, because only ODE has them: {', '.join(ignored)}"
     return {"status_message": text}

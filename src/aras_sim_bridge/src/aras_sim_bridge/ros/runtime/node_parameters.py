@@ -50,13 +50,13 @@ class NodeParameters:
         Raises:
             InvalidParameterError: a parameter is unknown or has an invalid value.
         """
-        own = {field.name for field in fields(cls)}
-        given = {
+        names = {field.name for field in fields(cls)}
+        own_values = {
             name: value
             for name, value in values.items()
-            if name in own or name not in OTHER_PARAMETERS and not isinstance(value, Mapping)
+            if name in names or name not in OTHER_PARAMETERS and not isinstance(value, Mapping)
         }
-        return build(cls, given, f"parameter {namespace}/", InvalidParameterError)
+        return build(cls, own_values, f"parameter {namespace}/", InvalidParameterError)
 
     @property
     def effective_clock_rate(self) -> float:

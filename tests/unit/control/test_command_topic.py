@@ -144,7 +144,7 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
     for now[0] in (0.0, 4.9, 5.0, 9.9):
         Connection(b"abc").tell(ros.latest)
     first, second = ros.lines
-    assert first.startswith("/c: a message of 3 bytes is no std_msgs/Float64: ")
+    assert first.startswith("/c: a message of 3 bytes is not a std_msgs/Float64: ")
     assert "refused" not in first and second.endswith(" (3 refused so far)")
     topic.shutdown()
 

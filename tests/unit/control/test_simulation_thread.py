@@ -362,7 +362,7 @@ def test_steps_are_jobs_of_a_hundred_each_for_which_there_is_a_limit(started, mo
     limits.clear()
     assert thread.step(100, 0.0) == 350 * MS  # all of them, if late
     assert limits == [0.1]
-    with pytest.raises(SimulationBusyError, match="100 of 101 steps were done within 0 s; ask for"):
+    with pytest.raises(SimulationBusyError, match="100 of 101 steps were done within 0 s; request"):
         thread.step(101, 0.0)
 
 

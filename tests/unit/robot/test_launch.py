@@ -219,7 +219,7 @@ def test_a_recorder_does_not_start_on_a_full_disk():
 
 @pytest.mark.parametrize(("script", "words"), [
     ("trap 'exit 0' INT; while :; do sleep 0.1; done", "recorded until then is in the bag"),
-    ("trap 'exit 3' INT; while :; do sleep 0.1; done", "rosbag reindex BAG.active recovers what"),
+    ("trap 'exit 3' INT; while :; do sleep 0.1; done", "rosbag reindex BAG.active recovers the"),
 ])  # fmt: skip
 def test_a_recorder_ends_before_its_disk_is_full(tmp_path, monkeypatch, capfd, script, words):
     """What it has to write then has room: a file without a name is kept for it until then."""

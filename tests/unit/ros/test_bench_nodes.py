@@ -161,7 +161,7 @@ def test_xacro_reads_files_of_before_noetic(tmp_path, unknown):
     said = ran.stderr.splitlines()
     for tag in ("property", "macro", "insert_block", "if", "include", "bar"):
         assert sum(f"<{tag}> without the prefix" in line for line in said) == 1
-    assert sum("<xacro:tool>; left out" in line for line in said) == bool(unknown)
+    assert sum("<xacro:tool>; it is left out" in line for line in said) == bool(unknown)
     assert len(said) == 6 + bool(unknown)
 
 
@@ -270,7 +270,7 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
             shutdown.init_node("n", "\nabout\n")
         assert ended.value.code == 0 and len(begun) == 8
         assert capsys.readouterr().out == (
-            "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
+            "about\n\nTakes no options; set ROS parameters with _name:=value.\n")
 
     def fail(*_, **__):
         raise rospy.ROSInitException("why")

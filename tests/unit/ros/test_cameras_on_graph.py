@@ -384,7 +384,8 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
     new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
     settings.check_unused_names({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
-    assert f"settings {name}/of belong to no camera; there are good, on, own" in graph.lines[-1]
+    told = f"settings {name}/of belong to no camera; existing cameras: good, on, own"
+    assert told in graph.lines[-1]
     assert not any("/own" in line for line in graph.lines)
     count = len(graph.lines)
     settings.check_unused_names({"of": {"width": 3}}, thread, new)
@@ -462,8 +463,8 @@ def test_settings_of_compression_that_cannot_be_are_left_out_one_by_one(graph):
     topic = CompressedTopic("/c/image", None)
     assert topic._settings.values == {**DEFAULTS, "jpeg_quality": 7, "jpeg_optimize": True,
                                       "jpeg_restart_interval": 65535}
-    assert graph.lines == [f"{place}/format is 'gif'; going on with 'jpeg'",
-                           f"{place}/png_level is 'x'; going on with 9"]
+    assert graph.lines == [f"{place}/format is invalid: 'gif'; using the default 'jpeg'",
+                           f"{place}/png_level is invalid: 'x'; using the default 9"]
     topic.unregister()
 
 
@@ -513,7 +514,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
         "/c/image/compressed/jpeg_quality": [1],
     })  # fmt: skip
     topic = CompressedTopic("/c/image", None)
-    assert "jpeg_quality is [1]; going on with 80" in graph.lines[-1]
+    assert "jpeg_quality is invalid: [1]; using the default 80" in graph.lines[-1]
     assert (topic._settings.values["png_level"], topic._settings.values["format"]) == (3, "png")
     topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
     sent = graph.publishers["/c/image/compressed"].sent

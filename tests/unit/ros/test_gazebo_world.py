@@ -47,7 +47,7 @@ def test_lights(api, call):
     assert (light.specular, light.cast_shadows) == ((0.5, 0.6, 0.7, 0.8), True)
     assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
     answer = call("set_light_properties", **{**given, "direction": Vector3()})
-    assert "keeps the one it had" in answer.status_message
+    assert "keeps its direction" in answer.status_message
     assert "'sun'" in call("delete_light", "sun").status_message
     assert "sun" in call("delete_light", "sun", refused=True).status_message
 
@@ -114,7 +114,7 @@ def test_packages_are_looked_for_wherever_they_are_named_but_in_comments(call):
 
 
 @pytest.mark.parametrize(("name", "words"), [
-    ("", "is empty"), ("a::b", "no '::'"), ("x" * 257, "at most 256"),
+    ("", "is empty"), ("a::b", "not contain '::'"), ("x" * 257, "exceed 256"),
 ])
 def test_names_that_cannot_be(call, name, words):
     answer = call("spawn_urdf_model", name, BALL, "", Pose(), "", refused=True)
@@ -395,7 +395,7 @@ def test_a_model_of_several_bodies_and_with_a_closed_chain_is_one(call):
         joint = call("get_joint_properties", name)
         assert (joint.type, joint.position) == (1, [pytest.approx(0.0, abs=1e-6)])
     said = call("set_joint_properties", "k", ODEJointProperties(), refused=True).status_message
-    assert "'k' closes a chain of joints, and is only read" in said
+    assert "'k' closes a kinematic loop and can only be read" in said
     there = Pose(Point(0.0, 1.0, 5.0), Quaternion(w=1.0))
     call("set_model_state", ModelState("m", there, Twist(), ""))
     state = call("get_link_state", "m::free", "").link_state

@@ -134,7 +134,7 @@ def test_time_waits_for_a_listener_that_is_behind(made, ros):
     gate.before_frame()
     gate.note_message("/a")
     made.wall += 60.0  # paused; that wait was another
-    made.is_slow = [SimpleNamespace(name="/bag, which does not take /image", is_abandoned=False)]
+    made.is_slow = [SimpleNamespace(name="/bag to read /image", is_abandoned=False)]
     assert gate.is_closed
     assert gate.compute_remaining() == 5.0
     made.wall += 3.0
@@ -152,7 +152,7 @@ def test_time_waits_for_a_listener_that_is_behind(made, ros):
 
 def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
     gate = made("a")
-    bag = SimpleNamespace(name="/bag, which does not take /image", is_abandoned=False)
+    bag = SimpleNamespace(name="/bag to read /image", is_abandoned=False)
     made.is_slow = [bag]
     assert gate.compute_remaining() == 5.0
     made.wall += 5.0
@@ -160,7 +160,7 @@ def test_a_listener_that_takes_nothing_is_named_once_and_given_up(made, ros):
     assert bag.is_abandoned
     assert not gate.is_closed
     assert len(ros.lines) == 1
-    assert "5 s of wall time in vain for /bag, which does not take /image;" in ros.lines[0]
+    assert "5 s of wall time in vain for /bag to read /image;" in ros.lines[0]
     made.is_slow = [SimpleNamespace(name="/other", is_abandoned=False)]  # which has time of its own
     assert gate.compute_remaining() == 5.0
     gate.start_round()
@@ -174,7 +174,7 @@ def test_a_topic_that_nobody_publishes_is_told_so(made, ros):
     gate.before_frame()
     made.wall += 6.0
     gate.compute_remaining()
-    assert "/a (nobody publishes it)" in ros.lines[0]
+    assert "/a (no publisher)" in ros.lines[0]
 
 
 def test_rounds_may_go_by_periods_instead_of_frames(made):
@@ -217,7 +217,7 @@ def test_a_reset_of_time_ends_the_round_and_begins_the_periods_anew(made):
     ("arguments", "remedy"),
     [
         (((), 5.0, 0.0), "lockstep_topics is empty"),
-        ((("a",), 0.0, 0.0), "lockstep_timeout is 0; give seconds above 0"),
+        ((("a",), 0.0, 0.0), "lockstep_timeout is 0; set a time above 0 s"),
         ((("a",), -1.0, 0.0), "lockstep_timeout is -1"),
         ((("a",), 5.0, -0.1), "lockstep_period is -0.1"),
     ],

@@ -189,7 +189,7 @@ def test_a_display_that_does_not_answer_is_a_warning(graph, monkeypatch):
     simulation = node.build_simulation(NodeParameters(gui=True), WorldFile())
     assert simulation.config.gui is False
     simulation.close()
-    assert any("display ':4711'" in line and "going on without a window" in line
+    assert any("display ':4711'" in line and "continuing without a window" in line
                for line in graph.lines)
 
 
@@ -225,7 +225,7 @@ def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch
         assert what is world and spawn() == {"cameras": {"eye": {"width": 3}}}
     assert "world file: look" in graph.lines
     assert "world file: model 'm' is left out" in graph.lines
-    assert any("going on without a window" in line for line in graph.lines) is not window
+    assert any("continuing without a window" in line for line in graph.lines) is not window
 
 
 def test_cameras_of_the_world_come_with_the_node(make):
@@ -311,7 +311,7 @@ def test_what_stood_there_comes_back_after_a_death(make):
     assert (there.orientation.z, there.orientation.w) == (1.0, 0.0)
     found = graph.call("/r/controller_manager/list_controllers").controller
     assert [(c.name, c.state) for c in found] == [("on", "running"), ("off", "initialized")]
-    assert sum("is brought back" in line for line in graph.lines) == 2
+    assert sum("is restored after" in line for line in graph.lines) == 2
     assert graph.call("/gazebo/delete_model", "arm").success
     second.thread.stop()
     lines = len(graph.lines)
@@ -332,7 +332,7 @@ def test_one_that_cannot_come_back_does_not_keep_the_others_away(make):
     make.graph.parameters[rospy.resolve_name("~spawned")]["models"][0]["xml"] = "nonsense"
     second = make(paused=True, restore=True)
     assert list(second.thread.simulation.world.models) == ["ground_plane", "b"]
-    assert any("it does not come back" in line for line in make.graph.lines)
+    assert any("not restored" in line for line in make.graph.lines)
 
 
 def test_nothing_is_written_down_without_need(make):

@@ -54,7 +54,7 @@ def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
     assert (answer.success, answer.message) == (False, "no")
     table.shutdown()
     assert not graph.services
-    assert plain.terms.type_name == "SetBool"
+    assert plain.policy.type_name == "SetBool"
 
 
 def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph):

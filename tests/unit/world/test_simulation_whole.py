@@ -186,7 +186,7 @@ def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
         simulation.spawn(twice, "r")
     once = parse_urdf(ROBOT.format(CONTROL))
     simulation.spawn(once, "first")
-    with pytest.raises(WorldError, match="'second': its robot namespace / is that of model 'fi"):
+    with pytest.raises(WorldError, match="'second': its robot namespace / is already used"):
         simulation.spawn(once, "second")
     simulation.spawn(parse_urdf(ROBOT.format("")), "plain")
     assert list(simulation.robots) == ["first"] and list(simulation.world.models) == [

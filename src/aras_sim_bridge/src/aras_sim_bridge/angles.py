@@ -1,7 +1,7 @@
-"""Signed distances between angles, in rad, by the rules of ROS's `is_angle`, which users rely on.
+"""Signed distances between angles in rad, computed like those of the ROS package `angles`.
 
-The numbers equal those of the original to rounding; callers of the original ignore whether a
-distance is valid, so none of these functions says so.
+The results agree with `angles` up to rounding. Unlike `angles`, the functions do not return whether
+a distance is valid, because ros_control ignores that value.
 """
 
 from math import pi
@@ -13,16 +13,16 @@ TURN = 2.0 * pi
 
 @jit("f8", allocates=False)
 def normalize_angle(angle):
-    """`angle` in (-pi, pi]."""
-    within = angle % TURN
-    return within - TURN if within > pi else within
+    """Return `angle` mapped to (-pi, pi]."""
+    wrapped = angle % TURN
+    return wrapped - TURN if wrapped > pi else wrapped
 
 
 @jit("f8, f8", allocates=False)
 def shortest_angular_distance(start, goal):
-    """Distance from `start` to `goal` the short way round, in (-pi, pi]."""
+    """Return the signed distance from `start` to `goal` along the shorter arc, in (-pi, pi]."""
     distance = goal - start
-    # The case of nearly every control cycle.
+    # Shortcut for nearly every control cycle.
     if -pi < distance <= pi:
         return distance
     return normalize_angle(distance)
@@ -30,9 +30,10 @@ def shortest_angular_distance(start, goal):
 
 @jit("f8, f8, f8, f8", allocates=False)
 def shortest_angular_distance_with_large_limits(start, goal, lower, upper):
-    """Shortest distance that stays within [lower, upper], which may span several turns.
+    """Return the shortest distance from `start` to `goal` that stays within [lower, upper].
 
-    Where neither way round stays within the limits, or they are crossed, the shorter one.
+    The limits may span several turns. If neither direction of rotation stays within the limits, or
+    if `lower` > `upper`, the shorter distance is returned.
     """
     near = shortest_angular_distance(start, goal)
     far = near - TURN if near > 0.0 else near + TURN
@@ -43,7 +44,11 @@ def shortest_angular_distance_with_large_limits(start, goal, lower, upper):
 
 @jit("f8, f8, f8, f8", allocates=False)
 def angular_distance_within_limits(start, goal, lower, upper):
-    """As with_large_limits, but from outside the limits straight to the goal and so back in."""
+    """Return the shortest distance from `start` to `goal` that stays within [lower, upper].
+
+    If `start` is outside the limits, the plain difference `goal` - `start` is returned, which leads
+    back into the limits.
+    """
     if lower <= start <= upper:
         return shortest_angular_distance_with_large_limits(start, goal, lower, upper)
     return goal - start

@@ -1,4 +1,4 @@
-"""The whole: physics world, robots with controllers, cameras, and one step() for all of it."""
+"""The complete simulation: physics world, controlled robots, cameras and sensors, one `step`."""
 
 from __future__ import annotations
 
@@ -45,7 +45,7 @@ if TYPE_CHECKING:
     from aras_sim_bridge.rendering.renderer import Renderer
     from aras_sim_bridge.world import GraspFix
 
-MOST_LIGHTS = 16  # that pictures are lit by
+MOST_LIGHTS = 16  # largest number of lights that illuminate images
 DARK = (0.0, 0.0, 0.0, 1.0)
 NO_LIGHT = Light("none", diffuse=DARK)
 log = logging.getLogger(__name__)
@@ -59,14 +59,14 @@ class SimulationConfig:
     Attributes:
         time_step: physics step, s.
         gravity: (x, y, z) in the world, m/s².
-        gui: whether PyBullet's window opens.
-        renderer: name of the renderer; all names mean one.
-        seed: of the noise of cameras and sensors.
-        legacy_camera_info: whether camera_info is that of the original's camera plugin.
-        ground_plane: whether Gazebo's ground plane is in the world.
-        lights: of the world; images are lit by the first MOST_LIGHTS.
+        gui: whether to open PyBullet's window.
+        renderer: name of the renderer; all accepted names select the same one.
+        seed: seed of the noise of cameras and sensors.
+        legacy_camera_info: whether camera_info equals that of the original's camera plugin.
+        ground_plane: whether the world contains Gazebo's ground plane.
+        lights: lights of the world; the first MOST_LIGHTS illuminate images.
         scene: ambient light, background, sky and shadows.
-        exposure: how light becomes grey levels, one of rendering.EXPOSURES.
+        exposure: conversion of light to grey levels, one of rendering.EXPOSURES.
     """
 
     time_step: float = 0.001
@@ -83,7 +83,7 @@ class SimulationConfig:
 
 @dataclass(frozen=True, eq=False)
 class ControlledModel:
-    """A model under ros_control: one control plugin's hardware and controllers."""
+    """A model with a gazebo_ros_control plugin: its hardware interface and its controllers."""
 
     name: str
     namespace: str
@@ -93,10 +93,10 @@ class ControlledModel:
     loop: ControlLoop
 
     def start(self, controllers: Iterable[str]) -> None:
-        """Load these controllers and let them run from the next step on.
+        """Load these controllers and start them with the next step.
 
         Raises:
-            ControllerError: one cannot be loaded; those loaded before it stay so.
+            ControllerError: a controller cannot be loaded; those before it in the list stay loaded.
         """
         names = list(controllers)
         for name in names:
@@ -104,56 +104,66 @@ class ControlledModel:
         self.manager.switch(names, [], STRICT)
 
     def command(self, controller: str, value: object) -> None:
-        """Hand `value` to a controller, in its own units; it acts in the next step.
+        """Set the command of a controller, in the controller's units, for the next step.
 
         Raises:
-            ControllerError: no such controller, or a value that it cannot use.
+            ControllerError: the controller does not exist or rejects the value.
         """
         self.manager.get(controller).set_command(value)
 
     def report_stability(self, step: float) -> str:
-        """One line where steps of `step` s make the running PIDs unstable; see stability."""
+        """Return a one-line warning if the running PIDs are unstable with a step of `step` s.
+
+        The text is empty if all are stable; see control/stability.py.
+        """
         text = report_stability(self.hardware, self.manager.running, self.model.joint_names,
                        self.model.joints.inverse_inertia, step)
         return f"model '{self.name}': {text}" if text else ""
 
 
 class CompiledController(Protocol):
-    """Answers what a controller samples with commands, in compiled cycles."""
+    """Controller that reads joint states and sends commands within compiled control cycles."""
 
     def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
-        """The controller whose samples cycles at these times (ns) answer; None: they do not."""
+        """Prepare compiled cycles from `time_ns` to `until_ns` (simulated time, ns).
+
+        Return the joint state controller whose samples the cycles read, or None if the cycles do
+        not read any.
+        """
 
     def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
-        """As cycle.cycles, which ends where Python has to look."""
+        """Run compiled cycles; arguments and results are those of cycle.run_cycles."""
 
 
 class Simulation:
-    """A simulated world with its models, robots and cameras, stepped by its caller.
+    """A simulated world with models, robots and cameras that the caller advances step by step.
 
     One `step` follows Gazebo's order: time, controllers, physics, then the cameras and sensors that
-    are due. Time is simulated time alone; no clock is read. Lengths
-    are in m, angles in rad.
+    are due. All times are simulated; the simulation reads no clock. Lengths are in m, angles in
+    rad.
 
-    Programs without ROS use `spawn`, `robots[name].start` and `.command`,
+    The stable interface for programs without ROS is: `spawn`, `robots[name].start` and `.command`,
     `robots[name].manager.get(...).on_state` for joint states, `camera(name)` with its `enabled`,
     `on_frame`, `parent_T_optical` and `sensor.info`, `step`, `time_ns`, `step_ns`, the model's
-    `joint_names`, `read_joints` and `link_pose`, and `close`. These stay as they are;
-    tests/unit/world/test_simulation_use.py tests them.
+    `joint_names`, `read_joints` and `link_pose`, and `close`.
+    tests/unit/world/test_simulation_use.py tests this interface.
 
     Attributes:
-        world: physics. robots: by model name. cameras, sensors, grasps: in spawn order. lights: by
-            name.
-        time_ns: simulated time. step_ns: the physics step.
-        before_pictures: called with the simulated time [ns] when cameras are about to draw or to
-            deliver, or None.
+        world: physics world.
+        robots: controlled models by model name.
+        cameras, sensors, grasps: in the order of spawning.
+        lights: lights by name.
+        time_ns: simulated time, ns.
+        step_ns: physics step, ns.
+        before_images: called with the simulated time, ns, before cameras render or deliver images;
+            may be None.
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
-        """Make a world with nothing but the ground.
+        """Create a world that contains only the ground plane and the lights.
 
         Raises:
-            SimError: the config is impossible.
+            SimError: the configuration is invalid.
         """
         self.config = config or SimulationConfig()
         self.world = World(self.config.time_step, self.config.gravity, self.config.gui)
@@ -181,15 +191,20 @@ class Simulation:
         joint_positions: Mapping[str, float] | None = None,
         cameras: Mapping[str, object] | None = None,
     ) -> Model:
-        """Put a model into the world, with its controllers' hardware and its cameras.
+        """Add a model to the world, with its control hardware, cameras and sensors.
 
         Args:
-            namespace: the robot's, without trailing slash; parameters: what ROS has below it.
-            cameras: settings laid over the sensors', nested by the parts of the camera's name. An
-                impossible camera is left out and logged; the model is spawned all the same.
+            description: parsed robot description.
+            name: name of the model.
+            pose: initial pose in the world.
+            namespace: namespace of the robot.
+            parameters: ROS parameters below this namespace, as nested mappings.
+            joint_positions: initial joint positions by joint name, rad or m.
+            cameras: settings that override those of the description, nested by the parts of the
+                camera name. A camera with invalid settings is logged and left out.
 
         Raises:
-            SimError: saying what is wrong; the world is as before then.
+            SimError: the model cannot be added; the world is unchanged.
         """
         if len(description.control_plugins) > 1:
             raise DescriptionError(
@@ -214,53 +229,68 @@ class Simulation:
                 seed = derive_seed(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
                 self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
         if description.grasps:
-            from aras_sim_bridge.world import GraspFix  # which few robots have
+            from aras_sim_bridge.world import GraspFix  # needed by few robots
 
             self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
         return model
 
     def delete(self, name: str) -> None:
-        """Take a model out, with its controllers and cameras; WorldError when there is none."""
+        """Remove a model with its controllers, cameras and sensors.
+
+        Raises:
+            WorldError: the model does not exist.
+        """
         model = self.world.model(name)
         robot = self.robots.pop(name, None)
         if robot is not None:
             robot.manager.shutdown()
-        self.cameras = [one for one in self.cameras if one.model not in model.bodies]
-        self.sensors = [one for one in self.sensors if one.model not in model.bodies]
-        self.grasps = [one for one in self.grasps if one.model is not model]
+        self.cameras = [camera for camera in self.cameras if camera.model not in model.bodies]
+        self.sensors = [sensor for sensor in self.sensors if sensor.model not in model.bodies]
+        self.grasps = [grasp for grasp in self.grasps if grasp.model is not model]
         self.world.delete(name)
 
     def light(self, name: str) -> Light:
-        """The light called `name`; WorldError naming those that exist."""
+        """Return the light `name`.
+
+        Raises:
+            WorldError: the light does not exist; the message lists the existing lights.
+        """
         if name not in self.lights:
             known = ", ".join(self.lights) or "none"
             raise WorldError(f"light '{name}' does not exist; there are: {known}")
         return self.lights[name]
 
     def set_light(self, light: Light) -> None:
-        """Add a light or change the one of its name; one too many is kept and logged.
+        """Add a light or replace the light of the same name.
+
+        Only the first MOST_LIGHTS lights illuminate images; a warning is logged for any further
+        one.
 
         Raises:
-            WorldError: a number that no light has; nothing is changed then.
+            WorldError: a value of the light is invalid; the simulation is unchanged.
         """
-        new = light.name not in self.lights
+        is_new = light.name not in self.lights
         self.lights[light.name] = check_light(light)
-        if new and len(self.lights) > MOST_LIGHTS:
+        if is_new and len(self.lights) > MOST_LIGHTS:
             log.warning(
-                "light '%s' is one too many: pictures are lit by the first %d, which are not to be "
-                "deleted for it to count", light.name, MOST_LIGHTS
+                "light '%s' has no effect: only the first %d lights illuminate images; delete one "
+                "of these to use it", light.name, MOST_LIGHTS
             )
         if self._renderer is not None:
             self._renderer.light = self._compute_lighting()
 
     def delete_light(self, name: str) -> None:
-        """Take a light away; WorldError naming those that exist."""
+        """Remove the light `name`.
+
+        Raises:
+            WorldError: the light does not exist; the message lists the existing lights.
+        """
         del self.lights[self.light(name).name]
         if self._renderer is not None:
             self._renderer.light = self._compute_lighting()
 
     def _compute_lighting(self) -> Lighting:
-        """The light that cameras see by now."""
+        """Return the lighting of images at the current simulated time."""
         lights = tuple(self.lights.values())[:MOST_LIGHTS]
         now = tuple(
             light
@@ -276,7 +306,11 @@ class Simulation:
         )
 
     def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
-        """Of these lights: where one white sun without shadows is all, as that."""
+        """Return the lighting of images by these lights and the ambient light.
+
+        If there is no light, or only a white directional light without shadows, the result uses
+        `direction` and `diffuse`; in all other cases it contains the list of lights.
+        """
         scene = self.config.scene
         ambient = max(scene.ambient[:3])
         tint = tuple(part / (ambient or 1.0) for part in scene.ambient[:3])
@@ -297,27 +331,27 @@ class Simulation:
         """Simulate one time step in Gazebo's order: time, controllers, physics, sensors.
 
         Args:
-            until_ns: simulated time, ns. As many steps as end up to then are made in one compiled
-                call, but none beyond the next one that a camera, a listener or a controller in
-                Python takes part in. The result is the same as of single steps.
-            answers: what reads the joints in that call, and commands them.
+            until_ns: simulated time, ns, up to which further steps may be simulated in the same
+                compiled call. The call ends before a step that involves a camera, a sensor, a
+                listener or a controller in Python. The result is identical to that of single steps.
+            compiled_controller: controller that reads the joints and commands them in this call.
         """
-        began_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
+        start_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
         cameras = [camera for camera in self.cameras if camera.enabled]
         sensors = [sensor for sensor in self.sensors if sensor.enabled]
-        for looks in (*cameras, *sensors, *self.grasps):
-            until_ns = min(until_ns, looks.idle_until_ns)
-        begun = self._start_cycles(time_ns, max(until_ns, time_ns), compiled_controller)
-        if begun is None:
+        for listener in (*cameras, *sensors, *self.grasps):
+            until_ns = min(until_ns, listener.idle_until_ns)
+        cycle_inputs = self._start_cycles(time_ns, max(until_ns, time_ns), compiled_controller)
+        if cycle_inputs is None:
             for robot in self.robots.values():
                 robot.loop.step(time_ns)
-        for looks in (*cameras, *sensors):
-            looks.before_step(began_ns, time_ns)
-        if begun is None:
+        for listener in (*cameras, *sensors):
+            listener.before_step(start_ns, time_ns)
+        if cycle_inputs is None:
             self.world.step()
             self.time_ns = time_ns
         else:
-            self._run_cycles(max(until_ns, time_ns), *begun)
+            self._run_cycles(max(until_ns, time_ns), *cycle_inputs)
         for sensor in sensors:
             sensor.after_step(self.time_ns)
         for sensor in sensors:
@@ -335,75 +369,87 @@ class Simulation:
     def _start_cycles(
         self, time_ns: int, until_ns: int, compiled_controller: CompiledController | None
     ) -> tuple[ControlledModel, CycleFunction, tuple, np.ndarray, float] | None:
-        """The one robot, if it moves alone and Python takes no part in the tick that ends at
-        `time_ns`; what makes its cycles, and what World.alone and ControlLoop.begin answer."""
+        """Prepare compiled cycles from the step that ends at `time_ns`.
+
+        Return the robot, the function that runs the cycles, and the results of
+        World.get_compiled_step and ControlLoop.start_cycles. Return None if this step cannot be
+        compiled: there is not exactly one robot, or contacts or Python code are involved.
+        """
         if len(self.robots) != 1:
             return None
         (robot,) = self.robots.values()
         physics = self.world.get_compiled_step(robot.model)
         if physics is None:
             return None
-        sampled = (
+        sampler = (
             None
             if compiled_controller is None
             else compiled_controller.start_cycles(time_ns, until_ns)
         )
-        begun = robot.loop.start_cycles(time_ns, self.step_ns, sampled)
-        cycles = cycle.run_cycles if sampled is None else compiled_controller.run_cycles
-        return None if begun is None else (robot, cycles, physics, *begun)
+        loop_inputs = robot.loop.start_cycles(time_ns, self.step_ns, sampler)
+        run_cycles = cycle.run_cycles if sampler is None else compiled_controller.run_cycles
+        return None if loop_inputs is None else (robot, run_cycles, physics, *loop_inputs)
 
     def _run_cycles(
         self,
         until_ns: int,
         robot: ControlledModel,
-        cycles: CycleFunction,
+        run_cycles: CycleFunction,
         physics: tuple,
         loops: np.ndarray,
         idle_ns: float,
     ) -> None:
-        """Compiled ticks up to `until_ns`, or `idle_ns`; WorldError where one diverges."""
-        began_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
+        """Run compiled cycles up to `until_ns` or `idle_ns`, whichever is earlier.
+
+        Raises:
+            WorldError: a joint diverges.
+        """
+        start_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
         count = min(
-            int(min(until_ns, idle_ns) - began_ns) // step_ns, self.world.steps_until_contact
+            int(min(until_ns, idle_ns) - start_ns) // step_ns, self.world.steps_until_contact
         )
-        made, end, bad = cycles(
-            count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
+        made, end, diverged = run_cycles(
+            count, start_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
         )
-        robot.loop.end_cycles(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
-        self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
+        robot.loop.end_cycles(start_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
+        self.time_ns = start_ns + (made - (end == cycle.DIVERGED)) * step_ns
         if end != cycle.ALL_MADE:
             hardware.log_warnings()
-        self.world.finish_compiled_steps(robot.model, made, bad, end != cycle.BASE_UNSUPPORTED)
+        self.world.finish_compiled_steps(robot.model, made, diverged, end != cycle.BASE_UNSUPPORTED)
         if end == cycle.NOT_FINITE:
             hardware.apply(self.time_ns)
             robot.model.check_efforts()
 
     def next_image_ns(self) -> int | None:
-        """When a camera next has something to do, ns; None: none has. The step that contains it
-        ends later, by less than a step."""
+        """Return the simulated time, ns, of the next event of a camera, or None if there is none.
+
+        The camera acts at the end of the step that contains this time.
+        """
         due = (camera.sensor.due_ns for camera in self.cameras if camera.enabled)
         return min((at_ns for at_ns in due if self.time_ns < at_ns < NEVER), default=None)
 
     def set_joint_positions(self, name: str, positions: Mapping[str, float]) -> None:
-        """Put joints of a model at `positions` (rad or m), at rest; mimicking ones follow.
+        """Set joint positions (rad or m) of a model and set the joint velocities to zero.
 
-        A joint that takes position commands stays there until it gets one.
+        Mimic joints follow. A joint with a position interface holds its position until the next
+        command.
 
         Raises:
-            WorldError: unknown model or joint, or a number that is not finite; nothing is changed.
+            WorldError: a model or joint is unknown or a number is not finite; the simulation is
+                unchanged.
         """
         (self.world.models.get(name) or self.world.model(name)).set_joint_positions(positions)
         if name in self.robots:
             self.robots[name].hardware.hold_positions(positions)
 
     def reset_world(self) -> None:
-        """Models back to their spawn poses; time and joint angles stay."""
+        """Move all models back to their initial poses; time and joint positions do not change."""
         self.world.reset_world()
         for robot in self.robots.values():
             robot.loop.reset()
 
     def reset_simulation(self) -> None:
-        """Everything as spawned, at time 0; controllers begin anew towards their set points."""
+        """Restore the state after spawning at time 0; controllers restart with their set points."""
         self.world.reset_simulation()
         self.time_ns = 0
         for robot in self.robots.values():
@@ -416,26 +462,30 @@ class Simulation:
     def set_physics(
         self, time_step: float, gravity: tuple[float, float, float], solver_iterations: int
     ) -> None:
-        """Change the engine's settings; WorldError, and nothing changed, when impossible."""
+        """Change time step (s), gravity (m/s²) and solver iterations of the physics engine.
+
+        Raises:
+            WorldError: a value is invalid; the simulation is unchanged.
+        """
         self.world.set_physics(time_step, gravity, solver_iterations)
         self.step_ns = round(time_step * 1e9)
 
     def close(self) -> None:
-        """Give everything back; safe to call twice."""
+        """Release the renderer and the physics engine; a second call has no effect."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
         self.world.close()
 
     def _check_namespace(self, namespace: str, name: str) -> None:
-        """WorldError where a robot has the controller manager of `namespace` already."""
+        """Raise WorldError if another robot already has a controller manager in `namespace`."""
         for robot in self.robots.values():
             if robot.namespace == namespace and robot.name != name:
                 raise WorldError(
-                    f"model '{name}': its robot namespace {namespace or '/'} is that of model "
-                    f"'{robot.name}', whose controllers are served there; give it another one: "
-                    "<robotNamespace> of its gazebo_ros_control plugin, or robot_namespace of the "
-                    "request where the plugin has none"
+                    f"model '{name}': its robot namespace {namespace or '/'} is already used by "
+                    f"the controllers of model '{robot.name}'; set another <robotNamespace> in its "
+                    "gazebo_ros_control plugin or, if the plugin has none, another robot_namespace "
+                    "in the spawn request"
                 )
 
     def _make_robot(
@@ -455,15 +505,15 @@ class Simulation:
         return None
 
     def _warn_if_unstable(self, robot: ControlledModel) -> None:
-        """Say where the PIDs of the controllers that were started will not hold their joints."""
+        """Log a warning if PIDs of the started controllers are unstable with the time step."""
         if text := robot.report_stability(self.world.time_step):
             log.warning("%s", text)
 
     def camera(self, name: str) -> MountedCamera:
-        """The camera whose topics stand below `name` ('/labrob/camera').
+        """Return the camera with the topic namespace `name`, for example '/labrob/camera'.
 
         Raises:
-            WorldError: there is none; names those that exist.
+            WorldError: the camera does not exist; the message lists the existing cameras.
         """
         for camera in self.cameras:
             if camera.sensor.config.topic_root == name:
@@ -472,7 +522,11 @@ class Simulation:
         raise WorldError(f"camera '{name}' does not exist; there are: {known}")
 
     def add_camera(self, name: str, settings: Mapping[str, object]) -> MountedCamera:
-        """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
+        """Add a camera that is fixed in the world; see mounting.configure_world_camera.
+
+        Raises:
+            CameraError: the settings are invalid or a name is already in use.
+        """
         config, pose = configure_world_camera(
             name, settings, self._get_camera_defaults(), self.config.seed
         )
@@ -483,14 +537,14 @@ class Simulation:
     def _mount(
         self, model: Model, camera: CameraDescription, settings: Mapping[str, object]
     ) -> None:
-        """Mount one camera of a description. One that is impossible must not cost the robot."""
+        """Mount one camera of a description; log an error if its settings are invalid."""
         try:
             config = configure_robot_camera(
                 camera, settings, self._get_camera_defaults(), self.config.seed
             )
             mounted = MountedCamera(self._make_camera_sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
-            log.error("model '%s' goes without its camera '%s': %s", model.name, camera.name, error)
+            log.error("model '%s' has no camera '%s': %s", model.name, camera.name, error)
             return
         self.cameras.append(mounted)
         first = find_simultaneous(mounted, self.cameras)[0].sensor

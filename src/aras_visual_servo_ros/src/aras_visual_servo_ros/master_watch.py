@@ -1,4 +1,4 @@
-"""Notices that the ROS master has gone: rospy itself would go on for ever without a word."""
+"""Detection of the loss of the ROS master, which rospy itself does not report."""
 
 from __future__ import annotations
 
@@ -8,15 +8,15 @@ from collections.abc import Callable
 
 import rosgraph
 
-PATIENCE = 2  # so many questions in a row without an answer, and it is gone
-RETRY = 0.5  # seconds of wall time after a question without an answer
+PATIENCE = 2  # number of consecutive failed queries after which the master counts as lost
+RETRY = 0.5  # seconds of wall time until the next query after a failed one
 
 
 class MasterWatch:
-    """Asks the master for its process id now and then."""
+    """Monitor of the ROS master; it queries the master's process ID periodically."""
 
     def __init__(self, name: str, period: float = 2.0) -> None:
-        """Ask in the name of the node `name`, `period` so many seconds of wall time."""
+        """Create a monitor for the node `name` with a query every `period` s of wall time."""
         self._master = rosgraph.Master(name)
         self._period = period
         self._next = 0.0
@@ -24,7 +24,10 @@ class MasterWatch:
         self._pid: int | None = None
 
     def find_loss_reason(self) -> str:
-        """Why this node has no master any more, or '' while it has; cheap to call often."""
+        """Return why this node has lost its master, or '' if it has not.
+
+        Frequent calls are cheap, because the master is queried only once per period.
+        """
         now = time.monotonic()
         if now < self._next:
             return ""
@@ -39,14 +42,14 @@ class MasterWatch:
         self._failures = 0
         self._next = now + self._period
         self._pid = self._pid or pid
-        return "" if pid == self._pid else "the ROS master was restarted and does not know us"
+        return "" if pid == self._pid else "the ROS master was restarted"
 
     def watch(self, on_loss: Callable[[str], None]) -> None:
-        """Look from a thread of its own, and call `on_loss` with the reason, once."""
+        """Monitor the master in a new thread and call `on_loss` once with the reason."""
 
         def run() -> None:
-            while not (why := self.find_loss_reason()):
+            while not (reason := self.find_loss_reason()):
                 time.sleep(RETRY)
-            on_loss(why)
+            on_loss(reason)
 
         threading.Thread(target=run, name="master watch", daemon=True).start()

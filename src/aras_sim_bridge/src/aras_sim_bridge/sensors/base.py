@@ -1,4 +1,4 @@
-"""What all sensors of motion and forces have in common: when they measure, and their noise."""
+"""Base class of the motion and force sensors: measurement times and noise."""
 
 from __future__ import annotations
 
@@ -13,27 +13,30 @@ from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Vector3
 
 State = TypeVar("State")
-_BIAS, _NOISE = 0, 1  # two random sequences: the bias of a run, the noise of each reading
+_BIAS, _NOISE = 0, 1  # keys of two random sequences: bias of a run, noise of each reading
 
 
 class RateSensor(ABC, Generic[State]):
-    """Measures at the first tick at or after k / rate s of simulated time, k = 1, 2, ...; at every
-    tick where the rate is 0. A reading may need the state some time before: `_span_ns`, one tick
-    where that is 0.
+    """Sensor that measures at a fixed rate of simulated time.
+
+    The k-th reading is taken after the first step that ends at or after k / rate s; with rate 0
+    a reading is taken after every step. A reading may need an earlier state of the model, which is
+    stored `_span_ns` before the reading (one step before if `_span_ns` is 0).
 
     The simulation calls `before_step` and `after_step` around each step while the sensor is
-    `enabled`; steps that end up to `idle_until_ns` need no such calls.
+    `enabled`; steps that end at or before `idle_until_ns` need no such calls.
 
     Attributes:
-        description, model: what measures, and where.
-        on_state: gets each reading; None: nobody wants them, and nothing is measured.
+        description: settings of the sensor.
+        model: model that the sensor belongs to.
+        on_state: called with each reading; if None, the sensor does not measure.
     """
 
     _span_ns = 0
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
                  ) -> None:
-        """`seed` is at least 0; it and the stamps are all that noise depends on."""
+        """Create the sensor; its noise depends only on `seed` (≥ 0) and the stamps of readings."""
         self.description = description
         self.model = model
         self._world = world
@@ -41,10 +44,11 @@ class RateSensor(ABC, Generic[State]):
         channels = description.channels
         random = np.random.default_rng([seed, _BIAS])
         self._mean, self._stddev = np.zeros(6), np.full(6, description.noise)
-        for i, one in enumerate(channels):
-            bias = random.normal(one.bias_mean, one.bias_stddev) * random.choice((-1.0, 1.0))
-            self._mean[i] = one.mean + bias
-            self._stddev[i] = np.hypot(self._stddev[i], one.stddev)
+        for i, channel in enumerate(channels):
+            bias = random.normal(channel.bias_mean, channel.bias_stddev)
+            bias *= random.choice((-1.0, 1.0))
+            self._mean[i] = channel.mean + bias
+            self._stddev[i] = np.hypot(self._stddev[i], channel.stddev)
         self._listener: Callable[[object], None] | None = None
         self._is_new = True
         self._due_ns = 0
@@ -61,22 +65,22 @@ class RateSensor(ABC, Generic[State]):
 
     @property
     def enabled(self) -> bool:
-        """Whether readings are wanted."""
+        """Whether the sensor has a listener and therefore measures."""
         return self._listener is not None
 
     @property
     def idle_until_ns(self) -> int:
-        """Up to when, ns, steps may end without a call around each."""
+        """Simulated time, ns, up to which steps need no `before_step` and `after_step`."""
         if self._is_new:
             return 0
         return self._due_ns - 1 - (self._span_ns if self._previous_state is None else 0)
 
     def reset(self) -> None:
-        """Begin anew with the next step: the clock jumped."""
+        """Restart the measurement with the next step, after a jump of simulated time."""
         self._is_new = True
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Before the step from `time_ns` to `after_ns`."""
+        """Store the state that the next reading needs; call before the step to `after_ns`."""
         if self._is_new:
             self._is_new, self._previous_state = False, None
             self.model.applied_forces.clear()
@@ -88,7 +92,7 @@ class RateSensor(ABC, Generic[State]):
         self._observe_step(self._due_ns <= after_ns)
 
     def after_step(self, time_ns: int) -> None:
-        """After a step that ended at `time_ns`."""
+        """Take a reading if one is due; call after the step that ended at `time_ns`."""
         if self._is_new or time_ns < self._due_ns:
             return
         if self._previous_state is not None and self._listener is not None:
@@ -99,7 +103,7 @@ class RateSensor(ABC, Generic[State]):
         self._schedule_next(time_ns)
 
     def _schedule_next(self, time_ns: int) -> None:
-        """The next reading is the first one after `time_ns`."""
+        """Set the time of the next reading to the first multiple of 1 / rate after `time_ns`."""
         rate = self.description.rate
         if rate == 0.0:
             self._due_ns = time_ns + 1
@@ -110,18 +114,18 @@ class RateSensor(ABC, Generic[State]):
         self._due_ns = round(index * 1e9 / rate)
 
     def _observe_step(self, last: bool) -> None:
-        """Look at what acts in the coming step; `last`: the reading comes after it."""
+        """Record the forces on the model before a step; `last`: a reading follows this step."""
 
     @abstractmethod
     def _read_state(self) -> State:
-        """What a reading needs of the time before it."""
+        """Return the state of the model that a later reading needs."""
 
     @abstractmethod
     def _measure(self, before: State, time_ns: int, seconds: float) -> object:
-        """The reading at `time_ns`, so many seconds after the state `before`."""
+        """Return the reading at `time_ns`; the state `before` is `seconds` s older."""
 
     def _add_noise(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
-        """Two vectors with the noise of their six channels."""
+        """Return two vectors with the noise of the six channels added."""
         if not (self._mean.any() or self._stddev.any()):
             return first, second
         random = np.random.default_rng([self._seed, stamp_ns, _NOISE])

@@ -1,8 +1,8 @@
-"""Transforms of camera frames that no robot_state_publisher knows.
+"""Static transforms of camera frames that robot_state_publisher does not publish.
 
-A camera fixed in the world has no URDF, and a preset may give a camera an optical frame that its
-URDF lacks. The bridge publishes such frames on /tf_static, all in one message: a latched topic
-keeps only the last.
+A camera fixed in the world has no URDF, and a preset may specify an optical frame that the URDF
+does not contain. The bridge publishes such frames on /tf_static. All of them are in one message,
+because a latched topic only keeps the last message.
 """
 
 from __future__ import annotations
@@ -26,7 +26,10 @@ _publisher: rospy.Publisher | None = None
 def announce(
     mounted: MountedCamera, parent_T_optical: np.ndarray, frame_id: str, namespace: str
 ) -> bool:
-    """Publish the frame of a camera, (4, 4) in its link, if nobody else does; return whether."""
+    """Publish the optical frame of a camera unless the URDF contains it; return whether it was.
+
+    `parent_T_optical` (4, 4) is the pose of the optical frame in the link of the camera.
+    """
     name = mounted.sensor.config.optical_frame_name
     if not name or (mounted.model is not None and name in mounted.model.description.links):
         return False
@@ -43,7 +46,7 @@ def announce(
 
 
 def withdraw(frame_id: str) -> None:
-    """Forget a frame; who has heard of it keeps it, as tf does."""
+    """Stop publishing a frame; tf buffers that have already received it keep it."""
     with _lock:
         if _transforms.pop(frame_id, None) is not None:
             _publish()

@@ -1,4 +1,4 @@
-"""Which number of a segmentation image is which link."""
+"""Publisher of the link names that belong to the numbers in segmentation images."""
 
 from __future__ import annotations
 
@@ -13,18 +13,18 @@ from aras_sim_bridge.world.labels import list_links_by_label
 
 
 class LabelTopic(NonBlockingPublisher):
-    """A latched YAML text `number: model::link`, sent anew when models come or go."""
+    """Latched topic with the YAML text `number: model::link`, updated when models change."""
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
-        """Advertise; `on_change` is called, from any thread, when listeners came or went."""
+        """Advertise; `on_change` is called from any thread when subscribers connect or leave."""
         super().__init__(topic, String, queue_size=2, latch=True, on_change=on_change)
         self._labels: tuple[tuple[str, int], ...] | None = None
 
     def update(self, simulation: Simulation) -> None:
-        """Look at the models; runs in the simulation's thread."""
+        """Publish the labels if the models have changed; call in the simulation thread."""
         models = simulation.world.models
-        known = tuple((name, model.body_id) for name, model in models.items())
-        if known == self._labels:
+        labels = tuple((name, model.body_id) for name, model in models.items())
+        if labels == self._labels:
             return
-        self._labels = known
+        self._labels = labels
         self.publish(String(yaml.safe_dump(list_links_by_label(models))))

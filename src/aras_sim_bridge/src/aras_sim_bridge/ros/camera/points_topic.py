@@ -1,4 +1,4 @@
-"""A topic of sensor_msgs/PointCloud2, of one camera's depth pictures."""
+"""Publisher of the depth images of one camera as sensor_msgs/PointCloud2."""
 
 from __future__ import annotations
 
@@ -20,23 +20,25 @@ _FIELDS = [
 
 
 class PointsTopic(NonBlockingPublisher):
-    """To be published on from one thread; points are in the camera's optical axes."""
+    """Point cloud publisher for use from a single thread; points are in the optical frame."""
 
     def __init__(
         self, topic: str, rays: np.ndarray, settings: DepthTopics, on_change: Callable[[], None]
     ) -> None:
-        """Advertise.
+        """Advertise the topic.
 
         Args:
-            rays: (H, W, 3) as CameraSensor.rays has them.
-            changed: called, from any thread, when listeners came or went.
+            topic: name of the topic.
+            rays: (H, W, 3), result of CameraSensor.compute_rays.
+            settings: settings of the depth topics.
+            on_change: called from any thread when subscribers connect or leave.
         """
         self._cloud = PointCloud(rays, settings)
         self._rows = settings.rows
         super().__init__(topic, PointCloud2, queue_size=1, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
-        """Send the cloud of a frame with depth."""
+        """Publish the point cloud of a frame with depth image."""
         if not self.subscriber_count:
             return
         image = frame.image[..., ::-1] if frame.encoding.startswith("bgr") else frame.image

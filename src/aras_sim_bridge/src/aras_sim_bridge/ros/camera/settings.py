@@ -1,4 +1,4 @@
-"""/gazebo/cameras on the parameter server: presets of robots' cameras, and cameras of the world."""
+"""Camera settings in /gazebo/cameras: presets of robot cameras, and cameras of the world."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ _reported_names: set[str] = set()
 
 
 def read_cameras() -> Mapping[str, object]:
-    """All settings of cameras; empty, with a log line, where there is something else."""
+    """Return the camera settings by camera name; log an error if they are not a mapping."""
     values = get_parameter("~cameras")
     if isinstance(values, dict):
         return values
@@ -26,7 +26,7 @@ def read_cameras() -> Mapping[str, object]:
 
 
 def mount_world_cameras(thread: SimulationThread) -> None:
-    """Put every camera with `parent: world` into the simulation; a wrong one is left out."""
+    """Add all cameras with `parent: world`; log an error for each one with invalid settings."""
     for name, settings in mounting.find_world_cameras(read_cameras()):
         try:
             thread.call(lambda n=name, s=settings: thread.simulation.add_camera(n, s), ADD_TIMEOUT)
@@ -37,17 +37,20 @@ def mount_world_cameras(thread: SimulationThread) -> None:
 def check_unused_names(
     settings: Mapping[str, object], thread: SimulationThread, new: RobotDescription
 ) -> None:
-    """Say once which settings belong to no camera; `new` is the description just spawned."""
+    """Log a warning for settings without a camera, once per name.
+
+    `new` is the description of the model that has just been spawned.
+    """
     if not new.cameras:
         return
     cameras = thread.call(lambda: list(thread.simulation.cameras))
     names = {camera.sensor.config.camera_name for camera in cameras}
-    names |= {c.name for c in new.cameras}
-    names |= {c.plugin.camera_name for c in new.cameras if c.plugin is not None}
+    names |= {camera.name for camera in new.cameras}
+    names |= {camera.plugin.camera_name for camera in new.cameras if camera.plugin is not None}
     for name in mounting.find_unused_names(settings, names):
         if name not in _reported_names:
             _reported_names.add(name)
             rospy.logwarn(
-                "the settings %s/%s belong to no camera; there are %s",
+                "the settings %s/%s belong to no camera; existing cameras: %s",
                 rospy.resolve_name("~cameras"), name, ", ".join(sorted(filter(None, names))),
             )  # fmt: skip

@@ -1,4 +1,4 @@
-"""The ROS face of one simulated camera: gazebo_ros_camera's topics, service and settings."""
+"""ROS interface of one camera: topics, service and settings of gazebo_ros_camera."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ Topic = NonBlockingPublisher | CompressedTopic
 
 
 class CameraTopics:
-    """The ROS face of one mounted camera; it renders only while somebody listens."""
+    """Topics, service and settings of one camera; it renders only while it has subscribers."""
 
     def __init__(
         self,
@@ -43,9 +43,9 @@ class CameraTopics:
         thread: SimulationThread,
         before_frame: Callable[[], None] | None = None,
     ) -> None:
-        """Advertise the topics of `mounted` and take its frames.
+        """Advertise the topics of the camera `mounted` and publish its frames.
 
-        before_frame: called in the simulation's thread before a frame goes out, or None.
+        before_frame: called in the simulation thread before a frame is published, or None.
         """
         self._mounted = mounted
         self._thread = thread
@@ -80,13 +80,13 @@ class CameraTopics:
         return self._mounted.sensor.info
 
     def _advertise(self, config: CameraConfig) -> None:
-        peers = SubscriberWatch(self._on_subscribers)
+        watch = SubscriberWatch(self._on_subscribers)
         self._info = self._make_info_topic(config.resolve_topic(config.info_topic))
         self._image = self._add_topic(
             ImageTopic(config.resolve_topic(config.image_topic), self._on_subscribers)
         )
         self._compressed = self._add_topic(
-            CompressedTopic(config.resolve_topic(config.image_topic), peers)
+            CompressedTopic(config.resolve_topic(config.image_topic), watch)
         )
         if config.depth:
             names = config.depth_topics
@@ -113,7 +113,7 @@ class CameraTopics:
         self._sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
         self._sensor_settings.publish(String(format_sensor_yaml(config)))
         self._services.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
-        if config.camera_name:  # as upstream: none without a name of its own
+        if config.camera_name:  # like upstream, only for cameras with a name
             self._services.append(self._make_rate_server(self._thread.call(self._read_rate)))
         self._publishes_frame = frame_broadcaster.announce(
             self._mounted,
@@ -123,14 +123,14 @@ class CameraTopics:
         )
 
     def shutdown(self) -> None:
-        """Take the camera off the graph."""
+        """Shut down all topics and services of the camera."""
         self._is_advertised = False
         self._on_subscribers()
         if self._publishes_frame:
             frame_broadcaster.withdraw(self._frame_id)
-        for end in (self._trigger, self._sensor_settings):
-            if end is not None:
-                end.unregister()
+        for topic in (self._trigger, self._sensor_settings):
+            if topic is not None:
+                topic.unregister()
         for service in self._services:
             service.shutdown()
         for topic in self._topics:
@@ -149,25 +149,28 @@ class CameraTopics:
         return self._mounted.sensor.rate
 
     def _make_rate_server(self, rate: float) -> ReconfigureServer:
-        """imager_rate, told truly; upstream's limits of 1 to 50 Hz, or wider."""
+        """Serve the parameter imager_rate with upstream's limits of 1 to 50 Hz.
+
+        The limits are extended if the initial rate is outside of them.
+        """
         text = "Frames per second of simulated time"
         field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
 
         def apply_rate(values: dict[str, Value]) -> None:
-            wanted = float(values["imager_rate"])
+            new_rate = float(values["imager_rate"])
 
             def job() -> None:
                 simulation = self._thread.simulation
                 for camera in find_simultaneous(self._mounted, simulation.cameras):
-                    if wanted != camera.sensor.rate:
-                        camera.sensor.set_rate(wanted, simulation.time_ns, simulation.step_ns)
+                    if new_rate != camera.sensor.rate:
+                        camera.sensor.set_rate(new_rate, simulation.time_ns, simulation.step_ns)
 
             self._thread.call(job)
 
         return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply_rate)
 
     def _on_trigger(self, _message: Empty) -> None:
-        """Have a picture taken, in the simulation's thread."""
+        """Trigger an exposure of this camera and of the cameras synchronised with it."""
 
         def job() -> None:
             simulation = self._thread.simulation
@@ -177,20 +180,20 @@ class CameraTopics:
         self._thread.post(job)
 
     def _on_subscribers(self) -> None:
-        """Listeners may have come or gone, in any thread."""
+        """Update the outputs in the simulation thread; called from any thread."""
         self._thread.post(self._update_outputs)
 
     def _update_outputs(self) -> None:
-        """Have drawn what is listened to."""
+        """Enable the camera and its outputs according to the current subscribers."""
         mounted = self._mounted
         mounted.on_frame = self._on_frame if self._is_advertised else None
         mounted.enabled = self._is_advertised and any(map(_has_subscribers, self._topics))
-        wanted = _has_subscribers(self._depth) or _has_subscribers(self._points)
-        mounted.sensor.depth = self._is_advertised and wanted
+        needs_depth = _has_subscribers(self._depth) or _has_subscribers(self._points)
+        mounted.sensor.depth = self._is_advertised and needs_depth
         mounted.sensor.segmentation = self._is_advertised and _has_subscribers(self._segmentation)
 
     def _on_frame(self, frame: SensorFrame) -> None:
-        """Publish one frame."""
+        """Publish one frame on all topics that have subscribers."""
         if self._before_frame is not None:
             self._before_frame()
         stamp = to_time(frame.stamp_ns)
@@ -214,9 +217,9 @@ class CameraTopics:
 
     @service_handler(SetCameraInfo, in_caller_thread=True)
     def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:
-        """Publish this calibration from now on, and keep it."""
-        # As camera_info_manager: taken over even where the file cannot be written. Calibrators
-        # leave the frame empty, but an info without the frame of its image is of no use.
+        """Publish the calibration of the request from now on, and save it to a file."""
+        # Like camera_info_manager, use the calibration even if the file cannot be written.
+        # Calibration tools leave the frame empty; subscribers need the frame of the image.
         info = request.camera_info
         info.header.frame_id = info.header.frame_id or self._frame_id
         self._info_message = info

@@ -1,4 +1,4 @@
-"""Goals of a controller through actionlib."""
+"""Action servers of controllers, based on actionlib."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class _SimTimeActionServer(ActionServer):
-    """actionlib's server with stamps of simulated time; its timer runs on wall time."""
+    """Server of actionlib with stamps of simulated time; its status timer uses wall time."""
 
     def __init__(self, *args: object, thread: SimulationThread) -> None:
         self._thread = thread
@@ -58,10 +58,11 @@ class _SimTimeActionServer(ActionServer):
 
 
 class ControllerAction(ABC):
-    """The action of one controller.
+    """Base class of the action server of one controller.
 
-    Goals and cancels are posted, never waited for: actionlib calls with its lock held, which the
-    simulation's thread needs to tell of a goal's progress.
+    Goals and cancel requests are posted to the simulation thread without waiting. actionlib holds
+    its lock during callbacks, and the simulation thread needs this lock to publish feedback;
+    waiting would cause a deadlock.
     """
 
     action: ClassVar[type[Message]]
@@ -69,9 +70,9 @@ class ControllerAction(ABC):
 
     def __init__(self, controller: JointTrajectoryController | GripperActionController,
                  namespace: str, thread: SimulationThread) -> None:
-        """Serve `controller` below its `namespace`, as the class's action at its topic."""
+        """Serve the class's `action` for `controller` at the topic `namespace`/`topic`."""
         self._controller = controller
-        self._goals: dict[str, GoalHandle] = {}  # the simulation's thread's
+        self._goals: dict[str, GoalHandle] = {}  # used in the simulation thread only
         self._server = _SimTimeActionServer(
             f"{namespace}/{self.topic}",
             self.action,
@@ -82,19 +83,19 @@ class ControllerAction(ABC):
         self._server.start()
 
     def shutdown(self) -> None:
-        """Take the action off the graph."""
+        """Shut down the action server."""
         self._server.stop()
 
     @abstractmethod
     def _make_goal(self, message: Message) -> object:
-        """The controller's goal of a message."""
+        """Return the controller goal of a goal message."""
 
     @abstractmethod
     def _make_result(self, handle: GoalHandle) -> tuple[Message, str]:
-        """Message and text of a goal that has ended."""
+        """Return the result message and status text of a finished goal."""
 
     def _make_feedback(self, state: object) -> Message:
-        """Message of a state of the controller's; for those that tell any."""
+        """Return the feedback message of a controller state; for controllers with feedback."""
         raise NotImplementedError
 
     def _start_goal(self, goal: ServerGoalHandle) -> None:

@@ -1,8 +1,9 @@
-"""A topic whose messages are commands: read by the simulation's thread itself, between two steps.
+"""Subscription to a command topic whose messages the simulation thread reads between two steps.
 
-rospy gives every connection a thread, which would decode 6 000 messages a second of an original
-node's loop without sleep. Here that thread hands over its connection, with what it has read, and
-rests until the connection ends; see runtime.inbox for what becomes of the messages.
+rospy decodes every message in a separate thread per connection. A node of the original project that
+publishes in a loop without sleep sends 6 000 messages per second. Here rospy's thread passes its
+connection and the bytes that it has already read to the simulation thread, and then waits until the
+connection ends. See runtime/message_receiver.py for the processing of the messages.
 """
 
 from __future__ import annotations
@@ -20,15 +21,15 @@ from aras_sim_bridge.ros.runtime.message_receiver import BUFFER_SIZE, MessageStr
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_base.names import USER_FAULTS
 
-COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
-CLOSED_PERIOD = 1.0  # seconds of wall time between two looks whether rospy closed a connection
+COMPLAINT_PERIOD = 5.0  # s of wall time between two log lines of one topic
+CLOSED_PERIOD = 1.0  # s of wall time between two checks whether rospy has closed a connection
 _lock = threading.Lock()
 _subscriptions: dict[str, _SharedSubscription] = {}
-_thread_data = threading.local()  # .bodies: what rospy's thread has read and nobody has taken
+_thread_data = threading.local()  # .bodies: message bodies read by one of rospy's threads
 
 
 class CommandTopic:
-    """Hands each message of a topic on in the step that it arrived before."""
+    """Subscriber whose messages are handled in the simulation thread before the next step."""
 
     def __init__(
         self,
@@ -37,7 +38,7 @@ class CommandTopic:
         on_message: Callable[[Message], None],
         thread: SimulationThread,
     ) -> None:
-        """Subscribe; `on_message`, called in the simulation's thread, may raise SimError."""
+        """Subscribe; `on_message`, called in the simulation thread, may raise SimError."""
         self._topic = topic
         self._on_message = on_message
         self._last_complaint = -COMPLAINT_PERIOD
@@ -52,14 +53,14 @@ class CommandTopic:
         """Unsubscribe."""
         with _lock:
             self._subscription.command_topics = tuple(
-                t for t in self._subscription.command_topics if t is not self
+                other for other in self._subscription.command_topics if other is not self
             )
             if not self._subscription.command_topics:
                 del _subscriptions[self._topic]
                 self._subscription.close()
 
     def handle(self, message: Message) -> None:
-        """Have a message taken; a fault becomes a line, at a bounded rate."""
+        """Call `on_message` with a message; errors are logged at a limited rate."""
         try:
             self._on_message(message)
         except SimError as error:
@@ -67,25 +68,25 @@ class CommandTopic:
         except USER_FAULTS as error:
             self.log_refusal(f"{type(error).__name__}: {error}")
 
-    def log_refusal(self, why: str) -> None:
-        """Say why a message was refused."""
+    def log_refusal(self, reason: str) -> None:
+        """Log why a message was rejected, at most once per COMPLAINT_PERIOD."""
         self._refusals += 1
         now = time.monotonic()
         if now - self._last_complaint >= COMPLAINT_PERIOD:
             more = f" ({self._refusals} refused so far)" if self._refusals > 1 else ""
-            rospy.logerr("%s: %s%s", self._topic, why, more)
+            rospy.logerr("%s: %s%s", self._topic, reason, more)
             self._last_complaint = now
 
 
 class _SharedSubscription:
-    """The one subscription of this process to a topic, whoever takes from it."""
+    """Subscription to a topic that all CommandTopic objects of this process share."""
 
     def __init__(self, topic: str, message: type[Message], thread: SimulationThread) -> None:
         self.command_topics: tuple[CommandTopic, ...] = ()
         self._topic = topic
         self._message = message
         self._thread = thread
-        self._streams: set[MessageStream] = set()  # the simulation's thread's
+        self._streams: set[MessageStream] = set()  # used in the simulation thread only
         self._is_subscribed = threading.Event()
         if thread.lockstep is not None:
             thread.lockstep.claim(topic)
@@ -106,9 +107,13 @@ class _SharedSubscription:
             self._thread.lockstep.release(self._topic)
 
     def _adopt_connection(self, message: Message) -> None:
-        """The first messages of a connection, in rospy's thread for it."""
+        """Pass a new connection to the simulation thread; rospy calls this in its own thread.
+
+        rospy calls it for each of the first messages of the connection. The call blocks until the
+        connection ends.
+        """
         bodies, _thread_data.bodies = _thread_data.bodies, []
-        if not bodies:  # this one went with those that were read before it
+        if not bodies:  # an earlier call has already processed this message
             return
         self._is_subscribed.wait()
         implementation = self._subscriber.impl
@@ -116,16 +121,16 @@ class _SharedSubscription:
         connection: TCPROSTransport | None = next(
             (c for c in connections if c.header is message._connection_header), None
         )
-        if connection is None:  # closed meanwhile
+        if connection is None:  # the connection was closed in the meantime
             return
         rest = connection.read_buff.getvalue()
         connection.read_buff.seek(0)
         connection.read_buff.truncate(0)
-        over = threading.Event()
+        has_ended = threading.Event()
 
         def on_end() -> None:
             self._streams.discard(stream)
-            over.set()
+            has_ended.set()
 
         stream = MessageStream(connection.socket, self._on_body, on_end, bodies, rest)
 
@@ -134,7 +139,7 @@ class _SharedSubscription:
             self._thread.receiver.add(stream)
 
         self._thread.post(start_stream)
-        while not over.wait(CLOSED_PERIOD) and not rospy.is_shutdown():
+        while not has_ended.wait(CLOSED_PERIOD) and not rospy.is_shutdown():
             if connection.done:
                 self._thread.post(lambda: self._thread.receiver.remove(stream))
 
@@ -146,17 +151,17 @@ class _SharedSubscription:
         try:
             message = self._message().deserialize(body)
         except DeserializationError as error:
-            reason = f"a message of {len(body)} bytes is no {self._message._type}: {error}"
+            reason = f"a message of {len(body)} bytes is not a {self._message._type}: {error}"
             self.command_topics[0].log_refusal(reason)
             return
-        for taker in self.command_topics:
-            taker.handle(message)
+        for command_topic in self.command_topics:
+            command_topic.handle(message)
         if self._thread.lockstep is not None:
             self._thread.lockstep.note_message(self._topic)
 
 
 def make_undecoded_type(message: type[Message]) -> type[Message]:
-    """Return a message type as rospy wants it, which keeps the bodies and decodes nothing."""
+    """Return a message type for rospy that stores the message bodies instead of decoding them."""
 
     def deserialize(self: Message, body: bytes) -> Message:
         _thread_data.bodies = [*getattr(_thread_data, "bodies", []), body]

@@ -1,4 +1,4 @@
-"""The six controller_manager services of one robot, and the topics of what it has loaded."""
+"""The six controller_manager services of one robot, and the topics of its loaded controllers."""
 
 from __future__ import annotations
 
@@ -36,12 +36,12 @@ from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import get_namespace
 
 T = TypeVar("T")
-SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
-POLL_PERIOD = 0.1  # seconds of wall time between two looks whether time was stopped meanwhile
+SWITCH_TIMEOUT = 10.0  # s of wall time, used if the request sets no limit (timeout 0)
+POLL_PERIOD = 0.1  # s of wall time between two checks whether simulated time has stopped
 
 
 class ManagerServices:
-    """Serves <namespace>/controller_manager/ and keeps the controllers' topics in step."""
+    """Services in <namespace>/controller_manager/ and topics of the loaded controllers."""
 
     def __init__(
         self, robot: ControlledModel, thread: SimulationThread, spawn_record: SpawnRecord
@@ -72,11 +72,11 @@ class ManagerServices:
             f"{self._namespace}/controller_manager",
             self._thread,
             *find_handlers(self),
-            call_lock=threading.Lock(),  # ros_control answers one call at a time
+            call_lock=threading.Lock(),  # like ros_control, serve one call at a time
         )
 
     def shutdown(self) -> None:
-        """Take services and topics off the graph."""
+        """Shut down all services and topics."""
         if self._services is not None:
             self._services.shutdown()
         if self._e_stop is not None:
@@ -99,7 +99,7 @@ class ManagerServices:
 
     @service_handler(ListControllers)
     def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:
-        """Names, states, types and claims."""
+        """Return names, states, types and claimed resources of the loaded controllers."""
         controllers = []
         for info in self._manager.list():
             claims = [
@@ -113,19 +113,19 @@ class ManagerServices:
     def list_controller_types(
         self, _thread: SimulationThread, _request: ListControllerTypes
     ) -> Fields:
-        """Type strings, each with the name of its base class."""
+        """Return the available controller types with the names of their base classes."""
         pairs = self._call_with_parameters(self._manager.list_types)
         return {"types": [a for a, _ in pairs], "base_classes": [b for _, b in pairs]}
 
     @service_handler(LoadController, in_caller_thread=True)
     def load_controller(self, _thread: SimulationThread, request: LoadController) -> Fields:
-        """Make a controller by the parameters as they are now."""
+        """Load a controller with the current parameters of the parameter server."""
         self._call_with_parameters(lambda: self._manager.load(request.name))
         self._sync_topics()
 
     @service_handler(UnloadController, in_caller_thread=True)
     def unload_controller(self, thread: SimulationThread, request: UnloadController) -> Fields:
-        """Forget a controller."""
+        """Unload a controller and close its topics."""
         thread.call(lambda: self._manager.unload(request.name))
         self._sync_topics()
 
@@ -133,13 +133,13 @@ class ManagerServices:
     def reload_controller_libraries(
         self, _thread: SimulationThread, request: ReloadControllerLibraries
     ) -> Fields:
-        """Import the users' classes anew."""
+        """Reload the Python modules of user-defined controllers."""
         self._call_with_parameters(lambda: self._manager.reload_libraries(request.force_kill))
         self._sync_topics()
 
     @service_handler(SwitchController, in_caller_thread=True)
     def switch_controller(self, thread: SimulationThread, request: SwitchController) -> Fields:
-        """Stop and start controllers; answered when it is done, or not done in time."""
+        """Stop and start controllers; respond when the switch is done or has timed out."""
         done = threading.Event()
 
         def request_switch() -> SwitchRequest:
@@ -168,14 +168,14 @@ class ManagerServices:
         self._spawn_record.set_controllers(self._namespace, thread.call(self._manager.list))
 
     def _switch_without_update(self) -> None:
-        """Do what is open while time stands still: no update will come, and nothing moves."""
+        """Carry out pending switches if time is stopped, because no control update will do so."""
         if self._thread.is_time_stopped:
             now = self._thread.simulation.time_ns
             self._robot.hardware.read()
             self._manager.carry_out_switches(now)
 
     def _call_with_parameters(self, job: Callable[[], T]) -> T:
-        """Run job between two steps, after the manager got the robot's parameters anew."""
+        """Run `job` between two steps, with the robot's current ROS parameters in the manager."""
         parameters = get_namespace(self._namespace or "/")
 
         def refresh_and_call() -> T:
@@ -185,7 +185,7 @@ class ManagerServices:
         return self._thread.call(refresh_and_call)
 
     def _sync_topics(self) -> None:
-        """Open and close topics so that they are those of the controllers now loaded."""
+        """Open the topics of newly loaded controllers and close those of unloaded ones."""
 
         def find_controllers() -> dict[str, Controller]:
             return {info.name: self._manager.get(info.name) for info in self._manager.list()}

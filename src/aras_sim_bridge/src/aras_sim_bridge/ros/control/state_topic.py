@@ -1,4 +1,4 @@
-"""A topic of what a controller or a PID tells of itself, while somebody listens."""
+"""Publisher of the state of a controller, PID or sensor while it has subscribers."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class StateSource(Protocol):
-    """What tells of itself: a controller or a PID."""
+    """Source of states, such as a controller, a PID or a sensor; it calls `on_state` if set."""
 
     on_state: Callable[[object], None] | None
 
 
 class StateTopic:
-    """A topic of what a port tells, which builds nothing while nobody listens."""
+    """Topic of the states of a source; without subscribers the source computes no states."""
 
     def __init__(
         self,
@@ -29,9 +29,10 @@ class StateTopic:
         fill: Callable[[Message, object], object],
         thread: SimulationThread,
     ) -> None:
-        """Advertise; `fill` writes a state into the one message that is published again and again.
+        """Advertise the topic.
 
-        The port is switched in the simulation's thread alone, by who listens then.
+        `fill` writes a state to the message, which is reused for every publication. `on_state` of
+        the source is only changed in the simulation thread.
         """
         self._source = source
         self._fill = fill
@@ -44,7 +45,7 @@ class StateTopic:
         self._on_subscribers()
 
     def shutdown(self) -> None:
-        """Take the topic off the graph."""
+        """Unregister the topic."""
         self._publisher.unregister()
         self._on_subscribers()
 
@@ -52,8 +53,8 @@ class StateTopic:
         self._thread.post(self._update_listener)
 
     def _update_listener(self) -> None:
-        wanted = self._publisher is not None and self._publisher.subscriber_count > 0
-        self._source.on_state = self._publish if wanted else None
+        has_subscribers = self._publisher is not None and self._publisher.subscriber_count > 0
+        self._source.on_state = self._publish if has_subscribers else None
 
     def _publish(self, state: object) -> None:
         self._fill(self._message, state)

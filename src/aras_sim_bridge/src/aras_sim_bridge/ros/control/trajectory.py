@@ -1,4 +1,4 @@
-"""The faces of trajectory controllers: message conversions, action server, query_state."""
+"""ROS interface of trajectory controllers: message conversions, action server, query_state."""
 
 from __future__ import annotations
 
@@ -32,7 +32,7 @@ StateMessage = JointTrajectoryControllerState | FollowJointTrajectoryFeedback
 
 
 def from_trajectory(message: JointTrajectory) -> Trajectory:
-    """Return the trajectory of a message."""
+    """Return the trajectory of a JointTrajectory message."""
     points = [
         TrajectoryPoint(
             from_time(point.time_from_start),
@@ -46,7 +46,7 @@ def from_trajectory(message: JointTrajectory) -> Trajectory:
 
 
 def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
-    """Write a TrajectoryState into a state or feedback message; returns the message."""
+    """Write a TrajectoryState to a state or feedback message and return the message."""
     message.header.stamp = to_time(state.stamp_ns)
     message.joint_names = list(state.joint_names)
     for name in ("desired", "actual", "error"):
@@ -65,19 +65,19 @@ def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
 
 
 class TrajectoryAction(ControllerAction):
-    """follow_joint_trajectory and query_state of one trajectory controller."""
+    """Action follow_joint_trajectory and service query_state of one trajectory controller."""
 
     action, topic = FollowJointTrajectoryAction, "follow_joint_trajectory"
 
     def __init__(
         self, controller: JointTrajectoryController, namespace: str, thread: SimulationThread
     ) -> None:
-        """Serve `controller` below its `namespace`."""
+        """Advertise the action and the service of `controller` in `namespace`."""
         super().__init__(controller, namespace, thread)
         self._services = ServiceTable(namespace, thread, self.query_state)
 
     def shutdown(self) -> None:
-        """Take action and service off the graph."""
+        """Shut down the action and the service."""
         super().shutdown()
         self._services.shutdown()
 
@@ -98,7 +98,7 @@ class TrajectoryAction(ControllerAction):
 
     @service_handler(QueryTrajectoryState, call_fails=True)
     def query_state(self, _simulation: Simulation, request: QueryTrajectoryState) -> Fields:
-        """Where the trajectory wants the joints to be at a time."""
+        """Return the desired joint state of the trajectory at the requested time."""
         point = self._controller.query_state(from_time(request.time))
         return {
             "name": list(self._controller.joints),

@@ -1,4 +1,4 @@
-"""gazebo_ros's topics and services below /gazebo."""
+"""Topics and services of gazebo_ros below /gazebo."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ NAMESPACE = "/gazebo"
 
 
 class GazeboApi:
-    """Everything that clients of gazebo_ros find."""
+    """All topics and services that gazebo_ros offers to its clients."""
 
     def __init__(
         self,
@@ -28,11 +28,14 @@ class GazeboApi:
         extra: bool = True,
         link_attacher: bool = False,
     ) -> None:
-        """Advertise all of it, without `extra` only what gazebo_ros's list of its API names.
+        """Advertise the topics and services.
 
-        link_attacher: serve the plug-in that attaches links to each other.
-
-        `on_time_reset` is called in the simulation's thread.
+        Args:
+            thread: simulation thread.
+            graph_entities: ROS interfaces of the robots, cameras and sensors.
+            on_time_reset: called in the simulation thread after a reset of simulated time.
+            extra: whether to add interfaces that are not in gazebo_ros's list of its API.
+            link_attacher: whether to serve the plug-in gazebo_ros_link_attacher.
         """
         self.states = StateTopics(NAMESPACE, thread, extra)
         forces = AppliedForces(thread)

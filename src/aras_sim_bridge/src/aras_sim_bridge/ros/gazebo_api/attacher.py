@@ -1,4 +1,4 @@
-"""Services of libgazebo_ros_link_attacher.so, for worlds that have the plug-in."""
+"""Services of libgazebo_ros_link_attacher.so, for worlds that contain this plug-in."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ NAMESPACE = "/link_attacher_node"
 
 @service_handler(Attach)
 def attach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Hold the second link where it is in the first one's frame."""
+    """Fix the second link at its current pose relative to the first one."""
     simulation.world.attachments.attach(_read_links(request))
 
 
 @service_handler(Attach)
 def detach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Let the second link go; the two are named in the order in which they were attached."""
+    """Release the second link; the request names the links in the same order as for `attach`."""
     simulation.world.attachments.detach(_read_links(request))
 
 

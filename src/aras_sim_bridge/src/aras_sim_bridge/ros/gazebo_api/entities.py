@@ -1,7 +1,7 @@
-"""Finding models, links and joints by the names that Gazebo's clients use.
+"""Look-up of models, links and joints by the names that Gazebo's clients use.
 
-A link is named `model::link`, or plainly `find_link` when that is enough (first hit in spawn
-order).
+A link is named `model::link` or just `link`; the latter refers to the first link of this name in
+spawn order. The same holds for joints.
 """
 
 from __future__ import annotations
@@ -16,7 +16,11 @@ WORLD_ALIASES = ("", "world", "map", "/map")
 
 
 def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return (model, plain link name); raises WorldError naming the link."""
+    """Return the model and the plain name of a link.
+
+    Raises:
+        WorldError: the link does not exist.
+    """
     found = _find_part(simulation, name, "links")
     if found is None:
         raise WorldError(f"link '{name}' does not exist; name it as model::link")
@@ -24,28 +28,34 @@ def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
 
 
 def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return (model, plain joint name); raises WorldError naming the joint."""
+    """Return the model and the plain name of a joint.
+
+    Raises:
+        WorldError: the joint does not exist or closes a kinematic loop.
+    """
     found = _find_part(simulation, name, "joints")
     if found is None and find_loop_joint(simulation, name) is not None:
-        raise WorldError(f"joint '{name}' closes a chain of joints, and is only read; name another "
-                         "joint of the chain")
+        raise WorldError(f"joint '{name}' closes a kinematic loop and can only be read; use "
+                         "another joint of the loop")
     if found is None:
         raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
     return found
 
 
 def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
-    """Return (model, joint) where a name means a joint that closes a chain; None where it does
-    not."""
+    """Return the model and the loop joint if the name is that of a joint that closes a loop."""
     for candidate in simulation.world.models.values():
-        for one in candidate.description.loops:
-            if name in (one.joint.name, candidate.get_scoped_name(one.joint.name)):
-                return candidate, one
+        for loop in candidate.description.loops:
+            if name in (loop.joint.name, candidate.get_scoped_name(loop.joint.name)):
+                return candidate, loop
     return None
 
 
 def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
-    """(model, plain name) of the first link or joint, in world order, that a name means."""
+    """Return the model and the plain name of the first link or joint that matches a name.
+
+    kind: attribute of the description, "links" or "joints".
+    """
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
         if scope and candidate.main_model.name != model_name:
@@ -56,10 +66,10 @@ def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str
 
 
 def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
-    """Return pose and twist in the world of the model or link that serves as reference frame.
+    """Return pose and twist, in the world, of the model or link that is the reference frame.
 
     Raises:
-        WorldError: naming the frame.
+        WorldError: the reference frame does not exist.
     """
     if name in simulation.world.models:
         entity = simulation.world.models[name]
@@ -79,13 +89,16 @@ def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
 def express_in_frame(
     pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist
 ) -> tuple[Pose, Twist]:
-    """Return a pose in a frame, and the twist less the frame's in its axes (no lever arm)."""
-    back = conjugate(frame.quat)
-    linear = rotate(back, subtract(twist.linear, frame_twist.linear))
-    angular = rotate(back, subtract(twist.angular, frame_twist.angular))
+    """Express pose and twist in a reference frame, as Gazebo does.
+
+    The twist of the frame is subtracted without the velocity due to the lever arm.
+    """
+    inverse = conjugate(frame.quat)
+    linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))
+    angular = rotate(inverse, subtract(twist.angular, frame_twist.angular))
     return frame.inverse() @ pose, Twist(linear, angular)
 
 
 def is_world(simulation: Simulation, name: str) -> bool:
-    """Return whether a reference frame's name means the world and no entity."""
+    """Return whether the name of a reference frame refers to the world."""
     return name in WORLD_ALIASES and name not in simulation.world.models

@@ -1,4 +1,4 @@
-"""apply_body_wrench, apply_joint_effort and their clears: jobs that act during simulated time."""
+"""Services that apply wrenches to links and efforts to joints for a period of simulated time."""
 
 from __future__ import annotations
 
@@ -19,9 +19,10 @@ from aras_visual_servo_base.poses import add, cross, rotate, subtract
 
 @dataclass(frozen=True)
 class _TimedForce:
-    """Something that acts on a model from start to end [ns of simulated time]; end None: for ever.
+    """Force that acts on a model from `start_ns` to `end_ns`, ns of simulated time.
 
-    `target` is model::link of a wrench, the plain joint name of an effort.
+    With `end_ns` None it acts without limit. `target` is model::link of a wrench or the plain joint
+    name of an effort.
     """
 
     model: Model
@@ -37,7 +38,7 @@ class _Wrench(_TimedForce):
     torque: tuple[float, float, float]
 
     def apply(self) -> None:
-        """Force at the centre of mass and torque, world axes, for one step."""
+        """Apply force (at the centre of mass) and torque, in world axes, for one step."""
         inertial = self.model.description.links[self.link].inertial
         centre = self.model.link_pose(self.link).apply(inertial.origin_xyz)
         self.model.apply_force(self.link, self.force, centre, self.torque)
@@ -48,31 +49,33 @@ class _Effort(_TimedForce):
     effort: float
 
     def apply(self) -> None:
-        """Effort on the joint for one step, on top of what the controllers give."""
+        """Add the effort to that of the controllers for one step."""
         self.model.apply_effort(self.target, self.effort)
 
 
 class AppliedForces:
-    """What pushes at present, and the services that say so."""
+    """Currently applied wrenches and efforts, and the services that set and clear them."""
 
     def __init__(self, thread: SimulationThread) -> None:
-        """Nothing pushes yet."""
+        """Create an empty set of forces."""
         self._thread = thread
         self._forces: list[_TimedForce] = []
 
     def forget(self, model: Model) -> None:
-        """Drop the jobs of a model that goes; called in the simulation's thread."""
-        self._filter_forces(lambda job: job.model.main_model is not model)
+        """Remove the forces on a model that is deleted; call in the simulation thread."""
+        self._filter_forces(lambda force: force.model.main_model is not model)
 
     @service_handler(ApplyBodyWrench)
     def apply_body_wrench(self, simulation: Simulation, request: ApplyBodyWrench) -> Fields:
-        """Push a body at a point of the reference frame for a while."""
+        """Apply a wrench to a link at a point of the reference frame for a period of time."""
         force = from_vector(request.wrench.force, "force")
         point = from_vector(request.reference_point, "reference_point")
         torque = add(from_vector(request.wrench.torque, "torque"), cross(point, force))
         model, link = entities.find_link(simulation, request.body_name)
         if model.description.links[link].inertial is None:
-            raise WorldError(f"link '{request.body_name}' has no mass; nothing can push it")
+            raise WorldError(
+                f"link '{request.body_name}' has no mass; apply the wrench to another link"
+            )
         if not entities.is_world(simulation, request.reference_frame):
             frame, _ = entities.find_frame(simulation, request.reference_frame)
             lever = subtract(frame.xyz, model.link_pose(link).xyz)
@@ -85,48 +88,48 @@ class AppliedForces:
 
     @service_handler(ApplyJointEffort, "effort set")
     def apply_joint_effort(self, simulation: Simulation, request: ApplyJointEffort) -> Fields:
-        """Push a joint for a while."""
+        """Apply an effort to a joint for a period of time."""
         check_bounds((request.effort,), f"effort on '{request.joint_name}'")
         model, joint = entities.find_joint(simulation, request.joint_name)
         if joint not in model.joint_names:
             raise WorldError(f"joint '{request.joint_name}' does not move")
-        span = _read_interval(simulation, request)
-        self._set_forces([*self._forces, _Effort(model, joint, *span, request.effort)])
+        start_end = _read_interval(simulation, request)
+        self._set_forces([*self._forces, _Effort(model, joint, *start_end, request.effort)])
         return None
 
     @service_handler(BodyRequest)
     def clear_body_wrenches(self, _simulation: Simulation, request: BodyRequest) -> Fields:
-        """Push a body no longer."""
+        """Remove all wrenches on a link."""
         self._filter_forces(
-            lambda job: not isinstance(job, _Wrench) or job.target != request.body_name
+            lambda force: not isinstance(force, _Wrench) or force.target != request.body_name
         )
         return None
 
     @service_handler(JointRequest)
     def clear_joint_forces(self, _simulation: Simulation, request: JointRequest) -> Fields:
-        """Push a joint no longer."""
+        """Remove all efforts on a joint."""
         self._filter_forces(
-            lambda job: not isinstance(job, _Effort) or job.target != request.joint_name
+            lambda force: not isinstance(force, _Effort) or force.target != request.joint_name
         )
         return None
 
-    def _filter_forces(self, is_kept: Callable[[_TimedForce], bool]) -> None:
-        self._set_forces([job for job in self._forces if is_kept(job)])
+    def _filter_forces(self, condition: Callable[[_TimedForce], bool]) -> None:
+        self._set_forces([force for force in self._forces if condition(force)])
 
     def _set_forces(self, forces: list[_TimedForce]) -> None:
         self._forces = forces
         self._thread.before_step = self._apply_forces if forces else None
 
     def _apply_forces(self, time_ns: int) -> None:
-        """Apply what is active in the step that ends at time_ns; called before it."""
-        over = False
-        for job in self._forces:
-            if job.end_ns is not None and time_ns > job.end_ns:
-                over = True
-            elif time_ns >= job.start_ns:
-                job.apply()
-        if over:
-            self._filter_forces(lambda job: job.end_ns is None or time_ns <= job.end_ns)
+        """Apply the active forces for the step that ends at `time_ns`; called before this step."""
+        has_expired = False
+        for force in self._forces:
+            if force.end_ns is not None and time_ns > force.end_ns:
+                has_expired = True
+            elif time_ns >= force.start_ns:
+                force.apply()
+        if has_expired:
+            self._filter_forces(lambda force: force.end_ns is None or time_ns <= force.end_ns)
 
 
 def _read_interval(

@@ -1,4 +1,4 @@
-"""Light services."""
+"""Services that read, change and delete lights."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ ATTENUATION = ("attenuation_constant", "attenuation_linear", "attenuation_quadra
 
 @service_handler(GetLightProperties, "got properties")
 def get_light_properties(simulation: Simulation, request: GetLightProperties) -> Fields:
-    """Colour and attenuation of a light."""
+    """Return colour and attenuation of a light."""
     light = simulation.light(request.light_name)
     attenuation = {name: getattr(light, name) for name in ATTENUATION}
     return {"diffuse": ColorRGBA(*light.diffuse), **attenuation}
@@ -24,7 +24,7 @@ def get_light_properties(simulation: Simulation, request: GetLightProperties) ->
 
 @service_handler(SetLightProperties)
 def set_light_properties(simulation: Simulation, request: SetLightProperties) -> Fields:
-    """All of a light but its kind; a zero direction keeps the one it had."""
+    """Set all properties of a light except its type; a zero direction is ignored."""
     what = f"light '{request.light_name}'"
     pose = conversions.from_pose(request.pose, f"pose of {what}")
     values = {
@@ -40,14 +40,14 @@ def set_light_properties(simulation: Simulation, request: SetLightProperties) ->
     if any(direction):
         values["direction"] = direction
     else:
-        text += "; the zero direction is none, the light keeps the one it had"
+        text += "; the zero direction is ignored, the light keeps its direction"
     simulation.set_light(replace(simulation.light(request.light_name), **values))
     return {"status_message": text}
 
 
 @service_handler(DeleteLight)
 def delete_light(simulation: Simulation, request: DeleteLight) -> Fields:
-    """Take a light away."""
+    """Delete a light."""
     simulation.delete_light(request.light_name)
     return {"status_message": f"DeleteLight: deleted '{request.light_name}'"}
 

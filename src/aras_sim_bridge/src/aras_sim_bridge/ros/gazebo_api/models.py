@@ -1,4 +1,4 @@
-"""Model services: spawn, delete, state, properties, configuration."""
+"""Services that spawn and delete models, and read and set their states and properties."""
 
 from __future__ import annotations
 
@@ -31,22 +31,22 @@ from aras_sim_bridge.world import Model
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 from aras_visual_servo_ros.parameters import get_namespace
 
-SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
+SPAWN_TIMEOUT = 60.0  # seconds of wall time; large meshes take long to load
 LONGEST_NAME = 256  # characters
 
 
 class Models:
-    """Models that come, are asked for by clients, and go."""
+    """Services that spawn, delete and read models."""
 
     def __init__(self, forces: AppliedForces, graph_entities: GraphEntities) -> None:
-        """`forces` and `graph_entities` hear of models that come and go."""
+        """Create the handlers; they update `forces` and `graph_entities` when models change."""
         self._forces = forces
         self._graph_entities = graph_entities
         self._call_counts: dict[str, int] = {}
 
     @service_handler(SpawnModel, in_caller_thread=True)
     def spawn_urdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
-        """Put a robot into the world."""
+        """Spawn a model from URDF."""
         root = descriptions.parse_root(request.model_xml)
         if root.tag != "robot":
             raise SimError(
@@ -58,7 +58,7 @@ class Models:
 
     @service_handler(SpawnModel, in_caller_thread=True)
     def spawn_sdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
-        """Put a model or a light into the world."""
+        """Spawn a model or a light from SDF or URDF."""
         root = descriptions.parse_root(request.model_xml)
         return self._spawn(thread, request, root, "spawn_sdf_model")
 
@@ -70,19 +70,21 @@ class Models:
             raise SimError("model_name is empty; give the model a name")
         if "::" in name or len(name) > LONGEST_NAME:
             raise SimError(
-                f"model_name '{name[:60]}' cannot be: no '::', at most {LONGEST_NAME} characters"
+                f"model_name '{name[:60]}' is invalid: it must not contain '::' nor exceed "
+                f"{LONGEST_NAME} characters"
             )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
         descriptions.set_namespace(root, request.robot_namespace)
         description = descriptions.parse(root)
-        done = f"SpawnModel: Successfully spawned entity '{name}'"
+        success_text = f"SpawnModel: Successfully spawned entity '{name}'"
         if isinstance(description, Light):
             thread.call(lambda: _add_light(thread.simulation, request, description, pose))
-            return {"status_message": done}
+            return {"status_message": success_text}
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
-        shapes.read_mesh_files(description, name)  # here: the simulation must not wait for it
+        # In this thread, so that the simulation does not wait for the files.
+        shapes.read_mesh_files(description, name)
         namespace = descriptions.find_namespace(description, request.robot_namespace)
         parameters = get_namespace(namespace or "/")
         presets = settings.read_cameras()
@@ -102,11 +104,11 @@ class Models:
         settings.check_unused_names(presets, thread, description)
         self._graph_entities.sync()
         self._graph_entities.spawn_record.add_model(service, request)
-        return {"status_message": done}
+        return {"status_message": success_text}
 
     @service_handler(DeleteModel, in_caller_thread=True)
     def delete_model(self, thread: SimulationThread, request: DeleteModel) -> Fields:
-        """Take a model away, with what is on the graph of it."""
+        """Delete a model together with its topics and services."""
 
         def job() -> None:
             model = thread.simulation.world.model(request.model_name)
@@ -120,7 +122,7 @@ class Models:
 
     @service_handler(GetModelState, "got properties")
     def get_model_state(self, simulation: Simulation, request: GetModelState) -> Fields:
-        """Pose and twist of a model's root link, relative to a model, a link or the world."""
+        """Return pose and twist of a model's root link relative to a model, link or the world."""
         model = simulation.world.model(request.model_name)
         root = model.description.root
         frame, frame_twist = entities.find_frame(simulation, request.relative_entity_name)
@@ -138,13 +140,17 @@ class Models:
 
 @service_handler(SetModelState, "set model state done")
 def set_model_state(simulation: Simulation, request: SetModelState) -> Fields:
-    """Move a whole model."""
+    """Set pose and twist of a model."""
     move_model(simulation, request.model_state)
     return None
 
 
 def move_model(simulation: Simulation, state: ModelState) -> None:
-    """Move a whole model; raises SimError naming what is wrong."""
+    """Set pose and twist of a model.
+
+    Raises:
+        SimError: a name or a number is invalid.
+    """
     pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
     twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
     model = simulation.world.model(state.model_name)
@@ -155,7 +161,7 @@ def move_model(simulation: Simulation, state: ModelState) -> None:
 
 @service_handler(GetModelProperties, "got properties")
 def get_model_properties(simulation: Simulation, request: GetModelProperties) -> Fields:
-    """The names of a model's links, shapes and joints."""
+    """Return the names of a model's links, collisions and joints."""
     bodies = [body.description for body in simulation.world.model(request.model_name).bodies]
     links = [link for body in bodies for link in body.links.values()]
     return {
@@ -166,38 +172,41 @@ def get_model_properties(simulation: Simulation, request: GetModelProperties) ->
             for collision in link.collisions
         ],
         "joint_names": [name for body in bodies
-                        for name in (*body.joints, *(one.joint.name for one in body.loops))],
+                        for name in (*body.joints, *(loop.joint.name for loop in body.loops))],
         "is_static": bodies[0].static,
     }
 
 
 @service_handler(SetModelConfiguration)
 def set_model_configuration(simulation: Simulation, request: SetModelConfiguration) -> Fields:
-    """Put joints at positions; names of others are passed over."""
+    """Set joint positions of a model; unknown joint names are ignored, as in Gazebo."""
     names, positions = request.joint_names, request.joint_positions
     if len(names) != len(positions):
         raise SimError(
-            f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
+            f"{len(names)} joint_names but {len(positions)} joint_positions; give one position "
+            "per name"
         )
     model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
     for name, position in zip(plain, positions, strict=True):
         where = f"joint_positions: joint '{name}' of '{model.name}'"
         conversions.check_bounds((position,), where, conversions.FARTHEST)
-    wanted, put = dict(zip(plain, positions, strict=True)), {}
+    desired, reached = dict(zip(plain, positions, strict=True)), {}
     for body in model.bodies:
-        own = {n: clamp_to_limits(body, n, q) for n, q in wanted.items() if n in body.joint_names}
-        simulation.set_joint_positions(body.name, own)
-        put.update(own)
+        clamped = {
+            n: clamp_to_limits(body, n, q) for n, q in desired.items() if n in body.joint_names
+        }
+        simulation.set_joint_positions(body.name, clamped)
+        reached.update(clamped)
     text = "SetModelConfiguration: success"
-    for name, position in put.items():
-        if position != wanted[name]:
-            text += f"; {name} is at its limit of {position:g}, {wanted[name]:g} is beyond it"
+    for name, position in reached.items():
+        if position != desired[name]:
+            text += f"; {name} is at its limit of {position:g}, {desired[name]:g} is beyond it"
     return {"status_message": text}
 
 
 def clamp_to_limits(model: Model, joint: str, position: float) -> float:
-    """Return the position moved into the joint's limits, as Gazebo's SetPosition does."""
+    """Return the position clamped to the joint limits, as Gazebo's SetPosition does."""
     limits = model.description.joints[joint].limits
     if limits is None or limits.lower is None:
         return position
@@ -207,8 +216,9 @@ def clamp_to_limits(model: Model, joint: str, position: float) -> float:
 def _add_light(simulation: Simulation, request: SpawnModel, light: Light, pose: Pose) -> None:
     name = request.model_name
     frame, _ = entities.find_frame(simulation, request.reference_frame)
-    at = frame @ pose @ light.pose
+    world_pose = frame @ pose @ light.pose
     if name in simulation.lights:
         raise SimError(f"a light named '{name}' exists already; delete it first")
-    rpy = at.rpy
-    simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
+    simulation.set_light(
+        replace(light, name=name, origin_xyz=world_pose.xyz, origin_rpy=world_pose.rpy)
+    )

@@ -1,4 +1,4 @@
-"""step_world, a service of this bridge's own: so many steps while simulated time stands still."""
+"""Service step_world, an extension of this bridge: make single steps while time is paused."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ STEP_TIMEOUT = 600.0  # seconds of wall time for one call
 
 @service_handler(StepWorld, in_caller_thread=True)
 def step_world(thread: SimulationThread, request: StepWorld) -> Fields:
-    """Make steps while paused."""
+    """Make the requested number of steps while simulated time is paused."""
     if not thread.paused:
         raise SimError("simulated time is running; call /gazebo/pause_physics first")
     if not 1 <= request.steps <= STEP_LIMIT:

@@ -1,4 +1,4 @@
-"""Keeps the graph in step with the simulation: services per robot, topics per camera."""
+"""ROS interfaces of the robots, cameras and sensors that currently exist in the simulation."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
 
-SYNC_TIMEOUT = 60.0  # seconds of wall time: a spawn may be under way, and takes its time
+SYNC_TIMEOUT = 60.0  # seconds of wall time; a spawn that is in progress can take long
 Entity = ControlledModel | MountedCamera | RateSensor
 EntityInterface = ManagerServices | CameraTopics | SensorTopic
 
 
 class GraphEntities:
-    """What of the simulation is on the graph: each robot's and each camera's face."""
+    """Table of the ROS interfaces: services per robot, topics per camera and sensor."""
 
     def __init__(
         self,
@@ -34,19 +34,25 @@ class GraphEntities:
         before_frame: Callable[[], None] | None = None,
         spawn_record: SpawnRecord | None = None,
     ) -> None:
-        """Put nothing there yet; see `sync`. `before_frame` is called before a frame goes out."""
+        """Create an empty table; `sync` fills it.
+
+        Args:
+            thread: simulation thread.
+            before_frame: called before each camera frame is published, or None.
+            spawn_record: record of the spawned models on the parameter server.
+        """
         self._thread = thread
         self.spawn_record = spawn_record or SpawnRecord(False)
         self._before_frame = before_frame
         self._lock = threading.Lock()
-        # By robot, camera or sensor; None: what could not be opened, which is not tried again.
+        # None: the interface could not be opened and is not tried again.
         self._interfaces: dict[Entity, EntityInterface | None] = {}
 
     def sync(self) -> None:
-        """Open faces for what is new, close those of what is gone. Not for the simulation's thread:
-        registering with the master takes its time.
+        """Open the interfaces of new entities and close those of removed ones.
 
-        What cannot be opened is logged and stays without its face; the others get theirs.
+        An interface that cannot be opened is logged and left out. Do not call this in the
+        simulation thread, because registration with the ROS master is slow.
         """
 
         def list_entities() -> list[Entity]:
@@ -54,27 +60,27 @@ class GraphEntities:
             return [*simulation.robots.values(), *simulation.cameras, *simulation.sensors]
 
         with self._lock:
-            things = self._thread.call(list_entities, SYNC_TIMEOUT)
-            self._close_others(things)
-            for thing in things:
-                if thing not in self._interfaces:
-                    self._interfaces[thing] = self._open(thing)
+            entities = self._thread.call(list_entities, SYNC_TIMEOUT)
+            self._close_others(entities)
+            for entity in entities:
+                if entity not in self._interfaces:
+                    self._interfaces[entity] = self._open(entity)
 
     def _close_others(self, entities: Iterable[Entity]) -> None:
-        for thing in self._interfaces.keys() - set(entities):
-            face = self._interfaces.pop(thing)
-            if face is not None:
-                face.shutdown()
+        for entity in self._interfaces.keys() - set(entities):
+            interface = self._interfaces.pop(entity)
+            if interface is not None:
+                interface.shutdown()
 
     def _open(self, entity: Entity) -> EntityInterface | None:
-        """The face of a thing; None, with a log line, where its names cannot be had."""
+        """Open the interface of an entity; log an error and return None if this fails."""
         try:
             if isinstance(entity, ControlledModel):
                 return ManagerServices(entity, self._thread, self.spawn_record)
             if isinstance(entity, RateSensor):
                 return SensorTopic(entity, self._thread)
             return CameraTopics(entity, self._thread, self._before_frame)
-        except Exception as error:  # whatever it is, the faces of others must not suffer from it
+        except Exception as error:  # no failure may affect the interfaces of other entities
             if isinstance(entity, ControlledModel):
                 what = f"robot '{entity.name}'"
             elif isinstance(entity, RateSensor):
@@ -83,7 +89,7 @@ class GraphEntities:
                 what = f"camera '{entity.sensor.config.name}'"
             rospy.logerr(
                 "%s is simulated, but has no topics and services: %s; delete its model and spawn "
-                "it under other names", what, error,
+                "it with other names", what, error,
             )  # fmt: skip
             log.debug("%s", traceback.format_exc())
             return None

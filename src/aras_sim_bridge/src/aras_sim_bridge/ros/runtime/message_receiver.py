@@ -1,8 +1,9 @@
-"""What comes to the simulation's thread from outside, and is taken in between two steps.
+"""Command messages received by the simulation thread itself between two steps.
 
-Commands come in streams: the thread itself reads their sockets just before a step, never waiting.
-What arrived before a step is known in it, and a flood costs one read a step, in which all but the
-last messages are passed over undecoded. Everything else rings the bell.
+The thread reads the sockets of command topics just before a step, without blocking. A message that
+arrives before a step therefore acts in this step. At high message rates there is one read per step,
+and all but the newest messages are skipped without being decoded. All other requests wake the
+thread through an event.
 """
 
 from __future__ import annotations
@@ -15,13 +16,13 @@ import socket
 import struct
 from collections.abc import Callable, Iterable
 
-BUFFER_SIZE = 1 << 20  # bytes taken from a socket in one go
-LARGEST_MESSAGE = 1 << 24  # bytes of one message: a length beyond it is no length
+BUFFER_SIZE = 1 << 20  # bytes per read from a socket
+LARGEST_MESSAGE = 1 << 24  # bytes; a larger length field means that the stream is corrupt
 _LENGTH = struct.Struct("<I")
 
 
 class MessageStream:
-    """Messages of one connection, as TCPROS sends them: length (4 bytes, little-endian), body."""
+    """Messages of one TCPROS connection: length (4 bytes, little-endian) and body."""
 
     def __init__(
         self,
@@ -31,13 +32,14 @@ class MessageStream:
         bodies: Iterable[bytes] = (),
         remainder: bytes = b"",
     ) -> None:
-        """Read `source` from here on.
+        """Continue to read the socket `source`.
 
         Args:
-            take: gets the body of each message that acts.
-            ended: called when there will be no more.
-            bodies: of messages that have been read from `source` already.
-            rest: what has been read after them.
+            source: socket of the connection.
+            on_message: called with the body of each message that acts.
+            on_end: called when the connection has ended.
+            bodies: bodies of the messages that have already been read from `source`.
+            remainder: bytes of an incomplete message that have already been read.
         """
         self.descriptor = source.fileno()
         self._source = source
@@ -46,10 +48,13 @@ class MessageStream:
         self._remainder = remainder
         self._bodies = collections.deque(bodies)
         self._delivered_ns = -1
-        self.skipped_count = 0  # messages that never act: newer ones had come before their step
+        self.skipped_count = 0  # messages replaced by newer ones before their step
 
     def read(self, buffer: bytearray) -> bool:
-        """Take in what the socket holds, by way of `buffer`; False: the connection has ended."""
+        """Read all available bytes from the socket; return False if the connection has ended.
+
+        `buffer` is only used during the call.
+        """
         try:
             count = self._source.recv_into(buffer, 0, socket.MSG_DONTWAIT)
         except (BlockingIOError, InterruptedError):
@@ -59,24 +64,25 @@ class MessageStream:
         return count > 0 and self._split(self._remainder + buffer[:count])
 
     def _split(self, data: bytes) -> bool:
-        begin, end = 0, len(data)
-        while end - begin >= _LENGTH.size:
-            (size,) = _LENGTH.unpack_from(data, begin)
+        start, end = 0, len(data)
+        while end - start >= _LENGTH.size:
+            (size,) = _LENGTH.unpack_from(data, start)
             if size > LARGEST_MESSAGE:
                 return False
-            body = begin + _LENGTH.size
+            body = start + _LENGTH.size
             if end - body < size:
                 break
-            begin = body + size
-            self._bodies.append(data[body:begin])
-        self._remainder = data[begin:]
+            start = body + size
+            self._bodies.append(data[body:start])
+        self._remainder = data[start:]
         return True
 
     def deliver(self, time_ns: int, backlog: int) -> bool:
-        """Hand on the message that is to act in the step from `time_ns`; whether there was one.
+        """Pass on the message that acts in the step from `time_ns`; return whether there was one.
 
-        Messages act in their order, one a step. Of those that wait then the newest `backlog` are
-        kept for the next steps; with none, the newest acts at once, whatever acted before.
+        Messages act in order, one per step. The newest `backlog` of the waiting messages are kept
+        for the following steps and older ones are skipped. With `backlog` 0 the newest message acts
+        at once, even if another one has already acted in this step.
         """
         bodies = self._bodies
         if not bodies or (backlog and self._delivered_ns == time_ns):
@@ -90,7 +96,10 @@ class MessageStream:
 
 
 class MessageReceiver:
-    """The bell, which anybody may ring, and the streams, which are the simulation's thread's."""
+    """Wake-up event and message streams of the simulation thread.
+
+    Any thread may call `wake`; all other methods belong to the simulation thread.
+    """
 
     def __init__(self) -> None:
         self._wake_event = os.eventfd(0, os.EFD_NONBLOCK | os.EFD_CLOEXEC)
@@ -99,18 +108,21 @@ class MessageReceiver:
         self._buffer = bytearray(BUFFER_SIZE)
 
     def wake(self) -> None:
-        """Let the thread look again whether there is something to do; from any thread."""
-        with contextlib.suppress(OSError):  # closed: nobody looks any more
+        """Wake the simulation thread so that it checks for work; may be called from any thread."""
+        with contextlib.suppress(OSError):  # closed: the thread has ended
             os.eventfd_write(self._wake_event, 1)
 
     def clear_wake(self) -> None:
-        """Take note of the bell: what is looked at from here on may ring it again."""
+        """Clear the wake-up event; call before checking for work, so that no event is lost."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._wake_event)
 
     def wait(self, seconds: float | None, commands: bool = True) -> bool:
-        """Until the bell rings, a command comes (with `commands`), or `seconds` of wall time are
-        over; whether a command is what came."""
+        """Wait for a wake-up event, a command, or the timeout; return whether a command arrived.
+
+        `seconds` is the timeout in s of wall time (None: unlimited). Commands do not end the wait
+        if `commands` is False.
+        """
         sources = (
             [self._wake_event, self._poll] if commands and self._streams else [self._wake_event]
         )
@@ -118,18 +130,18 @@ class MessageReceiver:
         return self._poll in ready
 
     def add(self, stream: MessageStream) -> None:
-        """Read this stream too."""
-        # A closed socket's number may have come to be that of a new one.
+        """Start to read `stream`."""
+        # The file descriptor of a closed socket may have been reused for this one.
         self._end(self._streams.pop(stream.descriptor, None))
         try:
             self._poll.register(stream.descriptor, select.EPOLLIN)
-        except (OSError, ValueError):  # closed meanwhile
+        except (OSError, ValueError):  # the socket was closed in the meantime
             self._end(stream)
             return
         self._streams[stream.descriptor] = stream
 
     def remove(self, stream: MessageStream) -> None:
-        """Read it no more."""
+        """Stop reading `stream`."""
         if self._streams.get(stream.descriptor) is stream:
             del self._streams[stream.descriptor]
             with contextlib.suppress(OSError, ValueError):
@@ -137,31 +149,31 @@ class MessageReceiver:
         self._end(stream)
 
     def deliver(self, time_ns: int, backlog: int) -> bool:
-        """Read what has come and hand on what acts in the step from `time_ns`; see Stream.act.
+        """Read all streams and pass on the commands for the step from `time_ns`.
 
-        Returns whether a command came.
+        Return whether there was a command; see MessageStream.deliver.
         """
         if not self._streams:
             return False
-        acted = False
+        delivered = False
         for descriptor, _ in self._poll.poll(0):
             stream = self._streams[descriptor]
             if not stream.read(self._buffer):
-                acted = stream.deliver(time_ns, 0) or acted  # its last word
+                delivered = stream.deliver(time_ns, 0) or delivered  # the last message
                 self.remove(stream)
         for stream in self._streams.values():
-            acted = stream.deliver(time_ns, backlog) or acted
-        return acted
+            delivered = stream.deliver(time_ns, backlog) or delivered
+        return delivered
 
     def take_skipped_count(self) -> int:
-        """Messages that one stream passed over since this was last asked, the most of any."""
+        """Return the largest number of skipped messages of any stream, and reset the counters."""
         most = 0
         for stream in self._streams.values():
             most, stream.skipped_count = max(most, stream.skipped_count), 0
         return most
 
     def close(self) -> None:
-        """End all streams."""
+        """Stop reading all streams."""
         for stream in list(self._streams.values()):
             self.remove(stream)
 

@@ -1,4 +1,4 @@
-"""The node `gazebo`: builds the simulation, puts it on the graph, ends it cleanly."""
+"""The node `gazebo`: it builds the simulation, advertises its ROS interface and shuts it down."""
 
 from __future__ import annotations
 
@@ -35,21 +35,23 @@ from aras_visual_servo_ros.shutdown import init_node
 
 log = logging.getLogger(__name__)
 
-# A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
-# five milliseconds (Python's default) of somebody else's messages at every step.
+# Interpreter switch interval, s. With Python's default of 5 ms, the simulation thread would wait
+# for rospy's threads up to 5 ms in every step.
 SWITCH_INTERVAL = 0.0005
-# What the answers to those who wait at the end have for their way [s]: written by rospy's threads.
+# Time at shutdown, s, in which rospy's threads send error responses to waiting clients.
 ERROR_REPLY_TIME = 0.3
 
 
 class GazeboNode:
-    """Everything that runs in the process."""
+    """The simulator node: simulation thread, /clock, lockstep and Gazebo's ROS interface."""
 
     def __init__(self, parameters: NodeParameters) -> None:
-        """Build the simulation and advertise; simulated time runs when this returns.
+        """Build the simulation, advertise its ROS interface and start simulated time.
+
+        Simulated time stays at the start if the parameter `paused` is true.
 
         Raises:
-            SimError: what keeps it from starting.
+            SimError: the simulation cannot be built.
         """
         self.parameters = parameters
         self.fault: BaseException | None = None
@@ -88,16 +90,16 @@ class GazeboNode:
             self.thread.unpause()
 
     def on_time_reset(self) -> None:
-        """Simulated time went back to zero; called in the simulation's thread."""
+        """Restart clock and lockstep after a reset of time; called in the simulation thread."""
         self.clock.restart()
         if self.lockstep is not None:
             self.lockstep.end_round()
 
     def stop(self) -> None:
-        """End the simulation; services and topics are rospy's to close."""
+        """End the simulation; rospy closes the services and topics afterwards."""
         self.thread.stop()
         if self.fault is None:
-            with contextlib.suppress(OSError, KeyError, rospy.ROSException):  # no master, or gone
+            with contextlib.suppress(OSError, KeyError, rospy.ROSException):  # no master
                 self.spawn_record.clear()
 
     def _build(self) -> Simulation:
@@ -122,7 +124,7 @@ class GazeboNode:
 
 
 def _set_up_log(level: str) -> None:
-    """Let the library's records go where rospy's own do, the console and /rosout."""
+    """Send the log records of the ROS-free packages to rospy's outputs, console and /rosout."""
     rosout = logging.getLogger("rosout")
     for name in ("aras_sim_bridge", "aras_visual_servo_base"):
         logger = logging.getLogger(name)
@@ -132,14 +134,14 @@ def _set_up_log(level: str) -> None:
         rosout.setLevel(logging.DEBUG)
 
 
-def _shut_down(why: str) -> None:
-    """End the node from any thread, saying why in one line."""
-    rospy.logfatal("%s ends: %s", rospy.get_name(), why)
-    rospy.signal_shutdown(why)
+def _shut_down(reason: str) -> None:
+    """Log the reason and end the node; may be called from any thread."""
+    rospy.logfatal("%s ends: %s", rospy.get_name(), reason)
+    rospy.signal_shutdown(reason)
 
 
 def make_pacer(parameters: NodeParameters, world: WorldFile) -> Pacer:
-    """Return the pacer of a speed mode; the world file's own pace counts as in Gazebo."""
+    """Return the pacer of a speed mode; as in Gazebo, the rate of the world file is included."""
     factor = parameters.real_time_factor * world.update_rate * world.time_step
     return Pacer(factor if parameters.speed_mode == "real_time" else 0.0)
 
@@ -148,7 +150,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     """Return the simulation that the node's parameters and the world file describe."""
     gui = parameters.gui
     if gui and not os.environ.get("DISPLAY"):
-        rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
+        rospy.logwarn("gui is true but DISPLAY is not set; continuing without a window")
         gui = False
     for warning in world.warnings:
         rospy.logwarn("world file: %s", warning)
@@ -170,7 +172,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     try:
         simulation = Simulation(config)
     except WindowError as error:
-        rospy.logwarn("gui is true but %s; going on without a window", error)
+        rospy.logwarn("gui is true but %s; continuing without a window", error)
         simulation = Simulation(replace(config, gui=False))
     simulation.time_ns = world.time_ns
     world_file.populate(partial(simulation.spawn, cameras=settings.read_cameras()), world,
@@ -179,36 +181,35 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
 
 
 class _ShutdownHandler:
-    """What happens on shutdown, whenever it comes: also in the middle of the start."""
+    """Handler that ends the node on shutdown, even if the request arrives during the start."""
 
     def __init__(self) -> None:
         self.shutdown_event = threading.Event()
         self.node: GazeboNode | None = None
         # rospy runs this before it closes the topics, so no step publishes into closed ones.
         rospy.on_shutdown(self._on_shutdown)
-        if rospy.core.is_shutdown_requested():  # just before: too late for that
+        if rospy.core.is_shutdown_requested():  # before the registration above
             self.shutdown_event.set()
 
     def _on_shutdown(self) -> None:
         self.shutdown_event.set()
         if self.node is not None:
             self.node.stop()
-            # Who waited for the simulation is told that it ends, before rospy cuts the line.
+            # Send error responses to waiting clients before rospy closes their connections.
             rospy.rostime.wallsleep(ERROR_REPLY_TIME)
 
 
 def main(defaults: Mapping[str, object] = MappingProxyType({})) -> int:
-    """Entry point of nodes/gazebo; returns the exit status.
+    """Run the node `gazebo` and return its exit status.
 
-    Args:
-        given: parameters that hold where the parameter server has none of their names.
+    defaults: values of parameters that are not on the parameter server.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     compile_all()
-    # Without rospy's own subscription to /clock: this node makes the time that others wait for.
+    # No subscription to /clock, because this node publishes it.
     init_node("gazebo", __doc__, disable_rostime=True)
     accept_in_threads()
-    ending = _ShutdownHandler()
+    shutdown_handler = _ShutdownHandler()
     try:
         values = {**defaults, **get_namespace("~")}
         parameters = NodeParameters.from_mapping(values, rospy.get_name())
@@ -217,14 +218,14 @@ def main(defaults: Mapping[str, object] = MappingProxyType({})) -> int:
             rospy.set_param("/use_sim_time", True)
         node = GazeboNode(parameters)
     except (SimError, InvalidParameterError, OSError, rospy.ROSException) as error:
-        if not ending.shutdown_event.is_set():
+        if not shutdown_handler.shutdown_event.is_set():
             _shut_down(f"it cannot start: {error}")
         return 1
-    ending.node = node
-    if ending.shutdown_event.is_set():
+    shutdown_handler.node = node
+    if shutdown_handler.shutdown_event.is_set():
         node.stop()
     MasterWatch(rospy.get_name(), parameters.master_check_period).watch(_shut_down)
     rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
-    ending.shutdown_event.wait()
+    shutdown_handler.shutdown_event.wait()
     node.stop()
     return 0 if node.fault is None else 1

@@ -1,8 +1,8 @@
-"""A publisher that writes into its listeners' sockets itself.
+"""A publisher that writes to the sockets of its subscribers directly and without blocking.
 
-rospy gives every connection a thread, wakes it for every message and copies the message four
-times on the way: at 250 Hz of /clock and a few listeners that is the largest part of what an idle
-simulator uses, and for images it is milliseconds. Here the caller writes, without ever waiting.
+rospy uses one thread per connection, wakes it for every message and copies the message four times.
+With /clock at 250 Hz and a few subscribers, this causes most of the CPU load of an idle simulator,
+and for an image it takes milliseconds.
 """
 
 from __future__ import annotations
@@ -23,10 +23,10 @@ _LENGTH = struct.Struct("<I")
 
 
 class SubscriberWatch(rospy.SubscribeListener):
-    """Tells when the listeners of a topic come and go.
+    """Listener that calls `on_change` when a subscriber connects to or leaves a topic.
 
-    rospy tells so from its own threads, each in its own time: who hears it looks how many there
-    are now (`list_connections`), and does not reckon with what it was told.
+    rospy calls it from its own threads in any order. Hence `on_change` gets no arguments and has to
+    read the current subscribers with `list_connections`.
     """
 
     def __init__(self, on_change: Callable[[], None]) -> None:
@@ -41,14 +41,16 @@ class SubscriberWatch(rospy.SubscribeListener):
 
 
 def list_connections(publisher: rospy.Publisher | None) -> list[TCPROSTransport]:
-    """The listeners' connections, without the topic's lock, which rospy holds while it tells of
-    them; none while the topic is not, or no longer, advertised."""
+    """Return the connections to the subscribers of a topic; none if it is not advertised.
+
+    This does not acquire the lock of the topic, which rospy holds while it calls SubscriberWatch.
+    """
     implementation = None if publisher is None else publisher.impl
     return [] if implementation is None else implementation.connections
 
 
 class NonBlockingPublisher:
-    """Publishes from one thread; listeners connect and go as with any rospy.Publisher."""
+    """Publisher for use from a single thread; subscribers connect as to any rospy.Publisher."""
 
     def __init__(
         self,
@@ -58,12 +60,15 @@ class NonBlockingPublisher:
         latch: bool = False,
         on_change: Callable[[], None] = lambda: None,
     ) -> None:
-        """Advertise.
+        """Advertise the topic.
 
         Args:
-            latch: who comes later gets the last message.
-            changed: called, from any thread, when listeners came or went; also before this
-                returns, where somebody waited for the topic.
+            topic: name of the topic.
+            message: message type.
+            queue_size: number of messages that wait for a slow subscriber.
+            latch: whether new subscribers get the last message.
+            on_change: called from any thread when subscribers connect or leave. It may be called
+                before the constructor returns, if a subscriber is already waiting for the topic.
         """
         self._topic = topic
         self._queue_size = queue_size
@@ -72,7 +77,7 @@ class NonBlockingPublisher:
         self._queues: dict[TCPROSTransport, SendQueue] = {}
         self._latched_message: MessageParts | None = None
         self._sequence = 0
-        # rospy tells listeners of the latch, but never has a message to latch: see _on_peers.
+        # rospy only announces the latch; _update_queues sends the latched message.
         self._latch = latch
         self._publisher: rospy.Publisher | None = None
         self._publisher = rospy.Publisher(
@@ -83,17 +88,19 @@ class NonBlockingPublisher:
             tcp_nodelay=True,
             subscriber_listener=SubscriberWatch(self._update_queues),
         )
-        self._update_queues()  # of who was quicker than the constructor rospy tells nothing
+        self._update_queues()  # rospy does not report subscribers that connected meanwhile
 
     def publish(self, message: Message) -> None:
-        """Send a message to those who listen; its header gets the next sequence number."""
+        """Send a message to all subscribers; its header gets the next sequence number."""
         if self._is_needed():
             self.publish_bytes(self._serialise(message))
 
     def publish_array(self, message: Message, array: np.ndarray, trailing_bytes: int = 0) -> None:
-        """Send a message whose empty `data` are to be an array's bytes, which go from there into
-        the sockets and must not change any more; `trailing_bytes`: bytes of the fields after
-        `data`."""
+        """Send a message with the bytes of `array` as its field `data`, without copying them.
+
+        `message.data` must be empty, and the array must not change afterwards. `trailing_bytes` is
+        the size of the fields after `data`.
+        """
         body = self._serialise(message)
         end = len(body) - trailing_bytes
         head = body[: end - _LENGTH.size] + _LENGTH.pack(array.nbytes)
@@ -108,7 +115,7 @@ class NonBlockingPublisher:
         return buffer.getvalue()
 
     def publish_bytes(self, *body: bytes | memoryview) -> None:
-        """Send a message that is serialised already, in parts that must not change any more."""
+        """Send a serialised message given in parts, which must not change afterwards."""
         if not self._is_needed():
             return
         parts = (_LENGTH.pack(sum(map(len, body))), *body)
@@ -116,17 +123,17 @@ class NonBlockingPublisher:
             if self._latch:
                 self._latched_message = parts
             for connection in list_connections(self._publisher):
-                lane = self._queues.get(connection) or self._open_queue(connection)
-                if lane is not None:
-                    lane.send(parts)
+                queue = self._queues.get(connection) or self._open_queue(connection)
+                if queue is not None:
+                    queue.send(parts)
 
     @property
     def subscriber_count(self) -> int:
-        """Number of listeners."""
+        """Number of subscribers."""
         return len(list_connections(self._publisher))
 
     def unregister(self) -> None:
-        """Take the topic off the graph."""
+        """Unregister the topic."""
         self._publisher.unregister()
         self._update_queues()
 
@@ -134,19 +141,19 @@ class NonBlockingPublisher:
         return self._latch or self.subscriber_count > 0
 
     def _open_queue(self, connection: TCPROSTransport) -> SendQueue | None:
-        """Return the lane of a new connection; None while it is not up."""
+        """Create the queue of a new connection; return None while it has no socket yet."""
         if connection.socket is None:
             return None
-        lane = self._queues[connection] = SendQueue(
+        queue = self._queues[connection] = SendQueue(
             connection.socket,
             self._queue_size,
             lambda: self._close(connection),
-            f"{connection.endpoint_id}, which does not take {self._topic}",
+            f"{connection.endpoint_id} to read {self._topic}",
         )
-        return lane
+        return queue
 
     def _update_queues(self) -> None:
-        """Send the latched message to whoever has just come; forget what waits for who has gone."""
+        """Close the queues of subscribers that left; send new ones the latched message."""
         with self._lock:
             present = list_connections(self._publisher)
             for connection in self._queues.keys() - set(present):
@@ -155,12 +162,12 @@ class NonBlockingPublisher:
                 for connection in present:
                     if connection in self._queues:
                         continue
-                    if (lane := self._open_queue(connection)) is not None:
-                        lane.send(self._latched_message)
+                    if (queue := self._open_queue(connection)) is not None:
+                        queue.send(self._latched_message)
         self._on_change()
 
     def _close(self, connection: TCPROSTransport) -> None:
-        """Forget a connection that broke; not from here, where its lane is at work."""
+        """Close a broken connection in another thread, because its queue is still in use here."""
         threading.Thread(target=self._drop, args=(connection,), daemon=True).start()
 
     def _drop(self, connection: TCPROSTransport) -> None:

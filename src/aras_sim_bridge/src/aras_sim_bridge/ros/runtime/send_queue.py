@@ -1,8 +1,8 @@
-"""Writes messages into a socket without ever waiting.
+"""Non-blocking queues of messages for the sockets of subscribers.
 
-What does not fit is sent on by one thread for all sockets, as soon as they take more; of a
-listener that does not read for long the oldest messages are dropped, as from rospy's queue. Who
-must not lose one (lockstep) asks who is `behind` before the next message, and waits.
+Messages that a socket does not accept at once wait in a queue. One thread for all sockets sends
+them as soon as possible. If a subscriber does not read for long, the oldest messages are dropped,
+as in rospy. A caller that must not lose messages (lockstep) waits while a queue `is_behind`.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ MessageParts = Sequence[bytes | memoryview]
 
 
 class SendQueue:
-    """What has not been taken by one connection's socket yet."""
+    """Queue of messages that the socket of one connection has not accepted yet."""
 
     def __init__(
         self,
@@ -27,22 +27,26 @@ class SendQueue:
         on_broken: Callable[[], None],
         name: str = "",
     ) -> None:
-        """Write into `connection`; `on_broken` is called once when it takes no more for ever.
+        """Create the queue of a socket.
 
-        name: the topic and its listener, for the log.
+        Args:
+            connection: socket of the subscriber.
+            queue_size: largest number of waiting messages.
+            on_broken: called once when the connection is broken.
+            name: subscriber and topic, for log messages.
         """
         self.name = name
-        self.is_abandoned = False  # nobody waits for it, until it has taken all
+        self.is_abandoned = False  # lockstep does not wait for it until the queue is empty again
         self.socket = connection
         self.descriptor = connection.fileno()
         self._on_broken = on_broken
         self._lock = threading.Lock()
-        self._unsent_rest: MessageParts = ()  # the rest of a message whose beginning was sent
+        self._unsent_rest: MessageParts = ()  # unsent part of a partly sent message
         self._messages: collections.deque[MessageParts] = collections.deque(maxlen=queue_size)
         self._is_broken = False
 
     def close(self) -> None:
-        """Forget what was not taken: the socket is closed."""
+        """Discard all waiting messages; the socket is closed."""
         with self._lock:
             self._is_broken = True
             self._unsent_rest = ()
@@ -50,7 +54,7 @@ class SendQueue:
         QUEUE_FLUSHER.forget(self)
 
     def send(self, parts: MessageParts) -> None:
-        """Write what the socket takes now, and have the rest sent on."""
+        """Write the part of a message that the socket accepts; the rest is sent later."""
         with self._lock:
             if self._is_broken:
                 return
@@ -67,16 +71,16 @@ class SendQueue:
 
     @property
     def has_unsent(self) -> bool:
-        """Whether something is still to be written."""
+        """Whether a message or a part of one has not been written yet."""
         return bool(self._unsent_rest or self._messages)
 
     @property
     def is_behind(self) -> bool:
-        """Whether a message waits that nothing was sent of, and somebody may wait for it."""
+        """Whether a complete message is waiting and the queue is not abandoned."""
         return bool(self._messages) and not self.is_abandoned
 
     def flush(self) -> None:
-        """Write what the socket takes now of what is left."""
+        """Write as many of the waiting messages as the socket accepts."""
         with self._lock:
             while self.has_unsent:
                 self._unsent_rest = self._write(self._unsent_rest or self._messages.popleft())
@@ -85,12 +89,15 @@ class SendQueue:
             self.is_abandoned = False
 
     def _write(self, parts: MessageParts) -> MessageParts:
-        """Write what the socket takes; the rest, which is `parts` itself if it takes nothing."""
+        """Write all data that the socket accepts and return the rest.
+
+        The rest is the object `parts` itself if nothing was written.
+        """
         try:
             sent = self.socket.sendmsg(parts, (), socket.MSG_DONTWAIT)
         except (BlockingIOError, InterruptedError):
             return parts
-        except OSError:  # the listener is gone
+        except OSError:  # the subscriber has disconnected
             self._is_broken = True
             self._messages.clear()
             self._on_broken()
@@ -104,56 +111,56 @@ class SendQueue:
 
 
 class QueueFlusher:
-    """Sends on what sockets did not take at once; one thread, started when first needed."""
+    """Thread that flushes the send queues; it is started on first use."""
 
     def __init__(self) -> None:
         self._lock = threading.Lock()
         self._queues: dict[int, SendQueue] = {}
         self._poll: select.epoll | None = None
-        self.on_progress: Callable[[], None] = lambda: None  # a socket took more; from this thread
+        self.on_progress: Callable[[], None] = lambda: None  # called after each flush of a queue
 
     def list_unsent(self) -> list[SendQueue]:
-        """Lanes that have something left."""
+        """Return the queues that have unsent data."""
         return list(self._queues.values())
 
     def list_behind(self) -> list[SendQueue]:
-        """Lanes in which a whole message waits."""
-        return [lane for lane in self.list_unsent() if lane.is_behind]
+        """Return the queues in which a complete message is waiting."""
+        return [queue for queue in self.list_unsent() if queue.is_behind]
 
     def add(self, queue: SendQueue) -> None:
-        """Flush `queue` whenever its socket takes more, until nothing is left."""
+        """Flush `queue` whenever its socket is writable, until the queue is empty."""
         with self._lock:
             if self._poll is None:
                 self._poll = select.epoll()
-                threading.Thread(target=self._run, name="drain", daemon=True).start()
-            if queue.socket.fileno() < 0:  # closed meanwhile
+                threading.Thread(target=self._run, name="queue_flusher", daemon=True).start()
+            if queue.socket.fileno() < 0:  # the socket was closed in the meantime
                 return
             self._queues[queue.descriptor] = queue
-            with contextlib.suppress(FileExistsError):  # it is waited for already
+            with contextlib.suppress(FileExistsError):  # already registered
                 self._poll.register(queue.descriptor, select.EPOLLOUT)
 
     def forget(self, queue: SendQueue) -> None:
-        """Flush `queue` no more."""
+        """Stop flushing `queue`."""
         with self._lock:
-            # A new connection may have got the number of a closed one meanwhile.
+            # A new connection may have reused the file descriptor of a closed one.
             if self._queues.get(queue.descriptor) is not queue:
                 return
             del self._queues[queue.descriptor]
-            with contextlib.suppress(OSError):  # closed, and so forgotten by the kernel
+            with contextlib.suppress(OSError):  # closing the socket has already unregistered it
                 self._poll.unregister(queue.descriptor)
 
     def _run(self) -> None:
         while True:
             for descriptor, _ in self._poll.poll():
-                lane = self._queues.get(descriptor)
-                if lane is not None:
-                    lane.flush()
-                    if not lane.has_unsent:
-                        self._stop_polling(lane)
+                queue = self._queues.get(descriptor)
+                if queue is not None:
+                    queue.flush()
+                    if not queue.has_unsent:
+                        self._stop_polling(queue)
                     self.on_progress()
 
     def _stop_polling(self, queue: SendQueue) -> None:
-        """Wait for the socket no more, unless the lane has something new to send."""
+        """Stop polling the socket unless its queue has new data to send."""
         with self._lock:
             if not queue.has_unsent and self._queues.get(queue.descriptor) is queue:
                 del self._queues[queue.descriptor]

@@ -486,7 +486,7 @@ def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
 def test_news_are_of_the_joints_that_were_heard(host, listener):
     news = host.make_update()
     assert news["joints"] == pytest.approx(position(1.5).tolist())
-    assert news["speeds"] == [0.01, 0.02] and news["stamp"] == 0.0
+    assert news["velocities"] == [0.01, 0.02] and news["stamp"] == 0.0
     listener.stamp, listener.positions = 1.75, None
     news = host.make_update()
     assert "joints" not in news and news["stamp"] == 1.75
@@ -518,8 +518,8 @@ def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
     assert host.page.choices == {"laws": ["pi"]}
     assert host.page.state == {
         "scheme": Actions.ANSWERS["read_selection"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
-        "controller": False, "robot": 1, "picture": "as found", "recording": "r.bag",
-        "recorded": "", "trouble": "full", "no_target": "no target", "report": "page.html"}
+        "controller": False, "robot": 1, "image_note": "as found", "open_bag": "r.bag",
+        "last_bag": "", "recording_error": "full", "no_target": "no target", "report": "page.html"}
     assert ("ThePictures", "set_viewer_count", 2) in CALLS
     assert ("ThePictures", "choose_topic") in CALLS
     assert ("TargetWatch", "update", listener.run_trace, "robo") in CALLS

@@ -525,7 +525,7 @@ def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     )
     found = Results.read(tmp_path / "out")
     assert found.compute_successes().tolist() == [1.0]
-    with pytest.raises(StudyError, match="outcome holds words, not numbers"):
+    with pytest.raises(StudyError, match="outcome contains text, not numbers"):
         found.read_numbers("outcome")
     assert np.isnan(found.read_numbers("real_time_multiple"))  # sooner than any clock shows
     assert engine.is_success(row, study.judged) and not engine.is_success(row)

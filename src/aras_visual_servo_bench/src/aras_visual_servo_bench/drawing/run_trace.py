@@ -56,8 +56,8 @@ TEXT_OFFSET = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base
 MAX_ERRORS = 6  # errors that are read out
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters, and from one line to the next
 LEGEND = (  # from its lowest line up
-    ("turn achieved", to_rgb(LIVE["achieved-turn"])), ("turn asked", to_rgb(LIVE["asked-turn"])),
-    ("velocity achieved", to_rgb(LIVE["achieved"])), ("velocity asked", to_rgb(LIVE["asked"])),
+    ("achieved rotation", to_rgb(LIVE["achieved-turn"])), ("desired rotation", to_rgb(LIVE["desired-turn"])),
+    ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["desired"])),
     ("target in the picture", FEATURE), ("straight to the goal", IDEAL), ("path", PATH),
     ("goal", GOAL), ("camera", NOW),
 )  # fmt: skip
@@ -228,15 +228,15 @@ class RunTrace:
 
     def _make_arrows(self) -> list[Shape]:
         told, shapes = self.state, []
-        for what, twist in (("asked", told.desired_twist), ("achieved", told.achieved_twist)):
-            width = 0.008 if what == "asked" else 0.012
+        for what, twist in (("desired", told.desired_twist), ("achieved", told.achieved_twist)):
+            width = 0.008 if what == "desired" else 0.012
             ways = np.array(twist[:3]) * ARROW_SECONDS, np.array(twist[3:]) * TURN_LENGTH
             for part, way, name in (("velocity", ways[0], what), ("turn", ways[1], f"{what}-turn")):
                 points, length = np.empty((0, 3)), float(np.linalg.norm(way))
                 if np.isfinite(length) and length > MIN_ARROW:
                     tip = way * min(1.0, MAX_ARROW / length)
                     points = transform_points(self._pose, np.array([np.zeros(3), tip]))
-                opacity = 1.0 if what == "asked" else 0.55
+                opacity = 1.0 if what == "desired" else 0.55
                 shapes.append(Shape(f"{what} {part}", ARROW, points, (*to_rgb(LIVE[name]), opacity),
                                     width))  # fmt: skip
         return shapes

@@ -180,9 +180,9 @@ class Dashboard:
         self.page.choices = self._commands.list_choices()
         self.page.state = {
             **self._commands.read_selection(), "gains": self._commands.gains,
-            "controller": controller, "robot": listener.robot_count, "picture": self._images.note,
-            "recording": str(keeping.open_bag or ""), "recorded": str(keeping.last_bag or ""),
-            "trouble": keeping.find_recording_error(), "no_target": self._target.missing_reason,
+            "controller": controller, "robot": listener.robot_count, "image_note": self._images.note,
+            "open_bag": str(keeping.open_bag or ""), "last_bag": str(keeping.last_bag or ""),
+            "recording_error": keeping.find_recording_error(), "no_target": self._target.missing_reason,
             "report": keeping.report_page,
         }  # fmt: skip
 

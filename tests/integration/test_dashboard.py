@@ -297,7 +297,7 @@ def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done
-    assert why.startswith("no controller runs now: goal_2016.yaml holds no picture"), why
+    assert why.startswith("the controller did not start: goal_2016.yaml holds no picture"), why
     wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
     wait_for(lambda: not viewer.told["state"]["controller"], 20.0, "the same of its state")
     # Corners, which the goal's file does not hold, are those of the target's geometry.
@@ -386,7 +386,7 @@ def test_nothing_is_taught_while_time_stands_still(viewer):
     wait_for(lambda: viewer.told["real_time_factor"] is None, 20.0, "no joint states")
     began = time.monotonic()
     done, text = viewer.ask("teach", name="still")
-    assert not done and "time stands still" in text and time.monotonic() - began < 2.0
+    assert not done and "simulation is paused" in text and time.monotonic() - began < 2.0
     done, text = viewer.ask("resume")
     assert done, text
 

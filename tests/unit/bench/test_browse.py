@@ -237,7 +237,7 @@ def test_two_studies_are_compared(ask):
     ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' here"),
     ({"do": "rows", "count": 100000}, "count"),
     ({"do": "map", "x": "gain", "y": "nothing"}, "no column 'nothing'"),
-    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason holds words"),
+    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason contains text"),
     ({"do": "rows", "more": 1}, "more"),
     ({"do": "delete"}, "there is no request 'delete'"),
     ([], "JSON object"),

@@ -437,7 +437,7 @@ def test_twenty_ports_are_tried(monkeypatch):
         raise OSError((errno.EADDRINUSE, errno.EACCES)[port % 2], "taken")
 
     monkeypatch.setattr("tornado.netutil.bind_sockets", taken)
-    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: give"):
+    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: use"):
         bind_free_port("10.0.0.5", 8080)
     assert tried == [(port, "10.0.0.5") for port in range(8080, 8100)]
 

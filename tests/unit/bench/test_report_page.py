@@ -212,7 +212,7 @@ def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(momen
     rows = page.partition('id="numbers"')[2].partition("</section>")[0]
     count = len((tmp_path / "summary.csv").read_text().splitlines()) - 1
     assert rows.count("<tr>") == 251
-    assert f"{count - 250} numbers more are in summary.csv" in rows
+    assert f"lists {count - 250} more quantities" in rows
     assert "24 curves of" not in page and '"omitted_curves":376' in page
 
 

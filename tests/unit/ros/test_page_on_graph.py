@@ -467,7 +467,7 @@ def test_what_fails_is_refused_with_its_words(host, monkeypatch):
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     teach = Request("teach", {"name": "mine"})
     listener.run_trace.factor = None
-    with pytest.raises(RefusedError, match="^time stands still, so that no images come"):
+    with pytest.raises(RefusedError, match="^the simulation is paused, so there are no images"):
         host.execute(teach)
     listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
     with pytest.raises(RefusedError, match=r"could be taught \(dark\): bring the target into"):
@@ -479,7 +479,7 @@ def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     Actions.ANSWERS["read_selection"]["scheme"], listener.no_target_reason = "points", ""
     assert host.execute(teach) == "teach_goal is done"
     listener.run_trace = None
-    with pytest.raises(RefusedError, match="^time stands still"):
+    with pytest.raises(RefusedError, match="^the simulation is paused"):
         host.execute(teach)
 
 
@@ -502,7 +502,7 @@ def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
     assert host.make_robot_model() == empty and host.make_robot_model() == empty and len(drawn) == 2
-    assert len(graph.lines) == 1 and graph.lines[0].startswith("the page does not draw the robot: ")
+    assert len(graph.lines) == 1 and graph.lines[0].startswith("the live page cannot draw the robot: ")
     listener.urdf = ""
     assert host.make_robot_model() is None
 

@@ -174,8 +174,8 @@ def _apply_filter(column: pa.ChunkedArray, condition: Filter) -> np.ndarray:
             value = float(condition.value)
         except (TypeError, ValueError):
             raise StudyError(
-                f"{condition.column} contains numbers, and {format_value(condition.value)} is not a "
-                "number"
+                f"{condition.column} contains numbers, and {format_value(condition.value)} is not "
+                "a number"
             ) from None
     compare = {"=": pc.equal, "≠": pc.not_equal, "<": pc.less, "≤": pc.less_equal,
                ">": pc.greater, "≥": pc.greater_equal}[condition.operator]  # fmt: skip

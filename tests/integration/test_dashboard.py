@@ -399,7 +399,7 @@ def test_a_target_that_was_taken_away_is_said_and_not_asked_for_again(viewer, gr
     assert viewer.told["state"]["no_target"] == ""
     assert rospy.ServiceProxy("/gazebo/delete_model", DeleteModel)("target").success
     wait_for(lambda: viewer.told["state"]["no_target"], 20.0, "that there is no target")
-    assert viewer.told["state"]["no_target"] == "no model named target is in the simulation"
+    assert viewer.told["state"]["no_target"] == "the simulation has no model named target"
     wait_for(lambda: not viewer.shapes["target"]["points"], 20.0, "no target to be drawn")
     before = graph.output()
     time.sleep(3.0)

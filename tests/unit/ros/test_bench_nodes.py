@@ -351,7 +351,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     found.update(success=False, status_message="none of them")
     assert move_target.main(["circle=0.02", "frequency=0.2", "--model", "box"]) == 1
     assert "has no model 'box' (none of them): launch it" in capsys.readouterr().err
-    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "nothing moves: say velocity"),
+    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "the target does not move: give velocity"),
                        (["circl=1"], "circle"), (["nonsense"], "nonsense")):
         assert move_target.main(words) == 1 and why in capsys.readouterr().err
 

@@ -157,7 +157,7 @@ def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
     life.now += 0.001
     world.models.remove("target")
     watch.update(story, "two")
-    assert watch.missing_reason == "no model named target is in the simulation"
+    assert watch.missing_reason == "the simulation has no model named target"
     assert len(story.target) == 1 and not len(story.target[0].points)
     life.now += 0.6
     graph.services.clear()  # a replay
@@ -275,7 +275,7 @@ def driven(graph, life, listener, monkeypatch):
         Lock=threading.Lock, Event=lambda: Wake(life), Thread=life.thread))
     it = teleoperator.Teleoperator(listener, listener.settings)
     thread, = life.threads
-    assert (thread.name, thread.daemon, thread.started) == ("driving", True, True)
+    assert (thread.name, thread.daemon, thread.started) == ("teleoperator", True, True)
 
     def sent():
         topic = graph.publishers.get("/two/both")
@@ -337,7 +337,7 @@ def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, dri
     driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []
     listener.positions = None
-    with pytest.raises(RefusedError, match="^there are no joint states: is the robot there"):
+    with pytest.raises(RefusedError, match="^no joint states are received: is the robot running"):
         driven.move_joint("wrist", 0.5)
     listener.run_trace = None
     with pytest.raises(RefusedError, match="^there are no joint states"):

@@ -56,7 +56,8 @@ TEXT_OFFSET = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base
 MAX_ERRORS = 6  # errors that are read out
 LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters, and from one line to the next
 LEGEND = (  # from its lowest line up
-    ("achieved rotation", to_rgb(LIVE["achieved-turn"])), ("desired rotation", to_rgb(LIVE["desired-turn"])),
+    ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
+    ("desired rotation", to_rgb(LIVE["desired-turn"])),
     ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["desired"])),
     ("target in the picture", FEATURE), ("straight to the goal", IDEAL), ("path", PATH),
     ("goal", GOAL), ("camera", NOW),

@@ -61,7 +61,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     )
     parser.add_argument("--rviz", action="store_true", help="show rviz (needs a display)")
     parser.add_argument(
-        "--timeout", type=float, default=20.0, help="simulated time (s) within which the controller must converge (default 20)"
+        "--timeout", type=float, default=20.0, help="limit of simulated time, s (default 20)"
     )
     parser.add_argument(
         "launch", nargs="*", metavar="NAME:=VALUE",
@@ -91,8 +91,8 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--start", default="2016",
-        help="initial pose: 2015, 2016 (default), positions of gantry (m), J1, J2, J3, J5, J6 (rad), "
-             "for example '0.1 0 0.17 -0.09 -0.09 2.09', or none to start from the current pose; "
+        help="initial pose: 2015, 2016 (default), positions of gantry (m), J1, J2, J3, J5, J6 (rad) "
+             "such as '0.1 0 0.17 -0.09 -0.09 2.09', or none to start from the current pose; "
              "for another robot the positions of its joints",
     )
     parser.add_argument(
@@ -213,7 +213,7 @@ def _parse_target(text: str) -> str:
 
 
 def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
-    """Simulate the view of the target from the camera pose of a shipped goal, and return it as goal.
+    """Return the view of the target from the camera pose of a shipped goal, as a new goal.
 
     Raises:
         ExperimentError: the scheme cannot servo to this view.

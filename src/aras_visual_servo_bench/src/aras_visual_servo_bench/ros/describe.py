@@ -44,7 +44,7 @@ def collect_description(
 
 
 def read_goal_files(controller: Mapping[str, object]) -> dict[str, str]:
-    """Return the texts of the goal files that the controller's parameters may select, by file name."""
+    """Return the texts of the goal files that the parameters may select, by file name."""
     import rospkg
 
     with contextlib.suppress(rospkg.ResourceNotFound):

@@ -386,7 +386,7 @@ def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, ho
         with contextlib.suppress(asyncio.TimeoutError):
             while True:
                 heard.append(await asyncio.wait_for(viewer.read_message(), 2.0))
-        count = len(host.page.whole()["samples"])
+        count = len(host.page.make_full_message()["samples"])
         for _ in range(5):
             host.move()
         await asyncio.sleep(0.5)

@@ -249,9 +249,9 @@ def test_a_clock_was_put_back_where_stamps_are_out_of_order_by_more_than_half_a_
     half = 500_000_000
     assert began() == began(5) == began(3 * half, 2 * half) == (None, [])
     place, (note,) = began(3 * half + 1, 2 * half, 4 * half)
-    assert place == 1 and "put back once while" in note
+    assert place == 1 and "reset once during" in note
     place, (note,) = began(9 * half, 5 * half, 6 * half, 0, 3 * half, 7 * half)
-    assert place == 4 and "put back 2 times while" in note
+    assert place == 4 and "reset 2 times during" in note
 
 
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):

@@ -175,7 +175,7 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
     monkeypatch.setattr("shutil.which", lambda name: None)
     assert run["main"]() == 0 and not begun
     assert capsys.readouterr().err == (
-        "show_rviz: no window: rviz is not installed; the run goes on without it\n")
+        "show_rviz: rviz is not started: rviz is not installed; the run continues without it\n")
     monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/rviz" if name == "rviz" else None)
     assert run["main"]() == 1 and begun == [("rviz", ["rviz", "-d", "x"])]
     monkeypatch.delenv("DISPLAY")
@@ -198,7 +198,7 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
 
     monkeypatch.setattr(run["socket"], "socket", Socket)
     for display, why in ((":31", ""), ("unix:31.2", ""),
-                         (":32.0", "nobody answers on display :32.0")):
+                         (":32.0", "no X server answers on display :32.0")):
         assert run["missing"](display) == why
     assert asked[:2] == ["/tmp/.X11-unix/X31", "\0/tmp/.X11-unix/X31"]
 
@@ -367,7 +367,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     (move_target, "move_target [-h] [--model MODEL] [key=value ...]",
      ["velocity, circle, ...", "name of the model"], "circle=0.02 frequency=0.2"),
     (target_link, "target_link [-h] --world WORLD link {mesh,start}",
-     ["MODEL::LINK; MODEL where only one link of it is seen", "path of the file in which"],
+     ["MODEL::LINK, or MODEL if only one link is visible", "path of the world file"],
      "crate --world a.world start"),
 ])
 def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch, capsys):

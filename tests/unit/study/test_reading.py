@@ -449,7 +449,7 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert main(["analyze", f"{out}:6", "--out", str(tmp_path / "none")]) == 1
     assert "there is no run 6" in capsys.readouterr().err
     assert main(["show", str(out)]) == 1
-    assert "say which run" in capsys.readouterr().err
+    assert "give the number of a run" in capsys.readouterr().err
 
 
 def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
@@ -474,7 +474,7 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().out.startswith("0 of ")
     for words, complaint in (
         (["run", str(file), "--out", str(out), "--in-process"], "holds another study"),
-        (["run", str(file)], "say where the results go"),
+        (["run", str(file)], "give an output folder"),
         (["run", str(tmp_path / "none.yaml"), "--dry-run"], "cannot read"),
         (["run", "calibratoin", "--dry-run"], "did you mean 'calibration'"),
         (["run", str(file), "--dry-run", "gian=2"], "did you mean gain"),

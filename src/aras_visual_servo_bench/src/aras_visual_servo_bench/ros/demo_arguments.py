@@ -91,9 +91,9 @@ def _add_loop_options(parser: argparse.ArgumentParser) -> None:
     )
     parser.add_argument(
         "--start", default="2016",
-        help="initial pose: 2015, 2016 (default), positions of gantry (m), J1, J2, J3, J5, J6 (rad) "
-             "such as '0.1 0 0.17 -0.09 -0.09 2.09', or none to start from the current pose; "
-             "for another robot the positions of its joints",
+        help="initial pose: 2015, 2016 (default), positions of gantry (m), J1, J2, J3, "
+             "J5, J6 (rad) such as '0.1 0 0.17 -0.09 -0.09 2.09', or none for the "
+             "current pose; for another robot the positions of its joints",
     )
     parser.add_argument(
         "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: the goal of "

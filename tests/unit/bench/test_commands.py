@@ -78,8 +78,8 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
     [
         (["gian=2.0"], "an experiment has no 'gian': did you mean gain?"),
         (["--workers", "2"], "--workers applies to studies, not to an experiment"),
-        (["--dry-run"], "--dry-run is for studies"),
-        (["--fail-fast"], "--fail-fast is for studies"),
+        (["--dry-run"], "--dry-run applies to studies"),
+        (["--fail-fast"], "--fail-fast applies to studies"),
         (["duration=-1"], "duration"),
     ],
 )
@@ -171,7 +171,7 @@ def test_the_commands_are_listed_with_what_they_do(capsys):
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--help"])
     out = capsys.readouterr().out
-    assert "Visual servoing, simulated" in out and "COMMAND" in out
+    assert "Simulated visual servoing" in out and "COMMAND" in out
     for name in USAGES:
         (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
         assert len(line.split(None, 1)[1]) > 10

@@ -199,7 +199,7 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
     monkeypatch.setattr(run["socket"], "socket", Socket)
     for display, why in ((":31", ""), ("unix:31.2", ""),
                          (":32.0", "no X server answers on display :32.0")):
-        assert run["missing"](display) == why
+        assert run["find_display_problem"](display) == why
     assert asked[:2] == ["/tmp/.X11-unix/X31", "\0/tmp/.X11-unix/X31"]
 
 

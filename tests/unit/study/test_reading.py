@@ -429,7 +429,7 @@ def test_a_run_that_was_a_fault_is_shown_as_a_line_and_where_it_was_raised(tmp_p
     assert f"stopped at run 0, fault: ZeroDivisionError: of mine; bench show {out} 0" in told
     assert main(["show", str(out), "0"]) == 1
     told = capsys.readouterr().err
-    assert "run 0: ZeroDivisionError: of mine; where it was raised" in told
+    assert "run 0: ZeroDivisionError: of mine; traceback" in told
     assert told.count("\n") == 1
     assert "in failing" in (out / "show-0" / "traceback.txt").read_text()
 
@@ -484,7 +484,7 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
         (["table", str(out), "--format", "html"], "no format 'html'"),
         (["show", str(out), "99"], "no run 99"),
         (["run", str(file), "--out", str(tmp_path / "x"), "--in-process", "--scheduler", "tcp://x:1"],
-         "say one of"),
+         "use only one of"),
     ):  # fmt: skip
         assert main(words) == 1, words
         told = capsys.readouterr()
@@ -525,7 +525,7 @@ def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     )
     found = Results.read(tmp_path / "out")
     assert found.compute_successes().tolist() == [1.0]
-    with pytest.raises(StudyError, match="outcome contains text, not numbers"):
+    with pytest.raises(StudyError, match="outcome holds words, not numbers"):
         found.read_numbers("outcome")
     assert np.isnan(found.read_numbers("real_time_multiple"))  # sooner than any clock shows
     assert engine.is_success(row, study.judged) and not engine.is_success(row)

@@ -19,7 +19,7 @@ PORT = 8090
 
 def add_parser(commands: Any) -> None:
     """Add the parser of `browse`."""
-    browse = commands.add_parser("browse", help="filter, plot and open runs of studies in a browser")
+    browse = commands.add_parser("browse", help="filter, plot and open runs in a browser")
     browse.add_argument("folders", nargs="+", type=Path, metavar="DIR",
                         help="folder of a study, or of several studies")
     browse.add_argument("--port", type=int, default=PORT, metavar="N",

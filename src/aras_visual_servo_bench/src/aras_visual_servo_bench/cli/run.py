@@ -124,8 +124,8 @@ def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment |
             return None
         values = read_yaml(name, ExperimentError)
         keys = set(values) if isinstance(values, dict) else set()
-        own = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
-        if not keys & own:
+        experiment_keys = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
+        if not keys & experiment_keys:
             return None
     for key in changes:
         check_key(key)

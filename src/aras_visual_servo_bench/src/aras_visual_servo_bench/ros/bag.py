@@ -129,7 +129,7 @@ def _reindex(path: Path) -> rosbag.Bag:
     bag = rosbag.Bag(str(path), allow_unindexed=True)
     # The connections are in the chunks, and again at the end if closing was interrupted.
     bag._reader._read_terminal_connection_records = lambda: None
-    with contextlib.suppress(io.UnsupportedOperation):  # it tries to truncate the file
+    with contextlib.suppress(io.UnsupportedOperation):  # reindex fails to truncate the file
         for _ in bag.reindex():
             pass
     for entries in bag._connection_indexes.values():  # drop those of the incomplete chunk
@@ -188,7 +188,7 @@ class BagReader(GraphRecording):
             t.moments: self.add_moments, t.joints: self.joints.append,
             t.info: self._add_info, t.metrics: self._add_metrics,
             t.experiment: self._add_experiment, TF: self._add_tf,
-            # A static transform may have a smaller stamp than messages recorded before it.
+            # With /tf, static transforms add no poses: their stamps may be older than earlier ones.
             TF_STATIC: self._add_transforms if TF in self._counts else self._add_tf,
         }  # fmt: skip
         always = (t.info, t.experiment, TF_STATIC)  # also valid if sent before the clock reset

@@ -219,9 +219,10 @@ def split_parameters(parameters: dict[str, Any]) -> tuple[PageSettings, dict[str
     Raises:
         ServoError: a parameter of the page has the wrong type or is out of range.
     """
-    own = {name: parameters[name] for name in list_defaults(PageSettings) if name in parameters}
-    rest = {name: value for name, value in parameters.items() if name not in own}
-    return build(PageSettings, own, "parameter ~", ServoError), rest
+    names = list_defaults(PageSettings)
+    of_page = {name: parameters[name] for name in names if name in parameters}
+    others = {name: value for name, value in parameters.items() if name not in names}
+    return build(PageSettings, of_page, "parameter ~", ServoError), others
 
 
 def main() -> int:
@@ -234,12 +235,12 @@ def main() -> int:
         rospy.logfatal("the live page needs %s: ./setup.sh --for bench installs it", error.name)
         return 1
     try:
-        own, rest = split_parameters(rospy.get_param("~", {}))
-        listener = GraphListener(make_listener_settings(rest))
+        page, other_parameters = split_parameters(rospy.get_param("~", {}))
+        listener = GraphListener(make_listener_settings(other_parameters))
         home = Path(os.environ.get("ROS_HOME", "~/.ros")).expanduser()
-        directory = Path(own.directory or home / "aras_dashboard").expanduser()
-        dashboard = Dashboard(listener, own.robot, directory)
-        server = serve(dashboard, own.host, own.port, own.token, rospy.loginfo)
+        directory = Path(page.directory or home / "aras_dashboard").expanduser()
+        dashboard = Dashboard(listener, page.robot, directory)
+        server = serve(dashboard, page.host, page.port, page.token, rospy.loginfo)
     except (BenchError, ServoError) as error:
         rospy.logfatal("%s", error)
         return 1

@@ -160,10 +160,10 @@ class Demo:
         return 0 if record.converged else 1
 
     def _make_world_arguments(self) -> dict[str, str]:
-        """Return the given launch arguments of the simulation."""
-        given = vars(self.arguments)
+        """Return the launch arguments of the simulation that the options set."""
+        options = vars(self.arguments)
         names = ("camera", "target", "target_size", "urdf", "camera_xyz", "camera_rpy")
-        return {name: str(given[name]) for name in names if given[name]}
+        return {name: str(options[name]) for name in names if options[name]}
 
     def _find_goal(self) -> str:
         """Return the name or path of the goal; write a taught goal into the output folder."""
@@ -177,9 +177,9 @@ class Demo:
         return str(path)
 
     def _launch(self, name: str, arguments: list[str], **values: str) -> RosLaunch:
-        given = [f"{key}:={value}" for key, value in values.items()]
+        pairs = [f"{key}:={value}" for key, value in values.items()]
         launch = RosLaunch(
-            [*arguments, *given], self.output_folder / "log" / f"{name}.txt", dict(os.environ)
+            [*arguments, *pairs], self.output_folder / "log" / f"{name}.txt", dict(os.environ)
         )
         self.launches.append(launch)
         return launch

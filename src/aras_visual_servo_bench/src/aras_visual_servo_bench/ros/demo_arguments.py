@@ -148,12 +148,12 @@ def _check(arguments: argparse.Namespace) -> None:
         arguments.camera = str(Path(arguments.camera).expanduser().resolve())
     arguments.target = _parse_target(arguments.target)
     arguments.tracker = find_tracker(arguments.target)
-    given = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
+    parameters = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
     for name in ("law", "gain", "tracker"):
         if value := getattr(arguments, name):
-            given[name] = value
+            parameters[name] = value
     package = Path(packages.find("aras_visual_servo_controller"))
-    settings = Settings.from_mapping(given, package)
+    settings = Settings.from_mapping(parameters, package)
     settings.make_scheme()
     goal = settings.load_goal()
     has_goal = arguments.target in (PLATES, NO_TARGET) or arguments.target.endswith(
@@ -172,17 +172,17 @@ def _parse_launch_arguments(arguments: list[str]) -> dict[str, dict[str, str]]:
     declared = {
         file: _read_argument_names(file) - options for file, options in LAUNCH_FILES.items()
     }
-    known = sorted(set().union(*declared.values()))
+    all_names = sorted(set().union(*declared.values()))
     found: dict[str, dict[str, str]] = {file: {} for file in LAUNCH_FILES}
     for word in arguments:
-        name, given, value = word.partition(":=")
-        if not given:
+        name, separator, value = word.partition(":=")
+        if not separator:
             raise ExperimentError(f"'{word}' is not an argument: use NAME:=VALUE, or see --help")
         if any(name in options for options in LAUNCH_FILES.values()):
             raise ExperimentError(f"{name}:= is set by an option or by the demo itself: see --help")
-        if name not in known:
+        if name not in all_names:
             raise ExperimentError(f"the launch files have no argument '{name}': "
-                                  f"{suggest(name, known)}")  # fmt: skip
+                                  f"{suggest(name, all_names)}")  # fmt: skip
         for file, names in declared.items():
             if name in names:
                 found[file][name] = value

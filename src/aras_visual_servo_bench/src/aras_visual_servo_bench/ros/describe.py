@@ -30,7 +30,7 @@ MAX_GOAL_BYTES = 200_000  # larger goal files are omitted
 def collect_description(
     parameters: Mapping[str, object], controller: str = CONTROLLER
 ) -> dict[str, object]:
-    """Return the description of an experiment with these parameters, see the module docstring."""
+    """Return the description of an experiment with these parameters, as a JSON object."""
     from ..studies.versions import read_commit, read_versions
 
     return {

@@ -57,11 +57,10 @@ def _copy_messages(
     total = sum(one.message_count for one in topics.values())
     counts: Counter[str] = Counter()
     for number, (topic, raw, time) in enumerate(source.read_messages(list(topics), raw=True)):
-        kind, data, md5, _, made = raw
+        kind, data, md5, _, message_class = raw
+        channel = add_channel(topic, kind, md5, message_class._full_text)
         stamp = time.to_nsec()
-        writer.add_message(
-            add_channel(topic, kind, md5, made._full_text), stamp, data, stamp, counts[topic]
-        )
+        writer.add_message(channel, stamp, data, stamp, counts[topic])
         counts[topic] += 1
         if number % 500 == 0:
             progress(number / total)

@@ -82,18 +82,18 @@ class PageCommands:
             self._settings.package / "config" / "starts.yaml", ConfigurationError
         )
         shipped = sorted(p.stem[5:] for p in self._settings.package.glob("config/goal_*.yaml"))
-        own = sorted(p.stem for p in self.directory.glob("goals/*.yaml"))
+        taught = sorted(p.stem for p in self.directory.glob("goals/*.yaml"))
         selection = self.read_selection()
         running = {kind: [selection[key]] if selection.get(key) else [] for kind, key in (
             ("schemes", "scheme"), ("laws", "law"), ("starts", "start"), ("goals", "goal"))}
         of_one_camera = sorted(
-            n for n, made in SCHEMES.items() if getattr(made, "camera_count", 1) == 1
+            name for name, scheme in SCHEMES.items() if getattr(scheme, "camera_count", 1) == 1
         )
         return {
             "schemes": _remove_duplicates([*of_one_camera, *running["schemes"]]),
             "laws": _remove_duplicates([*sorted(LAWS), *running["laws"]]),
             "starts": _remove_duplicates(["none", *sorted(starts), *running["starts"]]),
-            "goals": _remove_duplicates(["auto", *shipped, *own, *running["goals"]]),
+            "goals": _remove_duplicates(["auto", *shipped, *taught, *running["goals"]]),
             "cameras": sorted(p.stem for p in gazebo.glob("config/cameras/*.yaml")),
             "targets": sorted(p.stem for p in gazebo.glob("targets/*.urdf")),
             "gains": sorted(self.gains),
@@ -164,8 +164,10 @@ class PageCommands:
 
     def restart_nodes(self, scheme: str, law: str, start: str, goal: str) -> str:
         """Restart the camera and controller nodes with another scheme, law, start and goal."""
-        own = self.directory / "goals" / f"{goal}.yaml"
-        return self._start_nodes(scheme, law, start, str(own) if own.is_file() else goal)
+        taught_goal = self.directory / "goals" / f"{goal}.yaml"
+        if taught_goal.is_file():
+            goal = str(taught_goal)
+        return self._start_nodes(scheme, law, start, goal)
 
     def move_goal(self, x: float, y: float, z: float, turn: float) -> str:
         """Servo to the goal with an offset.
@@ -331,7 +333,7 @@ class PageCommands:
         return found
 
     @staticmethod
-    def _call(name: str, kind: type, hint: str, *given: object) -> Any:
+    def _call(name: str, kind: type, hint: str, *arguments: object) -> Any:
         """Call a service, and return its response.
 
         Raises:
@@ -339,7 +341,7 @@ class PageCommands:
         """
         try:
             rospy.wait_for_service(name, SERVICE_TIMEOUT)
-            return rospy.ServiceProxy(name, kind)(*given)
+            return rospy.ServiceProxy(name, kind)(*arguments)
         except (rospy.ROSException, rospy.ServiceException, OSError) as error:
             why = f"{name} does not answer" + (f" ({hint})" if hint else f": {error}")
             raise RefusedError(why) from error

@@ -60,8 +60,8 @@ class Access:
     @property
     def _is_wildcard(self) -> bool:
         """Whether the server listens on all addresses of the machine."""
-        own = _normalize_host(self.host)
-        return own == "" or not isinstance(own, str) and own.is_unspecified
+        host = _normalize_host(self.host)
+        return host == "" or not isinstance(host, str) and host.is_unspecified
 
     def _is_own(self, host: str) -> bool:
         """Return whether a Host header, NAME:PORT, refers to this server."""
@@ -73,8 +73,11 @@ class Access:
             return False
         # On all addresses, the names by which other machines know this one are unknown. An IP
         # address is accepted then, because DNS rebinding needs a name.
-        own = not isinstance(name, str) if self._is_wildcard else name == _normalize_host(self.host)
-        return own or name in LOCAL_HOSTS
+        if self._is_wildcard:
+            is_own = not isinstance(name, str)
+        else:
+            is_own = name == _normalize_host(self.host)
+        return is_own or name in LOCAL_HOSTS
 
 
 def _normalize_host(text: str) -> str | IPv4Address | IPv6Address:

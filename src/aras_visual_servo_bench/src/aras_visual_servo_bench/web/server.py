@@ -122,7 +122,7 @@ class WebServer(ABC):
     def _run(self) -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
         self._loop = tornado.ioloop.IOLoop.current()
-        given = {"server": self}
+        arguments = {"server": self}
         routes = [
             (r"/", IndexHandler),
             *self.list_routes(),
@@ -130,9 +130,9 @@ class WebServer(ABC):
         ]
         self._server = tornado.httpserver.HTTPServer(
             tornado.web.Application(
-                [(pattern, handler, given) for pattern, handler in routes],
+                [(pattern, handler, arguments) for pattern, handler in routes],
                 default_handler_class=NotFoundHandler,
-                default_handler_args=given,
+                default_handler_args=arguments,
                 compress_response=self.is_compressed,
                 websocket_max_message_size=self.max_message_bytes,
                 websocket_ping_interval=10.0,

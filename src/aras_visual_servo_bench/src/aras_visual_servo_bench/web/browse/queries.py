@@ -157,12 +157,12 @@ def _apply_filter(column: pa.ChunkedArray, condition: Filter) -> np.ndarray:
             pc.match_substring(_to_text(column), str(condition.value), ignore_case=True)
         )
     if condition.operator.startswith("is"):
-        known = _to_mask(pc.is_valid(column))
+        is_known = _to_mask(pc.is_valid(column))
         if pa.types.is_floating(column.type):
-            known &= ~_to_mask(pc.is_nan(column))
+            is_known &= ~_to_mask(pc.is_nan(column))
         if pa.types.is_string(column.type):
-            known &= _to_mask(pc.not_equal(column, ""))
-        return known if condition.operator == "is known" else ~known
+            is_known &= _to_mask(pc.not_equal(column, ""))
+        return is_known if condition.operator == "is known" else ~is_known
     if pa.types.is_string(column.type):
         value: Any = condition.value if isinstance(condition.value, str) else str(condition.value)
     elif pa.types.is_boolean(column.type):
@@ -317,18 +317,18 @@ def divide_into_cells(
 
 def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
     """Return the median (count,) of the finite values of each group; NaN for an empty group."""
-    known = np.isfinite(values) & (group >= 0)
-    values, group = values[known], group[known]
+    is_valid = np.isfinite(values) & (group >= 0)
+    values, group = values[is_valid], group[is_valid]
     order = np.lexsort((values, group))
     values = values[order]
     sizes = np.bincount(group, minlength=count)
     first = np.cumsum(sizes) - sizes
-    found = np.full(count, np.nan)
-    there = sizes > 0
-    low = first[there] + (sizes[there] - 1) // 2
-    high = first[there] + sizes[there] // 2
-    found[there] = 0.5 * (values[low] + values[high])
-    return found
+    medians = np.full(count, np.nan)
+    has_values = sizes > 0
+    low = first[has_values] + (sizes[has_values] - 1) // 2
+    high = first[has_values] + sizes[has_values] // 2
+    medians[has_values] = 0.5 * (values[low] + values[high])
+    return medians
 
 
 def read_numbers(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
@@ -357,20 +357,20 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     group = np.zeros(len(at), int)
     for one in cut:
         group = np.where((group < 0) | (one.at < 0), -1, group * max(len(one.labels), 1) + one.at)
-    there, inside = np.unique(group, return_inverse=True)
-    inside = np.where(group < 0, -1, inside)
-    sizes = np.bincount(inside[inside >= 0], minlength=len(there))
-    good = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
-    hits = np.bincount(inside[inside >= 0], good[inside >= 0], minlength=len(there))
-    middle = [
-        compute_medians(read_numbers(snapshot, name, at), inside, len(there))
+    group_ids, index = np.unique(group, return_inverse=True)
+    index = np.where(group < 0, -1, index)
+    sizes = np.bincount(index[index >= 0], minlength=len(group_ids))
+    successes = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
+    hits = np.bincount(index[index >= 0], successes[index >= 0], minlength=len(group_ids))
+    medians = [
+        compute_medians(read_numbers(snapshot, name, at), index, len(group_ids))
         for name in query.values
     ]
-    failures = _find_failures(snapshot, at, inside, good)
+    failures = _find_failures(snapshot, at, index, successes)
     listed = []
-    shown = [i for i in range(len(there)) if sizes[i]][:MAX_GROUPS]
+    shown = [i for i in range(len(group_ids)) if sizes[i]][:MAX_GROUPS]
     for i in shown:
-        rest, cells = int(there[i]), []
+        rest, cells = int(group_ids[i]), []
         for one in reversed(cut):
             rest, cell = divmod(rest, max(len(one.labels), 1))
             cells.append(cell)
@@ -382,19 +382,20 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
                        for bound in one.bounds[p]],
             "runs": int(sizes[i]), "rate": [to_json_value(v)
                 for v in (rate.value, rate.low, rate.high)],
-            "medians": [to_json_value(float(m[i])) for m in middle], "failure": failures.get(i, ""),
+            "medians": [to_json_value(float(m[i])) for m in medians],
+            "failure": failures.get(i, ""),
         })  # fmt: skip
     return {"count": int((sizes > 0).sum()), "groups": listed}
 
 
 def _find_failures(
-    snapshot: Snapshot, at: np.ndarray, group: np.ndarray, good: np.ndarray
+    snapshot: Snapshot, at: np.ndarray, group: np.ndarray, successes: np.ndarray
 ) -> dict[int, str]:
-    """Return the most frequent end of the failed runs, and its count, of each group.
+    """Return the most frequent outcome of the failed runs, and its count, of each group.
 
     Rows with group -1 belong to no group.
     """
-    failed = good != 1.0
+    failed = successes != 1.0
     if not failed.any():
         return {}
     ends = snapshot.table[END].take(pa.array(at[failed]))
@@ -447,8 +448,8 @@ def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
     axes = [
         _make_axis(find_column(snapshot, name).take(pa.array(at))) for name in (query.x, query.y)
     ]
-    known = np.isfinite(axes[0][0]) & np.isfinite(axes[1][0])
-    at = at[known]
+    has_both = np.isfinite(axes[0][0]) & np.isfinite(axes[1][0])
+    at = at[has_both]
     colours, classes = np.zeros(len(at), np.uint8), []
     if query.colour_by:
         cut = divide_into_cells(
@@ -460,8 +461,9 @@ def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
     names = snapshot.table[STUDY].take(pa.array(at))
     study_index = pc.index_in(names, pa.array(studies, pa.string()))
     return {
-        "count": len(at), "uncounted": int((~known).sum()), "classes": classes, "studies": studies,
-        **{axis: {"values": _encode_base64(values[known], "<f4"), "labels": labels}
+        "count": len(at), "uncounted": int((~has_both).sum()),
+        "classes": classes, "studies": studies,
+        **{axis: {"values": _encode_base64(values[has_both], "<f4"), "labels": labels}
            for axis, (values, labels) in zip("xy", axes, strict=True)},
         "colours": _encode_base64(colours, "u1"),
         "study": _encode_base64(study_index.to_numpy(), "<i4"),

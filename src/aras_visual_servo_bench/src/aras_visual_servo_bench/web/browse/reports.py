@@ -138,8 +138,8 @@ class Reports:
 def _is_current(page: Path, part: Path) -> bool:
     """Return whether a page exists and is newer than the file with the run's row."""
     try:
-        made = page.stat().st_mtime
-        return not part.exists() or made >= part.stat().st_mtime
+        modified = page.stat().st_mtime
+        return not part.exists() or modified >= part.stat().st_mtime
     except OSError:
         return False
 

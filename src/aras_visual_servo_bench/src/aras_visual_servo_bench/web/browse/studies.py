@@ -63,7 +63,7 @@ class Snapshot:
     Attributes:
         version: number that increases with every change.
         note: message about studies that are not shown, or ''.
-        table: rows of all studies, with the study's name and the end of each run.
+        table: rows of all studies, with the study's name and the outcome of each run.
         units, roles: unit and role ('setting', 'metric' or 'run') of each column, by name.
     """
 
@@ -136,13 +136,13 @@ class Studies:
     def _find_folders(self) -> Iterator[Path]:
         """Yield the folders with a manifest, at most MAX_STUDIES + 1; links are not followed."""
         count = 0
-        for given in self._folders:
-            for at, folders, files in os.walk(given):
+        for root in self._folders:
+            for path, folders, files in os.walk(root):
                 if MANIFEST in files:
-                    yield Path(at)
+                    yield Path(path)
                     count += 1
-                deep = len(Path(at).relative_to(given).parts) >= MAX_FOLDER_DEPTH
-                folders[:] = [] if MANIFEST in files or deep else sorted(folders)
+                is_deepest = len(Path(path).relative_to(root).parts) >= MAX_FOLDER_DEPTH
+                folders[:] = [] if MANIFEST in files or is_deepest else sorted(folders)
                 if count > MAX_STUDIES:
                     return
 

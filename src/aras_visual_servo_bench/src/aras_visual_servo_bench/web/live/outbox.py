@@ -57,7 +57,7 @@ class Outbox:
         self._send_now(text or to_json(message))
 
     def send_image(self, image: bytes) -> None:
-        """Send an image now, or store it as the pending image in place of an older one."""
+        """Send an image now, or store it as the pending image and drop an older one."""
         if self._unacknowledged >= MAX_UNACKNOWLEDGED:
             self._image = image
             return

@@ -88,10 +88,10 @@ def read_request(
     Raises:
         RefusedError: a field is missing, unknown or invalid.
     """
-    given = vars(build(REQUESTS[do], fields, f"{do}: ", RefusedError))
+    values = vars(build(REQUESTS[do], fields, f"{do}: ", RefusedError))
     for name, kind in CHOICE_FIELDS.get(do, {}).items():
-        known = choices.get(kind, ())
-        if given[name] not in known:
-            raise RefusedError(f"{do}: {name} is {format_value(given[name])}: "
-                               f"{suggest(given[name], known)}")  # fmt: skip
-    return Request(do, given)
+        names = choices.get(kind, ())
+        if values[name] not in names:
+            raise RefusedError(f"{do}: {name} is {format_value(values[name])}: "
+                               f"{suggest(values[name], names)}")  # fmt: skip
+    return Request(do, values)

@@ -152,8 +152,8 @@ def _select_joint_states(run: Run) -> np.ndarray:
 
     At most MAX_POSES of them, evenly spaced.
     """
-    known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
-    at = np.flatnonzero(known)
+    is_known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
+    at = np.flatnonzero(is_known)
     return at[np.unique(np.linspace(0, len(at) - 1, min(MAX_POSES, len(at))).astype(int))]
 
 
@@ -191,17 +191,17 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
         colour = _choose_colour(number)
         if not len(path):
             continue
-        own = [Shape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
+        run_shapes = [Shape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
         if np.isfinite(run.goal_pose).all():
             ideal = interpolate_poses(path[0], run.goal_pose)[:, :3, 3]
-            own.append(Shape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
+            run_shapes.append(Shape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
             if border is not None:
-                own += make_frustum("goal", run.goal_pose, border, FRUSTUM_SIZE * size,
+                run_shapes += make_frustum("goal", run.goal_pose, border, FRUSTUM_SIZE * size,
                                (*(IDEAL if several else GOAL), 0.9))  # fmt: skip
         if border is not None:
-            own += make_frustum("start", path[0], border, FRUSTUM_SIZE * size,
+            run_shapes += make_frustum("start", path[0], border, FRUSTUM_SIZE * size,
                            (*(IDEAL if several else START), 0.6))  # fmt: skip
-        shapes[str(number)] = own
+        shapes[str(number)] = run_shapes
     return {
         "middle": (0.5 * (low + high)).tolist(), "size": size,
         "shapes": {key: [[shape.name, shape.to_json()] for shape in some]

@@ -108,10 +108,10 @@ def _render_run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object
 
 
 def _render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
-    known = {q.key: q.value for q in quantities}
+    values = {q.key: q.value for q in quantities}
     found = []
     for key, factor, unit, text in TILES:
-        value = known.get(key, float("nan"))
+        value = values.get(key, float("nan"))
         if isinstance(value, float) and math.isfinite(value):
             found.append(
                 {"value": format_quantity(format_number(factor * value), unit), "text": text}

@@ -94,7 +94,7 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5))),
 )  # fmt: skip
-DRAWING_PROCESSES = 2  # with more, the longest row still determines the time
+DRAWING_PROCESSES = 2  # more do not help: the slowest row determines the time
 CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
 
 
@@ -105,7 +105,7 @@ def write_report(
     paper: bool = False,
     progress: Callable[[float, str], None] = lambda part, what: None,
 ) -> list[Path]:
-    """Write the report of one or more runs: a page with all curves, numbers and figures.
+    """Write the report of one or more runs: a page with plots and metrics, figures and tables.
 
     The folder gets report.html, summary.json, summary.csv, figures/ and data/.
 

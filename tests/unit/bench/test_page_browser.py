@@ -200,7 +200,7 @@ def test_it_can_act_again_as_soon_as_what_hindered_it_is_over(page, state):
 def test_what_the_server_took_none_of_may_be_asked_again(page, monkeypatch):
     monkeypatch.setattr(server_module, "MAX_REQUESTS", 0)
     page.js(f"{button('reset')}.click()")
-    page.wait("document.getElementById('answer').textContent.includes('wait for them')")
+    page.wait("document.getElementById('answer').textContent.includes('wait for their answers')")
     assert page.js(f"{button('reset')}.getAttribute('aria-disabled')") == "false"
 
 

@@ -222,5 +222,5 @@ def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
     with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .*: pip install"):
         uplot.read_uplot((uplot.STYLE[0], "0" * 64))
     monkeypatch.setattr(uplot, "CARRIER_PACKAGE", "no_such_package")
-    with pytest.raises(BenchError, match="curves, is not installed: run ./setup.sh"):
+    with pytest.raises(BenchError, match="pages, is not installed: run ./setup.sh"):
         uplot.read_uplot(uplot.SCRIPT)

@@ -612,11 +612,11 @@ def test_the_command_says_where_it_is_that_there_is_no_browser_and_ends_by_inter
         lines = []
         for line in child.stdout:
             lines.append(line.strip())
-            if line.startswith("Ctrl-C"):
+            if line.startswith("press Ctrl-C"):
                 break
         text = "\n".join(lines)
         address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
-        assert address and "first: 30 of 30 runs" in text and "no browser" in text
+        assert address and "first: 30 of 30 runs" in text and "cannot open a browser" in text
         with urlopen(address[1], timeout=20) as answer:
             assert answer.status == 200
         child.send_signal(2)

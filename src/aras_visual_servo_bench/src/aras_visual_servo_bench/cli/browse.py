@@ -62,7 +62,7 @@ def _print_start(server: BrowseServer, is_quiet: bool) -> None:
         lines.append(found.note)
     if not is_quiet and not _open_browser(server.access.address):
         lines.append("cannot open a browser: open the address in a browser yourself")
-    print(*lines, "stop with Ctrl-C", sep="\n", flush=True)
+    print(*lines, "press Ctrl-C to stop", sep="\n", flush=True)
 
 
 def _open_browser(address: str) -> bool:

@@ -81,7 +81,8 @@ class Viewer:
         return self.told.get("controller", {}).get("phase", "")
 
     def wait(self, phase: str, timeout: float = 60.0) -> None:
-        wait_for(lambda: self.phase() == phase, timeout, f"{phase}, now {self.told.get('controller')}")
+        state = f"{phase}, now {self.told.get('controller')}"
+        wait_for(lambda: self.phase() == phase, timeout, state)
 
     def close(self) -> None:
         self._loop.add_callback(self._socket.close)

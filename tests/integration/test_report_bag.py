@@ -453,7 +453,7 @@ def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
     empty = tmp_path / "empty.bag"
     with rosbag.Bag(str(empty), "w") as bag:
         bag.write("/clock", JointState(), rospy.Time(1))
-    with pytest.raises(BenchError, match="contains no state of a servo controller .* its topics: /clock"):
+    with pytest.raises(BenchError, match="contains no state of a servo .* its topics: /clock"):
         read_bag(empty)
     waiting = tmp_path / "waiting.bag"
     with rosbag.Bag(str(waiting), "w") as bag:

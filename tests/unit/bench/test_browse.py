@@ -89,7 +89,8 @@ def test_studies_are_found_below_a_folder_with_their_columns(ask, folder):
         ("second", 30, 30, ""), ("first", 30, 30, ""), ("words", 2, 2, "")]
     columns = {c["name"]: c for c in told["columns"]}
     assert columns["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
-                               "count": 4, "known_count": 60, "values": [1.0, 4.0, 8.0]}  # fmt: skip
+                               "count": 4, "known_count": 60,
+                               "values": [1.0, 4.0, 8.0]}  # fmt: skip
     assert columns["settled"]["unit"] == "s" and columns["settled"]["role"] == "metric"
     assert columns["scheme"]["values"] == [HOSTILE, "points"]
     assert columns["study"]["kind"] == "word" and "code" not in columns
@@ -232,7 +233,8 @@ def test_two_studies_are_compared(ask):
 
 @pytest.mark.parametrize(("asked", "said"), [
     ({"do": "rows", "filters": where(("gian", "=", 1))}, "no column 'gian'.*'gain'"),
-    ({"do": "rows", "filters": where(("gain", "=", "x"))}, "gain contains numbers, and 'x' is not a number"),
+    ({"do": "rows", "filters": where(("gain", "=", "x"))},
+     "gain contains numbers, and 'x' is not a number"),
     ({"do": "rows", "filters": where(("gain", "~", 1))}, "operator"),
     ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' here"),
     ({"do": "rows", "count": 100000}, "count"),

@@ -117,7 +117,8 @@ def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
     assert told["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
-                            "count": 4, "known_count": COUNT - 9, "values": [0.25, 1.5, 4.0]}  # fmt: skip
+                            "count": 4, "known_count": COUNT - 9,
+                            "values": [0.25, 1.5, 4.0]}  # fmt: skip
     assert told["word"]["kind"] == told["flag"]["kind"] == "word"
     assert (told["step"]["kind"], told["step"]["count"], told["step"]["values"]) == (
         "number", COUNT, [])  # fmt: skip

@@ -225,7 +225,8 @@ BENCH = "aras_visual_servo_bench"
     (["table", "x"], f"{BENCH}.commands.reading", "commands.reading is not installed: run ./setup."
      "sh; without ROS, pip install '.[bench]' in"),
     (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),
-    (["convert", "{}"], f"{BENCH}.ros.mcap", "convert needs the Python packages of ROS and mcap, see ./setup.s"),
+    (["convert", "{}"], f"{BENCH}.ros.mcap",
+     "convert needs the Python packages of ROS and mcap, see ./setup.s"),
 ])  # fmt: skip
 def test_what_needs_a_library_that_is_missing_says_so(words, missing, told, tmp_path, monkeypatch,
                                                       capsys):

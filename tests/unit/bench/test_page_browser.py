@@ -220,7 +220,8 @@ def test_without_a_phase_it_is_said_what_is_missing(page, state):
 @pytest.mark.parametrize("width", [320, 390, 820, 1080, 1081, 1440])
 def test_the_page_is_no_wider_than_the_screen(page, width):
     page.js("""document.querySelectorAll('details').forEach((d) => { d.open = true; });
-        document.getElementById("controller-message").textContent = "a reason of many words, ".repeat(20)""")
+        document.getElementById("controller-message").textContent =
+            "a reason of many words, ".repeat(20)""")
     page.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
               mobile=width < 800)  # fmt: skip
     page.js("new Promise((go) => setTimeout(go, 200))")  # curves follow their box
@@ -304,7 +305,8 @@ def test_every_curve_has_its_name_however_small_the_plot(page):
 def test_what_has_another_unit_has_another_axis(page):
     """Errors in m and in rad on one axis would leave the smaller ones without a shape."""
     assert page.js("""import('/plots.js').then((m) => [m.groupByUnit(["m", "m", "rad"], 3),
-        m.groupByUnit([], 2), m.groupByUnit(["a", "b", "c", "d"], 4), m.groupByUnit(["m"], 2)])""") == [
+        m.groupByUnit([], 2), m.groupByUnit(["a", "b", "c", "d"], 4),
+        m.groupByUnit(["m"], 2)])""") == [
         [["m", [0, 1]], ["rad", [2]]], [["", [0, 1]]], [["", [0, 1, 2, 3]]], [["", [0, 1]]]]
     charts = page.js(PLOT.format(
         width=300, names=["xn", "alpha"], units=["m", "rad"],

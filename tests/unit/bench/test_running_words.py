@@ -55,7 +55,8 @@ def test_workers_are_where_the_options_say(calls):
                       run.InProcessPool)
     for wrong, why in (({"workers": -1}, "--workers must be 0 or more, and --renew 1 or more"),
                        ({"renew": 0}, "--renew 1 or more"),
-                       ({"in_process": True, "scheduler": "s"}, "use only one of --in-process, --sched"),
+                       ({"in_process": True, "scheduler": "s"},
+                        "use only one of --in-process, --sched"),
                        ({"scheduler": "s", "cluster": "c"}, "use only one of"),
                        ({"in_process": True, "cluster": "c"}, "use only one of")):
         with pytest.raises(StudyError, match=why):

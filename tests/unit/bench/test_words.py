@@ -209,7 +209,8 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
         "candidates (tuned.yaml)\n")
     best.violation = 0.1
     made.clear()
-    assert main(words) == 1 and "no candidate keeps the target in the image" in capsys.readouterr().err
+    assert main(words) == 1
+    assert "no candidate keeps the target in the image" in capsys.readouterr().err
     assert made[0][2] == "settled" and made[0][5] == 1.0 and made[1] == 48
 
 

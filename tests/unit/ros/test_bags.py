@@ -306,7 +306,7 @@ def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, 
 def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
     run = bags.read_bag(write(tmp_path / "a.bag", graph, face, skip=skip))
     assert any(said in note for note in run.notes), run.notes
-    with pytest.raises(BenchError, match="contains no state of a servo controller .*; its topics: /"):
+    with pytest.raises(BenchError, match="contains no state of a servo .*; its topics: /"):
         bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
 
 

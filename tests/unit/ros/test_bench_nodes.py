@@ -351,7 +351,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     found.update(success=False, status_message="none of them")
     assert move_target.main(["circle=0.02", "frequency=0.2", "--model", "box"]) == 1
     assert "has no model 'box' (none of them): launch it" in capsys.readouterr().err
-    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "the target does not move: give velocity"),
+    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "the target does not move"),
                        (["circl=1"], "circle"), (["nonsense"], "nonsense")):
         assert move_target.main(words) == 1 and why in capsys.readouterr().err
 
@@ -812,8 +812,8 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
         shown.run.run()
     assert [len(lines) for lines in early[:4]] == [1, 0, 1, 0]  # after twenty seconds
     waits = [line for line in [*early[2], *shown.said()] if "still waiting for" in line]
-    assert waits == ["[demo] still waiting for the simulated robot and the recorder; the first start "
-                     "may compile code"]
+    assert waits == ["[demo] still waiting for the simulated robot and the recorder; the first "
+                     "start may compile code"]
     assert shown.run.launches[0].stopped == 1
     shown.run.launches[0].died = "node x died"
     shown.life.now += 1.0

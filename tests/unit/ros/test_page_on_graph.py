@@ -502,7 +502,8 @@ def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
     assert host.make_robot_model() == empty and host.make_robot_model() == empty and len(drawn) == 2
-    assert len(graph.lines) == 1 and graph.lines[0].startswith("the live page cannot draw the robot: ")
+    line, = graph.lines
+    assert line.startswith("the live page cannot draw the robot: ")
     listener.urdf = ""
     assert host.make_robot_model() is None
 

@@ -339,7 +339,7 @@ def test_the_camera_is_changed_on_the_page_while_the_nodes_run(viewer, port):
         tab.wait("arasPage.state.values.camera === 'wide'")
         last = tab.js("arasPage.state.samples.length ? arasPage.state.samples.at(-1)[0] : 0")
         tab.wait(f"arasPage.state.samples.some((s) => s[0] > {last} + 0.5)", 60.0)
-        tab.wait("arasPage.state.told.phase === 'converged'", 120.0)
+        tab.wait("arasPage.state.controller.phase === 'converged'", 120.0)
         assert tab.js("document.querySelectorAll('#plot-error .uplot').length") >= 1
 
 

@@ -129,7 +129,7 @@ function connect() {
         const reply = await fetch(`/robot?token=${encodeURIComponent(token)}`);
         if (reply.status === 403) { showError(await reply.text()); return; }
         refusalCount += 1;
-        if (refusalCount > 2) showError("The simulator accepts no more pages: close one of the open pages.");
+        if (refusalCount > 2) showError("The simulator accepts no more pages: close another page.");
       } catch { refusalCount = 0; /* no simulator is running */ }
     }
     setTimeout(connect, 1000);

@@ -351,7 +351,7 @@ def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path, closed)
             if topic not in ("/tf_static", f"{NAMESPACE}/experiment"):  # both are latched
                 bag.write(topic, message, time)
     record, single = read_bag(path if closed else cut_off(path, 1.0)), read_bag(once)
-    assert any("the clock was put back once" in note for note in record.notes)
+    assert any("the clock was reset once" in note for note in record.notes)
     np.testing.assert_array_equal(record.stamp, single.stamp)
     np.testing.assert_array_equal(record.measured_positions, single.measured_positions)
     np.testing.assert_array_equal(record.control_record.stamp, single.control_record.stamp)
@@ -373,7 +373,7 @@ def test_of_several_runs_the_last_is_told(tmp_path):
             bag.write(topic, later(message, 10.0), after)
     record, single = read_bag(path), read_bag(once)
     assert any("holds 2 runs" in note for note in record.notes)
-    assert not any("put back" in note for note in record.notes)
+    assert not any("clock was reset" in note for note in record.notes)
     np.testing.assert_allclose(record.stamp, single.stamp + 10.0)
     found, own = ({q.key: q.value_text for q in summarise(one)} for one in (record, single))
     for key in ("outcome", "settled", "error_settled", "final_error_xn", "path_ratio"):
@@ -426,11 +426,11 @@ def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(tmp_pat
     write_run(whole)
     state, report = f"{NAMESPACE}/controller/state", f"{NAMESPACE}/controller/diagnosis"
     without = of_another_version(whole, tmp_path / "a.bag", state, "desired_features")
-    with pytest.raises(BenchError, match=f"{state} is of another version .* without desired_f"):
+    with pytest.raises(BenchError, match=f"{state} has another version .* without desired_f"):
         read_bag(without)
     without = of_another_version(whole, tmp_path / "b.bag", report, "manipulability")
     record = read_bag(without)
-    assert f"{report} is of another version" in "".join(record.notes)
+    assert f"{report} has another version" in "".join(record.notes)
     assert not np.isfinite(record.scale).any()
     assert record.stamp == pytest.approx(read_bag(whole).run.stamp)
     # What was added later and is not needed is not missed.
@@ -453,7 +453,7 @@ def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
     empty = tmp_path / "empty.bag"
     with rosbag.Bag(str(empty), "w") as bag:
         bag.write("/clock", JointState(), rospy.Time(1))
-    with pytest.raises(BenchError, match="holds no state of a servo controller .* it has /clock"):
+    with pytest.raises(BenchError, match="contains no state of a servo .* its topics: /clock"):
         read_bag(empty)
     waiting = tmp_path / "waiting.bag"
     with rosbag.Bag(str(waiting), "w") as bag:

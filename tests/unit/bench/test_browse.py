@@ -85,11 +85,12 @@ def of(*conditions):
 
 def test_studies_are_found_below_a_folder_with_their_columns(ask, folder):
     told = ask("studies")
-    assert [(s["name"], s["runs"], s["of"], s["note"]) for s in told["studies"]] == [
+    assert [(s["name"], s["runs"], s["run_count"], s["note"]) for s in told["studies"]] == [
         ("second", 30, 30, ""), ("first", 30, 30, ""), ("words", 2, 2, "")]
     columns = {c["name"]: c for c in told["columns"]}
     assert columns["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
-                               "count": 4, "known": 60, "values": [1.0, 4.0, 8.0]}  # fmt: skip
+                               "count": 4, "known_count": 60,
+                               "values": [1.0, 4.0, 8.0]}  # fmt: skip
     assert columns["settled"]["unit"] == "s" and columns["settled"]["role"] == "metric"
     assert columns["scheme"]["values"] == [HOSTILE, "points"]
     assert columns["study"]["kind"] == "word" and "code" not in columns
@@ -115,7 +116,7 @@ def test_a_filter_leaves_the_runs_that_meet_it(ask, rows, condition, meets):
     assert 0 < len(wanted) < len(rows)
     assert [r[names.index("run")] for r in told["rows"]] == wanted
     assert told["total"] == len(wanted)
-    assert told["succeeded"] == sum(r["success"] == 1.0 for r in rows if meets(r))
+    assert told["success_count"] == sum(r["success"] == 1.0 for r in rows if meets(r))
 
 
 def test_rows_are_sorted_and_given_part_by_part(ask, rows):
@@ -169,10 +170,10 @@ def test_each_cell_of_a_map_chooses_its_own_runs(ask, rows):
                 assert found["total"] == count
                 seen += count
                 if count and value == "success":
-                    assert told["values"][i][j] == found["succeeded"] / count
+                    assert told["values"][i][j] == found["success_count"] / count
                 elif not count:
                     assert told["values"][i][j] is None
-        assert seen + told["left"] == 30
+        assert seen + told["uncounted"] == 30
     assert told["x"]["labels"][0][0] == pytest.approx(min(r["final_distance"] for r in rows))
 
 
@@ -199,9 +200,9 @@ def test_many_values_make_ranges_and_medians_are_those_of_numpy():
 def test_points_are_those_of_the_rows(ask, rows):
     import base64
 
-    told = ask("points", **of(), x="gain", y="settled", shade="success")
+    told = ask("points", **of(), x="gain", y="settled", colour_by="success")
     known = [r for r in rows if r["settled"] == r["settled"]]
-    assert told["count"] == len(known) and told["left"] == 30 - len(known)
+    assert told["count"] == len(known) and told["uncounted"] == 30 - len(known)
     y = np.frombuffer(base64.b64decode(told["y"]["values"]), "<f4")
     run = np.frombuffer(base64.b64decode(told["run"]), "<i4")
     study = np.frombuffer(base64.b64decode(told["study"]), "<i4")
@@ -218,7 +219,7 @@ def test_a_run_is_told_with_reason_and_remedy_and_its_whole_seed(ask, rows):
     assert (row["reason"], row["remedy"]) == (failed["reason"], failed["remedy"])
     assert int(row["seed"]) == failed["seed"] and row["end"] == "oscillating"
     assert "scheme" not in row  # another study's
-    with pytest.raises(StudyError, match="first has no run 30 yet"):
+    with pytest.raises(StudyError, match="first has not stored run 30 yet"):
         ask("run", study="first", run=30)
 
 
@@ -232,12 +233,13 @@ def test_two_studies_are_compared(ask):
 
 @pytest.mark.parametrize(("asked", "said"), [
     ({"do": "rows", "filters": where(("gian", "=", 1))}, "no column 'gian'.*'gain'"),
-    ({"do": "rows", "filters": where(("gain", "=", "x"))}, "gain holds numbers, and 'x' is none"),
+    ({"do": "rows", "filters": where(("gain", "=", "x"))},
+     "gain contains numbers, and 'x' is not a number"),
     ({"do": "rows", "filters": where(("gain", "~", 1))}, "operator"),
     ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' here"),
     ({"do": "rows", "count": 100000}, "count"),
     ({"do": "map", "x": "gain", "y": "nothing"}, "no column 'nothing'"),
-    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason holds words"),
+    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason contains text"),
     ({"do": "rows", "more": 1}, "more"),
     ({"do": "delete"}, "there is no request 'delete'"),
     ([], "JSON object"),
@@ -286,7 +288,7 @@ def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
     assert "is damaged" in look.find_study("broken").note
     shutil.rmtree(tmp_path / "bad")
     look = studies.read_snapshot(is_forced=True)
-    assert look.find_study("bad").note.endswith("bad is gone") and look.table.num_rows == 30
+    assert look.find_study("bad").note.endswith("bad was removed") and look.table.num_rows == 30
 
 
 def test_names_that_are_no_text_are_shown_and_asked_for(tmp_path):
@@ -329,7 +331,7 @@ def test_studies_too_many_are_left_out_and_that_is_said(tmp_path, monkeypatch):
     for name in "abc":
         (tmp_path / name).mkdir()
         (tmp_path / name / "manifest.json").write_text("{")
-    said = "only the first 2 studies are shown: name folders that hold fewer"
+    said = "only the first 2 studies are shown: give folders with fewer"
     for most, names, note in ((3, "abc", ""), (2, "ab", said)):
         monkeypatch.setattr(studies_module, "MAX_STUDIES", most)
         look = Studies([tmp_path]).read_snapshot(is_forced=True)
@@ -589,7 +591,7 @@ def test_a_port_that_is_taken_is_said_and_another_used(folder):
     found = serve([folder], "127.0.0.1", taken, say=said.append)
     try:
         assert found.access.port != taken and f"port {taken} is taken" in said[0]
-        with pytest.raises(PortTakenError, match="give an address of this machine"):
+        with pytest.raises(PortTakenError, match="use an address of this machine"):
             serve([folder], "192.0.2.1", taken, say=said.append)
     finally:
         found.close()
@@ -612,11 +614,11 @@ def test_the_command_says_where_it_is_that_there_is_no_browser_and_ends_by_inter
         lines = []
         for line in child.stdout:
             lines.append(line.strip())
-            if line.startswith("Ctrl-C"):
+            if line.startswith("press Ctrl-C"):
                 break
         text = "\n".join(lines)
         address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
-        assert address and "first: 30 of 30 runs" in text and "no browser" in text
+        assert address and "first: 30 of 30 runs" in text and "cannot open a browser" in text
         with urlopen(address[1], timeout=20) as answer:
             assert answer.status == 200
         child.send_signal(2)

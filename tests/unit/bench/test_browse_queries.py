@@ -85,10 +85,10 @@ def test_truth_values_are_equal_or_not(look, table):
                           (0.0, False), ("no", False)):  # fmt: skip
         assert chosen(look, ("flag", "=", value)) == where(table.flag.eq(wanted)), value
         assert chosen(look, ("flag", "≠", value)) == where(table.flag.eq(not wanted)), value
-    with pytest.raises(StudyError, match="flag is true or false: write = or ≠"):
+    with pytest.raises(StudyError, match="flag is true or false: use = or ≠"):
         chosen(look, ("flag", "<", True))
     for value in ("x", None):
-        with pytest.raises(StudyError, match="step holds numbers, and .* is none"):
+        with pytest.raises(StudyError, match="step contains numbers, and .* is not a number"):
             chosen(look, ("step", "=", value))
 
 
@@ -117,13 +117,14 @@ def test_columns_are_told_with_the_values_of_those_that_take_few(look):
     told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
     assert told["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
-                            "count": 4, "known": COUNT - 9, "values": [0.25, 1.5, 4.0]}  # fmt: skip
+                            "count": 4, "known_count": COUNT - 9,
+                            "values": [0.25, 1.5, 4.0]}  # fmt: skip
     assert told["word"]["kind"] == told["flag"]["kind"] == "word"
     assert (told["step"]["kind"], told["step"]["count"], told["step"]["values"]) == (
         "number", COUNT, [])  # fmt: skip
     # A script's numbers hold no more digits.
     assert told["seed"]["values"] == [2**53 - 1, 2**53, str(2**53 + 1)]
-    assert [told["distance"][key] for key in ("unit", "role", "known")] == ["", "", COUNT - 2]
+    assert [told["distance"][key] for key in ("unit", "role", "known_count")] == ["", "", COUNT - 2]
     for count in (60, 61):
         few = Snapshot(1, (), pa.table({"x": np.arange(count)}))
         (one,) = queries.describe_columns(few)
@@ -149,12 +150,12 @@ def test_rows_are_a_part_of_those_in_order(look, table):
         order = mine.sort_values(column, ascending=not descending, kind="stable")[column]
         found = [row[look.table.column_names.index(column)] for row in told["rows"]]
         assert found == order.tolist()[4:13], column
-        assert (told["total"], told["succeeded"]) == (380, int(mine.success.sum()))
+        assert (told["total"], told["success_count"]) == (380, int(mine.success.sum()))
     plainly = rows(look, filters=filters)["rows"]
     assert [row[at] for row in plainly] == mine.step.tolist()[:50]
     assert len(plainly[0]) == len(look.table.column_names)
     none = rows(look, filters=(Filter("step", "<", -1),), sort="angle")
-    assert none == {"total": 0, "succeeded": 0, "rows": []}
+    assert none == {"total": 0, "success_count": 0, "rows": []}
     for wrong in ({"count": 0}, {"count": 201}, {"first": -1}):
         with pytest.raises(StudyError):
             build(queries.RowQuery, wrong, "", StudyError)
@@ -246,7 +247,7 @@ def test_a_map_s_cells_are_those_of_pandas(look, table):
         )
         assert told["x"]["labels"] == sorted(set(table.word) - {None})
         assert told["y"]["labels"] == [0.25, 1.5, 4.0]
-        assert told["left"] == (table.word.isna() | table.gain.isna()).sum()
+        assert told["uncounted"] == (table.word.isna() | table.gain.isna()).sum()
         places = (enumerate(told[axis]["labels"]) for axis in "yx")
         for (i, gain), (j, word) in itertools.product(*places):
             own = table[(table.gain == gain) & (table.word == word)][value]
@@ -255,7 +256,7 @@ def test_a_map_s_cells_are_those_of_pandas(look, table):
                 own.replace(np.inf, np.nan).median()  # fmt: skip
             assert told["values"][i][j] == (pytest.approx(wanted) if len(own) else None)
     assert queries.MapQuery().value == "success"
-    with pytest.raises(StudyError, match="word holds words, not numbers"):
+    with pytest.raises(StudyError, match="word contains text, not numbers"):
         queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="word"))
 
 
@@ -265,11 +266,11 @@ def read(text, kind):
 
 def test_points_are_coloured_in_seven_classes(look, table):
     told = queries.find_points(
-        look, queries.PointQuery((), (), x="distance", y="word", shade="step")
+        look, queries.PointQuery((), (), x="distance", y="word", colour_by="step")
     )
     words = sorted(set(table.word) - {None})
     mine = table[np.isfinite(table.distance) & table.word.notna()]
-    assert (told["count"], told["left"]) == (len(mine), COUNT - len(mine))
+    assert (told["count"], told["uncounted"]) == (len(mine), COUNT - len(mine))
     assert (told["x"]["labels"], told["y"]["labels"]) == ([], words)
     np.testing.assert_allclose(read(told["x"]["values"], "<f4"), mine.distance, rtol=1e-6)
     assert read(told["y"]["values"], "<f4").tolist() == [words.index(w) for w in mine.word]
@@ -277,13 +278,13 @@ def test_points_are_coloured_in_seven_classes(look, table):
     assert [told["studies"][i] for i in read(told["study"], "<i4")] == mine.study.tolist()
     classes = np.array(told["classes"])
     assert classes.shape == (7, 2) and classes[0, 0] == mine.step.min()
-    for step, shade in zip(mine.step, read(told["shades"], "u1"), strict=True):
+    for step, shade in zip(mine.step, read(told["colours"], "u1"), strict=True):
         assert classes[shade, 0] <= step <= classes[shade, 1]
-    named = queries.find_points(look, queries.PointQuery(x="angle", y="step", shade="name"))
+    named = queries.find_points(look, queries.PointQuery(x="angle", y="step", colour_by="name"))
     common = set(table.name.value_counts().index[:7])
     assert len(named["classes"]) == 7 and len(common - set(named["classes"])) <= 1
     assert [(named["classes"] + ["-"])[k] if name in named["classes"] else k
-            for name, k in zip(table.name, read(named["shades"], "u1"), strict=True)] == [
+            for name, k in zip(table.name, read(named["colours"], "u1"), strict=True)] == [
         name if name in named["classes"] else 7 for name in table.name]  # fmt: skip
     unshaded = queries.find_points(look, queries.PointQuery(x="angle", y="step"))
-    assert unshaded["classes"] == [] and not read(unshaded["shades"], "u1").any()
+    assert unshaded["classes"] == [] and not read(unshaded["colours"], "u1").any()

@@ -77,9 +77,9 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
     ("words", "told"),
     [
         (["gian=2.0"], "an experiment has no 'gian': did you mean gain?"),
-        (["--workers", "2"], "--workers is for studies: an experiment is one run"),
-        (["--dry-run"], "--dry-run is for studies"),
-        (["--fail-fast"], "--fail-fast is for studies"),
+        (["--workers", "2"], "--workers applies to studies, not to an experiment"),
+        (["--dry-run"], "--dry-run applies to studies"),
+        (["--fail-fast"], "--fail-fast applies to studies"),
         (["duration=-1"], "duration"),
     ],
 )
@@ -105,10 +105,10 @@ def test_pips_program_names_itself_and_compiles_before_it_starts(monkeypatch, ca
     assert main(["resume", "/nowhere"]) == 1
     said = capsys.readouterr().err.splitlines()
     assert compiled == ["aras_sim_bridge"]
-    assert said[0] == "compiling loops, once: a minute or two"
+    assert said[0] == "first start: compiling for one or two minutes"
     assert said[-1].startswith("aras-servo: ")
     assert make_parser().prog == "aras-servo"
-    with pytest.raises(BenchError, match="say which run: aras-servo show out 0"):
+    with pytest.raises(BenchError, match="give the number of a run: aras-servo show out 0"):
         raise_of(["show", "out"])
 
 
@@ -171,7 +171,7 @@ def test_the_commands_are_listed_with_what_they_do(capsys):
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--help"])
     out = capsys.readouterr().out
-    assert "Visual servoing, simulated" in out and "COMMAND" in out
+    assert "Simulated visual servoing" in out and "COMMAND" in out
     for name in USAGES:
         (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
         assert len(line.split(None, 1)[1]) > 10
@@ -225,7 +225,8 @@ BENCH = "aras_visual_servo_bench"
     (["table", "x"], f"{BENCH}.cli.results", "cli.results is not installed: run ./setup."
      "sh; without ROS, pip install '.[bench]' in"),
     (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),
-    (["convert", "{}"], f"{BENCH}.ros.mcap", "needs ROS's Python packages and mcap, see ./setup.s"),
+    (["convert", "{}"], f"{BENCH}.ros.mcap",
+     "convert needs the Python packages of ROS and mcap, see ./setup.s"),
 ])  # fmt: skip
 def test_what_needs_a_library_that_is_missing_says_so(words, missing, told, tmp_path, monkeypatch,
                                                       capsys):

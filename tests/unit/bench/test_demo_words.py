@@ -74,9 +74,9 @@ def test_results_go_into_a_folder(tmp_path, monkeypatch):
     (["--target", "poster", "--target-size", "3 1"], "must be <= 2 m, the table's"),
     (["--target-size", "0 1"], "two lengths above 0 m"),
     (["--urdf", "/none.urdf"], "there is no file /none.urdf"),
-    (["gain:=2"], "gain:= is an option here"),
-    (["gians:=x"], "no argument 'gians' of the launch files: did you mean 'gains'?"),
-    (["nonsense"], "'nonsense' is no argument: write NAME:=VALUE"),
+    (["gain:=2"], "gain:= is set by an option"),
+    (["gians:=x"], "the launch files have no argument 'gians': did you mean 'gains'?"),
+    (["nonsense"], "'nonsense' is not an argument: use NAME:=VALUE"),
 ])  # fmt: skip
 def test_what_cannot_be_is_told_with_what_would_be_right(words, told, capsys):
     assert told in refused(words, capsys)
@@ -149,7 +149,7 @@ def test_another_robot_has_joints_of_its_own(tmp_path, capsys):
 def test_without_a_display_the_demo_says_so_and_goes_on_without_rviz(monkeypatch, capsys):
     monkeypatch.delenv("DISPLAY", raising=False)
     assert parse(["--rviz"]).rviz is False
-    assert "DISPLAY is not set: it goes on without rviz" in capsys.readouterr().err
+    assert "DISPLAY is not set: continuing without rviz" in capsys.readouterr().err
     monkeypatch.setenv("DISPLAY", ":0")
     assert parse(["--rviz"]).rviz is True
     assert not capsys.readouterr().err

@@ -72,7 +72,7 @@ def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
     with kept.by.log.open("a") as log:
         log.write(FULL.format(bag=kept.open_bag))
     assert kept.find_recording_error().startswith("the recorder has stopped: Less than 256M of space free on")
-    with pytest.raises(RefusedError, match="Less than 256M .*; what it had until then is kept: "):
+    with pytest.raises(RefusedError, match="Less than 256M .*; the bag until then is available: "):
         kept.stop_recording()
     assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()
 
@@ -81,7 +81,7 @@ def test_a_recorder_that_ended_in_order_says_why(kept):
     with kept.by.log.open("a") as log:
         log.write(ENDED.format(folder=kept.open_bag.parent))
     assert kept.find_recording_error().startswith("the recorder (record) has ended: the disk of ")
-    with pytest.raises(RefusedError, match="is full: .*; what it had until then is kept: recorded"):
+    with pytest.raises(RefusedError, match="is full: .*; the bag until then .*: recorded"):
         kept.stop_recording()
 
 
@@ -105,15 +105,15 @@ def test_a_recorder_that_does_not_start_is_reported_at_once(tmp_path, monkeypatc
 def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
     with kept.by.log.open("a") as log:
         log.write(TORN + DIED)
-    with pytest.raises(RefusedError, match="Error writing to file.* is kept: recorded .*active"):
+    with pytest.raises(RefusedError, match="Error writing to file.* available: recorded .*active"):
         kept.stop_recording()
     assert kept.last_bag.name.endswith(".bag.active") and kept.open_bag is None
 
 
 def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
-    with pytest.raises(RefusedError, match=f"^recording already, to {kept.open_bag}$"):
-        kept.start_recording()
-    with pytest.raises(RefusedError, match="a bag is still being recorded: stop that first"):
+    with pytest.raises(RefusedError, match=f"^already recording to {kept.open_bag}$"):
+        kept.record()
+    with pytest.raises(RefusedError, match="a bag is being recorded: stop the recording first"):
         kept.make_report()
     kept.by.bag.with_name(kept.by.bag.name + ".active").rename(kept.directory / "x")
     kept.by.stop = lambda patience=0.0: None
@@ -142,25 +142,25 @@ def test_tools_are_run_to_their_end(kept, monkeypatch):
 
     monkeypatch.setattr(session_files.subprocess, "run", run)
     goal = kept.directory / "goals" / "mine.yaml"
-    assert kept.teach_goal("mine", "points") == f"the goal mine is what the camera sees now: {goal}"
+    assert kept.teach_goal("mine", "points") == f"stored the current view as goal mine: {goal}"
     assert goal.parent.is_dir() and asked.pop() == (
         ["rosrun", "aras_visual_servo_controller", "teach", str(goal), "--scheme", "points",
          "--timeout", "20.0"], 90.0)
     kept.stop_recording()
     out = kept.directory / "report" / kept.last_bag.stem
-    assert kept.make_report() == f"reported in {out}" and asked.pop() == (
+    assert kept.make_report() == f"wrote the report into {out}" and asked.pop() == (
         ["rosrun", "aras_visual_servo_bench", "analyze", str(kept.last_bag), "--out", str(out),
          "--formats", ""], 180.0)
     assert kept.report_page == f"{kept.last_bag.stem}/a.html"
     for ends, why in (([1, " two \n\n"], "^two$"), ([1, ""], "^one$"),
-                      (["late", ""], "^teach has not ended within 90 s$")):
+                      (["late", ""], "^teach did not finish within 90 s$")):
         status[:] = ends
         with pytest.raises(RefusedError, match=why):
             kept.teach_goal("mine", "points")
     status[:], pages[:] = [0, ""], []
     for page in out.iterdir():
         page.unlink()
-    with pytest.raises(RefusedError, match=f"^analyze left no page in {out}$"):
+    with pytest.raises(RefusedError, match=f"^analyze wrote no page into {out}$"):
         kept.make_report()
 
 

@@ -35,7 +35,7 @@ def test_other_names_are_refused(host):
     "ftp://127.0.0.1:8090", "127.0.0.1:8090", "http://[::1", "http://http://127.0.0.1:8090",
 ])  # fmt: skip
 def test_pages_of_other_origins_may_not_ask(origin):
-    assert "may not ask here" in HOME.refusal_reason(TOKEN, "127.0.0.1:8090", origin)
+    assert "are not allowed" in HOME.refusal_reason(TOKEN, "127.0.0.1:8090", origin)
 
 
 @pytest.mark.parametrize("token", ["", *(TOKEN[:k] for k in range(1, len(TOKEN))), TOKEN + "x",
@@ -60,7 +60,7 @@ def test_an_open_page_is_served_under_addresses(host):
 ])  # fmt: skip
 def test_and_under_no_name_that_a_foreign_page_could_have(host):
     assert "not served under" in OPEN.refusal_reason(TOKEN, host, None)
-    assert "may not ask here" in OPEN.refusal_reason(TOKEN, "localhost:8090", f"http://{host}")
+    assert "are not allowed" in OPEN.refusal_reason(TOKEN, "localhost:8090", f"http://{host}")
 
 
 def test_of_any_names_an_open_page_takes_addresses_alone():

@@ -9,7 +9,7 @@ from aras_visual_servo_bench.web.live.page import MAX_SAMPLES
 
 
 def news(stamp, **more):
-    return {"kind": "news", "stamp": stamp, **more}
+    return {"kind": "update", "stamp": stamp, **more}
 
 
 @pytest.fixture
@@ -81,9 +81,9 @@ def test_plots_that_begin_anew_forget_what_was_before(outbox, sent):
 
 
 def test_everything_and_then_some_is_everything():
-    whole = {"kind": "whole", "stamp": 1.0, "samples": [], "shapes": {"path": 1}}
+    whole = {"kind": "full", "stamp": 1.0, "samples": [], "shapes": {"path": 1}}
     assert merge_updates(whole, news(2.0, samples=[[1.0]])) == {
-        "kind": "whole", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
+        "kind": "full", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
 
 
 def test_as_many_samples_as_a_plot_holds_are_all_kept():

@@ -75,9 +75,10 @@ def test_a_request_is_read_as_it_was_sent():
      "known are auto"),
     ("camera", {"preset": "../wide"}, "camera: preset is '../wide': did you mean 'wide'?"),
     ("target", {"name": "poster"}, "target: name is 'poster': known are none"),
-    ("teach", {"name": "../mine"}, "teach: name is '../mine', must be letters, digits, - and _"),
+    ("teach", {"name": "../mine"},
+     "teach: name is '../mine', must be 1 to 40 letters, digits, - or _"),
     ("teach", {"name": ""}, "letters, digits"),
-    ("teach", {"name": "a" * 41}, "40 at most"),
+    ("teach", {"name": "a" * 41}, "must be 1 to 40"),
     ("teach", {"name": "a\n"}, "letters, digits"),
 ])  # fmt: skip
 def test_what_is_wrong_is_refused_with_the_reason(do, given, why):

@@ -82,7 +82,7 @@ def test_nothing_is_told_without_the_token(server, path, caplog):
     status, text, headers = get(server, f"{path}?token={server.access.token}", Host="evil.example")
     assert status == 403 and "not served under" in text
     status, text, _ = get(server, f"{path}?token={server.access.token}", Origin="http://evil.test")
-    assert status == 403 and "may not ask here" in text
+    assert status == 403 and "are not allowed" in text
     assert get(server, f"{path}?token=%ff")[0] == 400
     assert not [entry for entry in caplog.records if entry.name.startswith("tornado")]
 
@@ -170,14 +170,14 @@ def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, ho
     host.asked.clear()
     sent = ['{"do": "start"}', '{"do": "step", "steps": -1}', "nonsense", '{"do": "hold"}']
     heard, told = talk(server, *sent, answers=4)
-    by_text = {answer["text"]: answer["done"] for answer in heard}
+    by_text = {answer["text"]: answer["ok"] for answer in heard}
     assert by_text == {
         "done: start": True, "step: steps is -1, must be >= 1": False,
-        "a request is a JSON object": False, "no controller here": False,
+        "a request must be a JSON object": False, "no controller here": False,
     }  # fmt: skip
     assert sorted(request.do for request in host.asked) == ["hold", "start"]
     assert sorted(str(answer["do"]) for answer in heard) == ["None", "hold", "start", "step"]
-    assert told[0]["kind"] == "whole"
+    assert told[0]["kind"] == "full"
     assert told[0]["limits"]["names"] == list(host.arm.names)
 
 
@@ -215,8 +215,8 @@ def test_of_nine_requests_at_a_time_one_is_refused(server, host):
 
     host.waited.clear()
     first, *others = asyncio.run(run())
-    assert first == {"kind": "answer", "do": None, "done": False,
-                     "text": "8 requests are being carried out: wait for them"}  # fmt: skip
+    assert first == {"kind": "answer", "do": None, "ok": False,
+                     "text": "8 requests are in progress: wait for their answers"}  # fmt: skip
     assert [other["text"] for other in others] == ["done: report"] * 8
 
 
@@ -305,7 +305,7 @@ def test_one_viewer_goes_and_the_other_is_told_all_the_same(server, host):
             await asyncio.sleep(0.02)
         for _ in range(4 * MAX_UNACKNOWLEDGED):
             assert await asyncio.wait_for(second.read_message(), 20) is not None
-            await second.write_message("seen")
+            await second.write_message("ack")
         second.close()
 
     host.viewers.clear()
@@ -346,7 +346,7 @@ def test_an_end_is_told_to_the_viewers_and_leaves_nothing_open(host):
 
 def test_a_fault_of_ours_is_said_and_closes_nothing(server):
     heard, _ = talk(server, '{"do": "reset"}', '{"do": "start"}', answers=2)
-    assert {answer["text"]: answer["done"] for answer in heard} == {
+    assert {answer["text"]: answer["ok"] for answer in heard} == {
         "reset failed: ZeroDivisionError: a fault": False, "done: start": True}
 
 
@@ -391,7 +391,7 @@ def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, ho
             host.move()
         await asyncio.sleep(0.5)
         for _ in range(MAX_UNACKNOWLEDGED):
-            await viewer.write_message("seen")
+            await viewer.write_message("ack")
         last = json.loads(await asyncio.wait_for(viewer.read_message(), 20))
         picture = await asyncio.wait_for(viewer.read_message(), 20)
         # Asking is answered however much is unseen.
@@ -437,7 +437,7 @@ def test_twenty_ports_are_tried(monkeypatch):
         raise OSError((errno.EADDRINUSE, errno.EACCES)[port % 2], "taken")
 
     monkeypatch.setattr("tornado.netutil.bind_sockets", taken)
-    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: give"):
+    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: use"):
         bind_free_port("10.0.0.5", 8080)
     assert tried == [(port, "10.0.0.5") for port in range(8080, 8100)]
 
@@ -452,8 +452,8 @@ def test_numbers_are_told_with_as_many_places_as_are_seen(host, monkeypatch):
                                "velocity": [None], "prismatic": [True]}  # fmt: skip
     assert found["samples"] == [[0.3333, [0.333333, -0.333333], [0.333333] * 6, [0.0] * 6,
                                  [0.333333]]]  # fmt: skip
-    assert (found["stamp"], found["factor"]) == (0.333, 0.333)
-    assert (found["joints"], found["speeds"]) == ([0.333333], [0.3333])
+    assert (found["stamp"], found["real_time_factor"]) == (0.333, 0.333)
+    assert (found["joints"], found["velocities"]) == ([0.333333], [0.3333])
 
 
 def test_a_stamp_that_is_a_second_older_is_still_of_the_run():
@@ -484,20 +484,21 @@ def test_each_thing_is_told_once(host):
     assert first["stamp"] == 1.0  # in milliseconds
     assert first["limits"]["lower"] == [None]
     assert first["samples"] == [[1.0, [0.1, -0.2], [0.0] * 6, [0.0] * 6, [0.5]]]
-    assert first["told"]["phase"] == host.run_trace.state.phase
-    assert (first["factor"], first["choices"], first["state"]) == (1.0, page.choices, page.state)
+    assert first["controller"]["phase"] == host.run_trace.state.phase
+    assert first["real_time_factor"] == 1.0
+    assert (first["choices"], first["state"]) == (page.choices, page.state)
     again = page.make_update(host.run_trace, [0.5], [0.0], 1.1)
-    assert set(again) == {"kind", "stamp", "joints", "speeds", "factor"}
+    assert set(again) == {"kind", "stamp", "joints", "velocities", "real_time_factor"}
     page.choices, page.state, host.run_trace.factor = {"goals": ["auto"]}, {"robot": 1}, None
     changed = page.make_update(host.run_trace, [0.5], [0.0], 1.15)
     host.run_trace.factor = 1.0
     assert (changed["choices"], changed["state"]) == ({"goals": ["auto"]}, {"robot": 1})
-    assert changed["factor"] is None
+    assert changed["real_time_factor"] is None
     host.move()
     moved = page.make_update(host.run_trace, [0.5], [0.0], 1.2)
     assert "camera picture" in moved["shapes"] and "desired camera picture" not in moved["shapes"]
     whole = page.make_full_message()
-    assert whole["samples"] == first["samples"] and whole["told"] == first["told"]
+    assert whole["samples"] == first["samples"] and whole["controller"] == first["controller"]
     assert whole["shapes"]["camera picture"] == moved["shapes"]["camera picture"]
     json.dumps(whole, allow_nan=False)
 
@@ -547,7 +548,7 @@ def test_the_robots_model_is_the_descriptions(robot, host, monkeypatch):
     model = make_robot_model(robot.urdf, robot.packages.find)
     with monkeypatch.context() as small:
         small.setattr("aras_visual_servo_bench.web.live.robot_model.MAX_TRIANGLES", 10)
-        with pytest.raises(DescriptionError, match="triangles; a page draws 10"):
+        with pytest.raises(DescriptionError, match="triangles; the page draws at most 10"):
             make_robot_model(robot.urdf, robot.packages.find)
     assert model["name"] == "aras_visual_servo"
     assert {j["name"] for j in model["joints"]} >= set(host.arm.names)

@@ -28,7 +28,7 @@ PAIRS = [
           ("badge", ("good", "bad", "warn", "soft")), ("ink", ("bad-ground", "warn-ground")),
           *((name, ("box", "ground")) for name in ("ink", "soft", "good", "bad", "warn", "mark")),
       ) for ground in grounds),
-    *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "words", "address", "red")
+    *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "message", "address", "red")
       for ground in ("back", "box")),
     *((LIVE["text"], LIVE[ground]) for ground in ("line", "well", "button", "over", "active",
                                                   "good", "wait", "bad")),

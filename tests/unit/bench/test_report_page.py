@@ -80,7 +80,7 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
             original = run.images.nearest(float(stamps[i]))
             assert picture.shape == original.shape == (shown["height"], shown["width"], 3)
             assert np.abs(picture.astype(int) - original).mean() < 4.0
-        rim = told["arrays"][shown["wanted"]].reshape(-1, 2)
+        rim = told["arrays"][shown["desired_outline"]].reshape(-1, 2)
         if run is flying:  # the features are its corners, wherever the target has drifted to
             wanted = np.column_stack(run.camera.project(*run.desired[0].reshape(-1, 2).T))
             np.testing.assert_allclose(sorted(rim.tolist()), sorted(wanted.tolist()), atol=0.02)
@@ -89,7 +89,7 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
             np.testing.assert_allclose(sorted(corners.desired[:4].tolist()), sorted(rim.tolist()),
                                        atol=0.02)  # fmt: skip
         told_tracks = shown["tracks"]
-        assert told_tracks["measured"] == (run is flying)
+        assert told_tracks["is_measured"] == (run is flying)
         assert len(told_tracks["pixels"]) == len(told_tracks["names"])
         centre = told["arrays"][told_tracks["pixels"][-1]].reshape(-1, 2)
         assert centre.shape == (len(run.stamp), 2)
@@ -212,8 +212,8 @@ def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(momen
     rows = page.partition('id="numbers"')[2].partition("</section>")[0]
     count = len((tmp_path / "summary.csv").read_text().splitlines()) - 1
     assert rows.count("<tr>") == 251
-    assert f"{count - 250} numbers more are in summary.csv" in rows
-    assert "24 curves of" not in page and '"left_out":376' in page
+    assert f"lists {count - 250} more quantities" in rows
+    assert "24 curves of" not in page and '"omitted_curves":376' in page
 
 
 def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
@@ -222,5 +222,5 @@ def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
     with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .*: pip install"):
         uplot.read_uplot((uplot.STYLE[0], "0" * 64))
     monkeypatch.setattr(uplot, "CARRIER_PACKAGE", "no_such_package")
-    with pytest.raises(BenchError, match="curves, is not installed: run ./setup.sh"):
+    with pytest.raises(BenchError, match="pages, is not installed: run ./setup.sh"):
         uplot.read_uplot(uplot.SCRIPT)

@@ -193,14 +193,14 @@ def test_every_number_of_the_page_is_recomputed(runs, written):
         r'class="tile"><b>(.*?)</b><span>(.*?)</span>', page))  # fmt: skip
     assert len(tiles) == 8
     for text, key, factor, unit in (
-        ("until it stays within 2 % of its first distance", "settled", 1, " s"),
-        ("camera off its goal", "final_distance", 1e3, " mm"),
-        ("camera turned from its goal", "final_angle", 180 / math.pi, " °"),
-        ("camera&#39;s path over a straight line", "path_ratio", 1, ""),
-        ("decay of the error", "decay_rate", 1, " 1/s"),
-        ("greatest condition number of L", "condition_L", 1, ""),
-        ("images in simulated time", "image_rate", 1, " Hz"),
-        ("real time", "real_time_factor", 1, " ×"),
+        ("settling time (2 % of the initial distance)", "settled", 1, " s"),
+        ("final position error", "final_distance", 1e3, " mm"),
+        ("final orientation error", "final_angle", 180 / math.pi, " °"),
+        ("path length / straight line", "path_ratio", 1, ""),
+        ("decay rate of the error", "decay_rate", 1, " 1/s"),
+        ("largest condition number of L", "condition_L", 1, ""),
+        ("image rate (simulated time)", "image_rate", 1, " Hz"),
+        ("real-time factor", "real_time_factor", 1, " ×"),
     ):  # fmt: skip
         value = tiles[text]
         assert value.endswith(unit), text

@@ -280,18 +280,18 @@ def test_poses_and_films_are_those_that_were_known():
     film = own["film"]
     np.testing.assert_allclose(read(told, film["time"]), run.stamp[:3] - run.start_stamp, atol=1e-6)
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 3)
-    assert film["wanted"] is None and film["tracks"] is None  # no camera is known
+    assert film["desired_outline"] is None and film["tracks"] is None  # no camera is known
     assert film["milestones"][0] == 0.0 and film["milestones"][-1] == run.time[-1]
     alone = replace(run, cameras={"camera": replace(first, pictures=pictures[:1])})
     film = make_contents([alone], [])["runs"][0]["film"]
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 1)
-    (wide,) = own["others"]
+    (wide,) = own["other_films"]
     assert (wide["camera"], wide["width"], wide["height"]) == ("wide", 80, 40)
     np.testing.assert_allclose(read(told, wide["time"]), [0.0, 0.5], atol=1e-6)
     assert base64.b64decode(wide["frames"][1]) == jpeg and len(wide["frames"]) == 2
     never = replace(run, true_pose=np.full_like(poses, np.nan), cameras={"camera": CameraRecord()})
     told = make_contents([never], [])["runs"][0]
-    assert told["poses"] is told["film"] is None and told["others"] == []
+    assert told["poses"] is told["film"] is None and told["other_films"] == []
     long = np.tile(GOAL, (5000, 1, 1))
     stamps = run.start_stamp + 1e-3 * np.arange(5000)
     told = make_contents([replace(run, true_pose=long, joint_stamp=stamps,

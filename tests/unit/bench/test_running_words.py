@@ -55,9 +55,10 @@ def test_workers_are_where_the_options_say(calls):
                       run.InProcessPool)
     for wrong, why in (({"workers": -1}, "--workers must be 0 or more, and --renew 1 or more"),
                        ({"renew": 0}, "--renew 1 or more"),
-                       ({"in_process": True, "scheduler": "s"}, "say one of --in-process, --sched"),
-                       ({"scheduler": "s", "cluster": "c"}, "say one of"),
-                       ({"in_process": True, "cluster": "c"}, "say one of")):
+                       ({"in_process": True, "scheduler": "s"},
+                        "use only one of --in-process, --sched"),
+                       ({"scheduler": "s", "cluster": "c"}, "use only one of"),
+                       ({"in_process": True, "cluster": "c"}, "use only one of")):
         with pytest.raises(StudyError, match=why):
             run.make_pool(options(**wrong))
 
@@ -91,11 +92,11 @@ def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, t
     assert made.repeats == 5 and Study.from_mapping(yaml.safe_load(text)).digest == made.digest
     assert list(yaml.safe_load(text)) == list(made.to_mapping())
     assert main(["run", str(study)]) == 1
-    assert "say where the results go: --out DIR; or --dry-run" in capsys.readouterr().err
+    assert "give an output folder by --out DIR, or use --dry-run" in capsys.readouterr().err
     assert main(["run", str(tmp_path / "none.yaml"), "--out", "o"]) == 1
     assert main(["run", "paper_basn", "--out", "o"]) == 1
     said = capsys.readouterr().err
-    assert "there is no file paper_basn, and no study: did you mean 'paper_basin'?" in said
+    assert "there is no file paper_basn, and no shipped study: did you mean 'paper_basin'?" in said
 
 
 class Folder:
@@ -169,7 +170,7 @@ def test_what_is_missing_is_run_and_reported(carried, calls, capsys):
     assert progress.given == (6, 2) and (fast, mixed) == (True, False)
     assert told == ["ended", "closed"] and report == ("_write_report", "the/folder")
     assert capsys.readouterr().out == (
-        "6 of 6 runs in the/folder, 1 of the new ones without success, <3.5>\n")
+        "6 of 6 runs in the/folder, 1 new runs failed, <3.5>\n")
     folder = Folder(pictures="first")
     carried(folder, SimpleNamespace(**DONE), mix=True, no_report=True)
     assert folder.told == ["lock", "free"] and len(calls.found) == 1 and calls.found[0][5] is True
@@ -194,7 +195,7 @@ def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
     assert status == 0 and folder.told == ["code", "lock", "finish", "free"] and not told
     assert capsys.readouterr().out == (
         "all 6 runs are in the/folder\n"
-        "card of the/folder says what is kept of each image, and how to read it\n")
+        "card of the/folder describes the stored images and how to read them\n")
     assert calls.found == [("_write_report", "the/folder")]
 
 
@@ -204,7 +205,7 @@ def test_what_ends_it_early_says_how_to_go_on(carried, fault, said):
     with pytest.raises(StudyError) as error:
         carried(Folder(), fault)
     assert str(error.value) == (
-        f"{said}; 2 of 6 runs are kept: bench resume the/folder")
+        f"{said}; 2 of 6 runs are stored; continue with bench resume the/folder")
 
 
 def test_resuming_checks_the_study_s_file(calls, monkeypatch):
@@ -234,7 +235,7 @@ def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, 
     assert {call[2] for call in calls.found if call[0] == "format_table"} == {"md"}
     assert calls.found[-1] == ("write_figures", [results], tmp_path / "plots", [tmp_path])
     assert capsys.readouterr().out == ("\n| a |\n\n" if shown else "") + (
-        f"{tmp_path / 'table.md'} has every metric; pictures: a.png, b.png\n")
+        f"{tmp_path / 'table.md'} has all metrics; figures: a.png, b.png\n")
 
 
 @pytest.mark.parametrize(("words", "name", "source", "out"), [
@@ -264,7 +265,7 @@ def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):
     for words in (["--workers", "2"], ["--in-process"], ["--scheduler", "s"], ["--cluster", "c"],
                   ["--fail-fast"], ["--mix"], ["--dry-run"]):
         assert main(["run", str(path), *words]) == 1
-        assert f"{words[0]} is for studies: an experiment is one run" in capsys.readouterr().err
+        assert f"{words[0]} applies to studies, not to an experiment" in capsys.readouterr().err
     path.write_text("repeats: 2\nplant: free\nvary: {}\n")
     assert main(["run", str(path)]) == 1  # of both kinds: an experiment, which has no repeats
     assert "'repeats'" in capsys.readouterr().err

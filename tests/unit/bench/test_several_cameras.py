@@ -321,8 +321,8 @@ def test_a_report_has_the_film_of_every_camera(features):
     experiment = armed(duration=0.6, features=features, cameras=two(overview=OVERVIEW))
     result = run_with_all_images(experiment)
     told = make_contents([result], [])["runs"][0]
-    assert [film["camera"] for film in told["others"]] == ["right", "overview"]
-    overview = told["others"][1]
+    assert [film["camera"] for film in told["other_films"]] == ["right", "overview"]
+    overview = told["other_films"][1]
     assert (overview["width"], overview["height"]) == (336, 256)
     shown = [stamp for stamp in result.cameras["overview"].stamp if stamp >= result.start_stamp]
     assert len(overview["frames"]) == len(shown) > 3

@@ -94,11 +94,11 @@ def test_arrows_point_where_the_camera_is_to_go(story, arm):
     story.joints(STRAIGHT)
     twist = (0.05, -0.025, 0.1, 0.0, 0.0, 0.5)
     story.say(told(asked=twist), STRAIGHT)
-    tail, tip = shape(story, "asked velocity").points
+    tail, tip = shape(story, "desired velocity").points
     pose = arm.pose(STRAIGHT)
     np.testing.assert_allclose(tail, pose[:3, 3])
     np.testing.assert_allclose(tip - tail, pose[:3, :3] @ twist[:3] * ARROW_SECONDS)
-    turn = shape(story, "asked turn").points
+    turn = shape(story, "desired turn").points
     assert np.cross(turn[1] - turn[0], pose[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-12)
     assert (turn[1] - turn[0]) @ pose[:3, 2] > 0.0
     # what is not there is taken away, not left standing
@@ -108,10 +108,10 @@ def test_arrows_point_where_the_camera_is_to_go(story, arm):
 def test_a_wild_twist_stays_in_the_room(story):
     story.joints(STRAIGHT)
     story.say(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
-    arrow = shape(story, "asked velocity")
+    arrow = shape(story, "desired velocity")
     assert arrow.kind == ARROW
     assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(MAX_ARROW)
-    assert len(shape(story, "asked turn").points) == 0
+    assert len(shape(story, "desired turn").points) == 0
 
 
 def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, arm):
@@ -240,8 +240,8 @@ def test_what_is_drawn_has_a_legend_in_its_colours(story):
     drawn = {s.name: s for s in story.shapes()}
     legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
     for text, name in (
-        ("path", "path"), ("straight path to the goal", "ideal path"), ("camera", "camera picture"),
-        ("goal", "desired camera picture"), ("desired velocity", "asked velocity"),
+        ("path", "path"), ("straight to the goal", "ideal path"), ("camera", "camera picture"),
+        ("goal", "desired camera picture"), ("desired velocity", "desired velocity"),
         ("achieved rotation", "achieved turn"),
     ):  # fmt: skip
         assert legend[text].colour[:3] == drawn[name].colour[:3], text

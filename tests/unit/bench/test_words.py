@@ -158,7 +158,7 @@ def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, mon
         ("replay", "<s>", "12"), ("write_with_video", "run", str(tmp_path / "s" / "show-12")),
         ("replay", "<s>", "3"), ("write_with_video", "run", "there")]
     assert capsys.readouterr().out == 2 * (
-        "a.html\nb.mp4\nnot as it was recorded: decay was 1, is 2\n")
+        "a.html\nb.mp4\ndiffers from the recorded run: decay was 1, is 2\n")
 
     def fail(*_):
         raise StudyError("run 3 failed") from ZeroDivisionError("by nothing")
@@ -167,7 +167,7 @@ def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, mon
     out = tmp_path / "deep" / "er"
     assert main(["show", str(tmp_path / "s"), "3", "--out", str(out)]) == 1
     told = capsys.readouterr().err
-    assert told.endswith(f": run 3 failed; where it was raised: {out / 'traceback.txt'}\n")
+    assert told.endswith(f": run 3 failed; traceback: {out / 'traceback.txt'}\n")
     assert "ZeroDivisionError: by nothing" in (out / "traceback.txt").read_text()
 
 
@@ -205,11 +205,12 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
     assert sought.repeats == 2 and list(sought.vary) == ["delay"]
     assert (metric, out, part, count, closed) == ("decay_rate", tmp_path / "o", 0.5, 5, "closed")
     assert capsys.readouterr().out == (
-        "gain=1.5, lag=0.25: decay_rate 0.1235, success 75%, farthest in the image 0.46; of 9 "
+        "gain=1.5, lag=0.25: decay_rate 0.1235, success 75%, image excursion 0.46; best of 9 "
         "candidates (tuned.yaml)\n")
     best.violation = 0.1
     made.clear()
-    assert main(words) == 1 and "no candidate keeps all in the image" in capsys.readouterr().err
+    assert main(words) == 1
+    assert "no candidate keeps the target in the image" in capsys.readouterr().err
     assert made[0][2] == "settled" and made[0][5] == 1.0 and made[1] == 48
 
 
@@ -267,11 +268,11 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:4] == ["s: 3 of 9 runs; cut off", "t: 1 of 1 runs", "more below"]
     assert opened == ([] if opens is None else ["http://x"])
-    assert any("no browser could be opened" in line for line in lines) is not (opens is True)
+    assert any("cannot open a browser" in line for line in lines) is not (opens is True)
     found.studies, found.note = [], ""
     assert main(["browse", "d", "--no-open"]) == 0 and len(opened) == (opens is not None)
     assert asked.found[-1][2:4] == ("127.0.0.1", 8090)
-    assert "no studies there yet" in capsys.readouterr().out
+    assert "no studies yet" in capsys.readouterr().out
     say("hello")
     assert capsys.readouterr().out == "hello\n"
     for port in ("1", "65535"):
@@ -360,7 +361,7 @@ def test_a_report_tells_what_came_of_each_run(bar, capsys, monkeypatch, tmp_path
     monkeypatch.setattr(reports, "write_report", write)
     analyze.write_reports(runs, tmp_path, ("svg",), True)
     said = "\na:\na of a\n  Note: late\n  Note: dark\n\nb:\nb of b\n"
-    assert capsys.readouterr().out == said + "\n2 files, the page is page.html\n"
+    assert capsys.readouterr().out == said + "\nwrote 2 files; the page is page.html\n"
     assert written == [(runs, tmp_path, ("svg",), True)] and bar == [(0.75, "figures"), "closed"]
     analyze.write_reports(runs, None)
     assert capsys.readouterr().out == said and len(written) == 1
@@ -412,9 +413,9 @@ def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
     assert {path.name: path.read_text() for path in out.iterdir()} == {
         "goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>", "experiment.yaml": told}
     assert main(["show", str(bag), "3"]) == 1
-    assert f"{bag} is a bag: it holds one run" in capsys.readouterr().err
+    assert f"{bag} is a bag and contains only one run" in capsys.readouterr().err
     assert main(["show", str(tmp_path)]) == 1
-    assert f"say which run: bench show {tmp_path} 0" in capsys.readouterr().err
+    assert f"give the number of a run: bench show {tmp_path} 0" in capsys.readouterr().err
 
 
 def test_a_browser_that_fails_is_no_fault(monkeypatch):

@@ -268,7 +268,7 @@ def test_rviz_shows_the_robot_its_frames_the_images_and_the_run():
 
 
 @pytest.mark.parametrize(("display", "why"), [
-    ("", "DISPLAY is not set"), (":4711", "nobody answers on display :4711"),
+    ("", "DISPLAY is not set"), (":4711", "no X server answers on display :4711"),
 ])  # fmt: skip
 def test_without_a_display_rviz_says_so_and_the_run_goes_on(display, why):
     done = subprocess.run(
@@ -277,7 +277,7 @@ def test_without_a_display_rviz_says_so_and_the_run_goes_on(display, why):
         timeout=20, check=False,
     )  # fmt: skip
     assert done.returncode == 0
-    assert done.stderr == f"show_rviz: no window: {why}; the run goes on without it\n"
+    assert done.stderr == f"show_rviz: rviz is not started: {why}; the run continues without it\n"
 
 
 def test_rviz_is_shown_where_there_is_a_display(tmp_path):

@@ -224,7 +224,7 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
     assert run.cameras["camera"].model.width == 64 and run.position_limits[0][0] == -0.5
     assert len(run.cameras["camera"].stamp) == 9
     (note,) = [note for note in run.notes if "clock" in note]
-    assert note.startswith("the clock was put back once")
+    assert note.startswith("the clock was reset once")
     assert bags.read_recorded_experiment(path).arguments == {"camera": "lab"}
     with rosbag.Bag(str(path), "a") as bag:  # of a node that has not heard the clock yet
         bag.write("/two/joint_states", joint_states(0.0), rospy.Time(40))
@@ -249,9 +249,9 @@ def test_a_clock_was_put_back_where_stamps_are_out_of_order_by_more_than_half_a_
     half = 500_000_000
     assert began() == began(5) == began(3 * half, 2 * half) == (None, [])
     place, (note,) = began(3 * half + 1, 2 * half, 4 * half)
-    assert place == 1 and "put back once while" in note
+    assert place == 1 and "reset once during" in note
     place, (note,) = began(9 * half, 5 * half, 6 * half, 0, 3 * half, 7 * half)
-    assert place == 4 and "put back 2 times while" in note
+    assert place == 4 and "reset 2 times during" in note
 
 
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):
@@ -306,7 +306,7 @@ def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, 
 def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
     run = bags.read_bag(write(tmp_path / "a.bag", graph, face, skip=skip))
     assert any(said in note for note in run.notes), run.notes
-    with pytest.raises(BenchError, match="holds no state of a servo controller .*; it has /"):
+    with pytest.raises(BenchError, match="contains no state of a servo .*; its topics: /"):
         bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
 
 
@@ -316,10 +316,10 @@ def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_pa
     monkeypatch.setitem(bags.USED_FIELDS, bags.METRICS, (*fields, "pace", "haste"))
     run = bags.read_bag(path)
     assert len(run.real_time_factors) == 0
-    assert any("/gazebo/performance_metrics is of another version of gazebo_msgs/PerformanceMetrics"
-               ", without pace, haste: it is left out" in note for note in run.notes)
+    assert any("/gazebo/performance_metrics has another version of gazebo_msgs/PerformanceMetrics"
+               ", without pace, haste: the report omits it" in note for note in run.notes)
     monkeypatch.setitem(bags.USED_FIELDS, bags.STATE, ("header", "hue"))
-    with pytest.raises(BenchError, match="without hue; report on it with the version of this"):
+    with pytest.raises(BenchError, match="without hue; create the report with the version of this"):
         bags.read_bag(path)
 
 

@@ -175,7 +175,7 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
     monkeypatch.setattr("shutil.which", lambda name: None)
     assert run["main"]() == 0 and not begun
     assert capsys.readouterr().err == (
-        "show_rviz: no window: rviz is not installed; the run goes on without it\n")
+        "show_rviz: rviz is not started: rviz is not installed; the run continues without it\n")
     monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/rviz" if name == "rviz" else None)
     assert run["main"]() == 1 and begun == [("rviz", ["rviz", "-d", "x"])]
     monkeypatch.delenv("DISPLAY")
@@ -198,8 +198,8 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
 
     monkeypatch.setattr(run["socket"], "socket", Socket)
     for display, why in ((":31", ""), ("unix:31.2", ""),
-                         (":32.0", "nobody answers on display :32.0")):
-        assert run["missing"](display) == why
+                         (":32.0", "no X server answers on display :32.0")):
+        assert run["find_display_problem"](display) == why
     assert asked[:2] == ["/tmp/.X11-unix/X31", "\0/tmp/.X11-unix/X31"]
 
 
@@ -351,7 +351,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     found.update(success=False, status_message="none of them")
     assert move_target.main(["circle=0.02", "frequency=0.2", "--model", "box"]) == 1
     assert "has no model 'box' (none of them): launch it" in capsys.readouterr().err
-    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "nothing moves: say velocity"),
+    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "the target does not move"),
                        (["circl=1"], "circle"), (["nonsense"], "nonsense")):
         assert move_target.main(words) == 1 and why in capsys.readouterr().err
 
@@ -367,7 +367,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     (move_target, "move_target [-h] [--model MODEL] [key=value ...]",
      ["velocity, circle, ...", "name of the model"], "circle=0.02 frequency=0.2"),
     (target_link, "target_link [-h] --world WORLD link {mesh,start}",
-     ["MODEL::LINK; MODEL where only one link of it is seen", "path of the file in which"],
+     ["MODEL::LINK, or MODEL if only one link is visible", "path of the world file"],
      "crate --world a.world start"),
 ])
 def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch, capsys):
@@ -410,7 +410,7 @@ def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
     deep = cv2.imencode(".png", np.zeros((4, 6), np.uint16))[1].tobytes()
     for data in (b"no picture", deep):
         hear(CompressedImage(format="odd", data=data))
-    assert graph.lines == ["/eye/camera/image_raw/compressed: a picture (odd) cannot be read"] * 2
+    assert graph.lines == ["/eye/camera/image_raw/compressed: cannot decode an image (odd)"] * 2
     assert graph.periods == [5.0, 5.0] and len(publisher.sent) == 3
     life.down = True
     hear(CompressedImage(format="png", data=cv2.imencode(".png", colour)[1].tobytes()))
@@ -789,7 +789,7 @@ def test_a_demo_starts_servoes_and_stops(shown, graph):
 
 @pytest.mark.parametrize(("last", "said"), [
     ({"stamp": 5.1}, "not converged within 2 s of simulated time"),
-    ({"seconds": 12.1, "stamp": 4.0}, "gave up after 12 s")])
+    ({"seconds": 12.1, "stamp": 4.0}, "stopped after 12 s of wall time")])
 def test_a_demo_has_its_time(shown, last, said):
     on = shown.on
     shown.life.steps = [shown.recorded, on("servoing", start_stamp=3.0, stamp=3.0, reason="slow"),
@@ -807,18 +807,18 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
 
     shown.life.steps = [
         lambda: wait(19.9), lambda: wait(0.25), lambda: wait(79.85), *[lambda: wait(100.0)] * 9]
-    with pytest.raises(ServoError, match=r"^after 300 s still waiting for the simulated robot and "
-                                         r"the recorder; logs are in .*/log$"):
+    with pytest.raises(ServoError, match=r"^still waiting for the simulated robot and the recorder "
+                                         r"after 300 s; see the logs in .*/log$"):
         shown.run.run()
     assert [len(lines) for lines in early[:4]] == [1, 0, 1, 0]  # after twenty seconds
     waits = [line for line in [*early[2], *shown.said()] if "still waiting for" in line]
-    assert waits == ["[demo] still waiting for the simulated robot and the recorder; a first start "
-                     "may have to compile loops"]
+    assert waits == ["[demo] still waiting for the simulated robot and the recorder; the first "
+                     "start may compile code"]
     assert shown.run.launches[0].stopped == 1
     shown.run.launches[0].died = "node x died"
     shown.life.now += 1.0
-    with pytest.raises(ServoError, match=r"^node x died; its last words:\n    its last line\nThe "
-                                         r"whole log: .*/log/simulator\.txt$"):
+    with pytest.raises(ServoError, match=r"^node x died; last lines of its log:\n    its last "
+                                         r"line\nFull log: .*/log/simulator\.txt$"):
         shown.run._check_running()
     shown.life.now += 0.375
     shown.run._check_running()  # looked at twice a second at most
@@ -833,8 +833,8 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
 def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
     hold = shown.on("holding", seconds=0.55, reason="no images")
     shown.life.steps = [shown.recorded, *[hold] * 40]
-    with pytest.raises(ServoError, match=r"^the controller holds still: no images\nThe whole log: "
-                                         r".*nodes\.txt$"):
+    with pytest.raises(ServoError, match=r"^the controller does not start servoing: no images\n"
+                                         r"Full log: .*nodes\.txt$"):
         shown.run.run()
     assert len(shown.life.steps) == 40 - 10  # held for 5.4 s, looked at twice a second at most
 
@@ -857,8 +857,8 @@ def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
     assert record.settings == {"scheme": "points", "start": "of the bag", "camera": "wide",
                                "target": "poster", "camera_xyz": "0 0 0.1", "law": "pi"}
     said = shown.said()
-    assert said[0] == "[demo] reading the bag, drawing the report"
-    assert ("[demo] the nodes' log: the log" in said) is not converged
+    assert said[0] == "[demo] reading the bag and writing the report"
+    assert ("[demo] log of the nodes: the log" in said) is not converged
     assert said[-7:] == [
         "", "Visual servoing by scheme 'points' from the initial pose 2015, camera 'wide':", "",
         "('numbers', True) True", "", "  Report: a page", ""]
@@ -870,7 +870,7 @@ def test_a_demo_s_goal_that_was_taught_is_kept(shown):
     shown.arguments.taught = SimpleNamespace(to_yaml=lambda told: f"# {told}\n")
     assert shown.run._find_goal() == str(shown.out / "goal.yaml")
     assert (shown.out / "goal.yaml").read_text() == (
-        "# Before the target poster, where the shipped goal has the camera.\n")
+        "# View of the target poster from the camera pose of the shipped goal.\n")
 
 
 @pytest.mark.parametrize(("ends", "status", "told"), [

@@ -134,8 +134,8 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     asked.serve("/two/controller/hold", Trigger, success=True, message="hold: holding")
     assert actions.control_loop("hold") == "hold: holding"
     assert asked.life.waited == [("/two/controller/hold", 5.0)]
-    words = {"pause_physics": "time stands still", "unpause_physics": "time goes on",
-             "reset_simulation": "everything begins anew, at time 0"}
+    words = {"pause_physics": "simulation paused", "unpause_physics": "simulation resumed",
+             "reset_simulation": "simulation reset to time 0"}
     for name, said in words.items():
         with pytest.raises(RefusedError, match=rf"^/gazebo/{name} does not answer \(is the simul"):
             actions.control_clock(name)
@@ -160,7 +160,7 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     asked.serve(f"{NODE}/gains/set_parameters", Reconfigure, config=after)
     assert actions.set_gain("gain", 2.7) == "gain is 2.532"
     assert asked.calls[-1][1].doubles == [DoubleParameter("gain", 2.7)]
-    with pytest.raises(RefusedError, match="the law that runs now has no zero"):
+    with pytest.raises(RefusedError, match="the running control law has no gain zero"):
         actions.set_gain("zero", 1.0)
 
 
@@ -187,8 +187,8 @@ def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
 
 
 @pytest.mark.parametrize(("dies", "why", "seconds"), [
-    ("node x died", "no controller runs now: no such scheme", 0.0),
-    ("", "no controller runs now: they do not answer", 60.0),
+    ("node x died", "the controller did not start: no such scheme", 0.0),
+    ("", "the controller did not start: the nodes do not answer", 60.0),
 ])
 def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch, dies, why,
                                                              seconds):  # fmt: skip
@@ -216,7 +216,7 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
         monkeypatch.setattr(rosservice, "get_service_node", gone)
         assert asked.actions.has_controller() is True
         asked.running.clear()
-        with pytest.raises(RefusedError, match="they do not answer"):
+        with pytest.raises(RefusedError, match="the nodes do not answer"):
             asked.actions.restart_nodes("points", "pi", "2015", "auto")
 
 
@@ -236,7 +236,7 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     path = asked.actions.directory / "goals" / "moved.yaml"
     assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
                                             f"goal:={path}"]
-    assert path.read_text().startswith("# Moved on the live page.")
+    assert path.read_text().startswith("# Goal with an offset from the live page.")
     wanted = first.world_T_camera @ matrix_from_xyz_rpy(moved, np.zeros(3))
     made = Goal.load(path)
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=1e-4)
@@ -259,11 +259,11 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
     left = wanted[:3, :3].T @ made.world_T_camera[:3, :3]
     angle = np.degrees(np.linalg.norm(left - left.T) / np.sqrt(8.0))
     assert 0.003 < angle < 0.006
-    assert said.endswith("to moved; the arm comes within 0.000 mm and "
-                         f"{angle:.3f} degrees of what was asked for")  # fmt: skip
+    assert said.endswith("to moved; the reachable pose differs by 0.000 mm and "
+                         f"{angle:.3f} degrees")  # fmt: skip
     reached = arm.pose(made.get_joints(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
-    with pytest.raises(RefusedError, match="^that goal cannot be: "):
+    with pytest.raises(RefusedError, match="^this goal is not possible: "):
         asked.actions.move_goal(9.0, 0.0, 0.0, 0.0)
     with pytest.raises(RefusedError, match="the nearest posture found is 19.8 mm"):
         asked.actions.move_goal(0.0, 0.0, 0.02, 0.0)
@@ -303,11 +303,11 @@ def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
     assert made["camera_matrix"]["fx"] == 110.0 and "noise" not in made
     assert asked.actions.selection["camera"] == "wide"
     serve_robot(asked, switched=False)
-    with pytest.raises(RefusedError, match="came back without its controllers: reset"):
+    with pytest.raises(RefusedError, match="its controllers did not start: reset"):
         asked.actions.change_camera("fisheye")
     serve_robot(asked, spawned=False)
     del asked.graph.parameters[CAMERA]
-    with pytest.raises(RefusedError, match="^the robot did not come back: no room$"):
+    with pytest.raises(RefusedError, match="^the robot could not be respawned: no room$"):
         asked.actions.change_camera("fisheye")
     assert asked.actions.selection["camera"] == "wide"
     asked.graph.services.pop("/gazebo/delete_model")

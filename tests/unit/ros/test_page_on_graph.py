@@ -157,7 +157,7 @@ def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
     life.now += 0.001
     world.models.remove("target")
     watch.update(story, "two")
-    assert watch.missing_reason == "no model named target is in the simulation"
+    assert watch.missing_reason == "the simulation has no model named target"
     assert len(story.target) == 1 and not len(story.target[0].points)
     life.now += 0.6
     graph.services.clear()  # a replay
@@ -275,7 +275,7 @@ def driven(graph, life, listener, monkeypatch):
         Lock=threading.Lock, Event=lambda: Wake(life), Thread=life.thread))
     it = teleoperator.Teleoperator(listener, listener.settings)
     thread, = life.threads
-    assert (thread.name, thread.daemon, thread.started) == ("driving", True, True)
+    assert (thread.name, thread.daemon, thread.started) == ("teleoperator", True, True)
 
     def sent():
         topic = graph.publishers.get("/two/both")
@@ -337,10 +337,10 @@ def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, dri
     driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []
     listener.positions = None
-    with pytest.raises(RefusedError, match="^there are no joint states: is the robot there"):
+    with pytest.raises(RefusedError, match="^no joint states are received: is the robot running"):
         driven.move_joint("wrist", 0.5)
     listener.run_trace = None
-    with pytest.raises(RefusedError, match="^there are no joint states"):
+    with pytest.raises(RefusedError, match="^no joint states are received"):
         driven.move_camera([0.1] * 6)
 
 
@@ -467,10 +467,10 @@ def test_what_fails_is_refused_with_its_words(host, monkeypatch):
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     teach = Request("teach", {"name": "mine"})
     listener.run_trace.factor = None
-    with pytest.raises(RefusedError, match="^time stands still, so that no images come"):
+    with pytest.raises(RefusedError, match="^the simulation is paused, so there are no images"):
         host.execute(teach)
     listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
-    with pytest.raises(RefusedError, match=r"could be taught \(dark\): bring the target into"):
+    with pytest.raises(RefusedError, match=r"target is not detected \(dark\): bring it into"):
         host.execute(teach)
     for scheme in ("luminance", "matches"):
         Actions.ANSWERS["read_selection"]["scheme"] = scheme  # they look at the picture themselves
@@ -479,14 +479,14 @@ def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     Actions.ANSWERS["read_selection"]["scheme"], listener.no_target_reason = "points", ""
     assert host.execute(teach) == "teach_goal is done"
     listener.run_trace = None
-    with pytest.raises(RefusedError, match="^time stands still"):
+    with pytest.raises(RefusedError, match="^the simulation is paused"):
         host.execute(teach)
 
 
 def test_news_are_of_the_joints_that_were_heard(host, listener):
     news = host.make_update()
     assert news["joints"] == pytest.approx(position(1.5).tolist())
-    assert news["speeds"] == [0.01, 0.02] and news["stamp"] == 0.0
+    assert news["velocities"] == [0.01, 0.02] and news["stamp"] == 0.0
     listener.stamp, listener.positions = 1.75, None
     news = host.make_update()
     assert "joints" not in news and news["stamp"] == 1.75
@@ -502,7 +502,8 @@ def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
     assert host.make_robot_model() == empty and host.make_robot_model() == empty and len(drawn) == 2
-    assert len(graph.lines) == 1 and graph.lines[0].startswith("the page does not draw the robot: ")
+    line, = graph.lines
+    assert line.startswith("the live page cannot draw the robot: ")
     listener.urdf = ""
     assert host.make_robot_model() is None
 
@@ -518,8 +519,8 @@ def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
     assert host.page.choices == {"laws": ["pi"]}
     assert host.page.state == {
         "scheme": Actions.ANSWERS["read_selection"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
-        "controller": False, "robot": 1, "picture": "as found", "recording": "r.bag",
-        "recorded": "", "trouble": "full", "no_target": "no target", "report": "page.html"}
+        "controller": False, "robot": 1, "image_note": "as found", "open_bag": "r.bag",
+        "last_bag": "", "recording_error": "full", "no_target": "no target", "report": "page.html"}
     assert ("ThePictures", "set_viewer_count", 2) in CALLS
     assert ("ThePictures", "choose_topic") in CALLS
     assert ("TargetWatch", "update", listener.run_trace, "robo") in CALLS

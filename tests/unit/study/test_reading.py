@@ -429,7 +429,7 @@ def test_a_run_that_was_a_fault_is_shown_as_a_line_and_where_it_was_raised(tmp_p
     assert f"stopped at run 0, fault: ZeroDivisionError: of mine; bench show {out} 0" in told
     assert main(["show", str(out), "0"]) == 1
     told = capsys.readouterr().err
-    assert "run 0: ZeroDivisionError: of mine; where it was raised" in told
+    assert "run 0: ZeroDivisionError: of mine; traceback" in told
     assert told.count("\n") == 1
     assert "in failing" in (out / "show-0" / "traceback.txt").read_text()
 
@@ -449,7 +449,7 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert main(["analyze", f"{out}:6", "--out", str(tmp_path / "none")]) == 1
     assert "there is no run 6" in capsys.readouterr().err
     assert main(["show", str(out)]) == 1
-    assert "say which run" in capsys.readouterr().err
+    assert "give the number of a run" in capsys.readouterr().err
 
 
 def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
@@ -474,7 +474,7 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
     assert capsys.readouterr().out.startswith("0 of ")
     for words, complaint in (
         (["run", str(file), "--out", str(out), "--in-process"], "holds another study"),
-        (["run", str(file)], "say where the results go"),
+        (["run", str(file)], "give an output folder"),
         (["run", str(tmp_path / "none.yaml"), "--dry-run"], "cannot read"),
         (["run", "calibratoin", "--dry-run"], "did you mean 'calibration'"),
         (["run", str(file), "--dry-run", "gian=2"], "did you mean gain"),
@@ -484,7 +484,7 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
         (["table", str(out), "--format", "html"], "no format 'html'"),
         (["show", str(out), "99"], "no run 99"),
         (["run", str(file), "--out", str(tmp_path / "x"), "--in-process", "--scheduler", "tcp://x:1"],
-         "say one of"),
+         "use only one of"),
     ):  # fmt: skip
         assert main(words) == 1, words
         told = capsys.readouterr()

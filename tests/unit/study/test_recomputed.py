@@ -429,16 +429,16 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
             assert found["runs"][i][j] == len(cell)
             assert found["values"][i][j] == (
                 None if math.isnan(wanted) else pytest.approx(wanted))  # fmt: skip
-        assert found["left"] == 0
+        assert found["uncounted"] == 0
 
     found = queries.find_points(look, queries.PointQuery(("one",), x="settled", y="final_angle"))
     known = one.dropna(subset=["settled", "final_angle"])
     for axis, name in (("x", "settled"), ("y", "final_angle")):
         values = np.frombuffer(base64.b64decode(found[axis]["values"]), "<f4")
         np.testing.assert_allclose(values, known[name], rtol=1e-6)
-    assert (found["count"], found["left"]) == (len(known), len(one) - len(known))
+    assert (found["count"], found["uncounted"]) == (len(known), len(one) - len(known))
     told = queries.list_rows(look, queries.RowQuery(("one",), sort="settled", count=200))
-    assert (told["total"], told["succeeded"]) == (len(one), one.hit.sum())
+    assert (told["total"], told["success_count"]) == (len(one), one.hit.sum())
     at = look.table.column_names.index("run")
     order = one.sort_values("settled", kind="stable", na_position="last").run
     known = slice(one.settled.count())

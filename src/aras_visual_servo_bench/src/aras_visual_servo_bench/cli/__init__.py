@@ -1,4 +1,4 @@
-"""Visual servoing, simulated: carry out experiments, studies and protocols, and look at them."""
+"""Simulated visual servoing: run experiments, studies and protocols, and show their results."""
 
 from __future__ import annotations
 
@@ -26,33 +26,33 @@ EXAMPLES = {
 }
 
 
-# Those of this workspace with loops, which pip's installation leaves to be compiled.
+# Packages with compiled functions; an installation by pip compiles them at the first start.
 COMPILED_PACKAGES = ("aras_visual_servo_base", "aras_sim_bridge", "aras_visual_servo_camera",
             "aras_visual_servo_controller", "aras_visual_servo_bench")  # fmt: skip
 
 
 def _compile_loops() -> None:
-    """What ./setup.sh does, where pip installed this program: all cores compile, and it is said."""
-    due = compile_packages.find_missing(COMPILED_PACKAGES)
-    if due:
-        begun = time.monotonic()
-        print("compiling loops, once: a minute or two", file=sys.stderr, flush=True)
-        if compile_packages.main(due) == 0:
-            print(f"compiled in {time.monotonic() - begun:.0f} s", file=sys.stderr)
+    """Compile the missing functions on all cores, as ./setup.sh does, and print messages."""
+    missing = compile_packages.find_missing(COMPILED_PACKAGES)
+    if missing:
+        start = time.monotonic()
+        print("first start: compiling for one or two minutes", file=sys.stderr, flush=True)
+        if compile_packages.main(missing) == 0:
+            print(f"compiled in {time.monotonic() - start:.0f} s", file=sys.stderr)
 
 
 def make_parser() -> argparse.ArgumentParser:
-    """All commands; what each takes is told where it is carried out.
+    """Create the parser of all commands; the modules of the commands add their arguments.
 
     Raises:
-        BenchError: a library is missing, as where the workspace was set up for the demo alone.
+        BenchError: a library is missing, for example after a setup for the demo only.
     """
     try:
         from . import analyze, browse, dataset, protocol, results, run, show_tune
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name) from None
-    made = argparse.ArgumentParser(prog=find_program_name(), description=__doc__.splitlines()[0])
-    commands = made.add_subparsers(dest="command", required=True, metavar="COMMAND")
+    parser = argparse.ArgumentParser(prog=find_program_name(), description=__doc__.splitlines()[0])
+    commands = parser.add_subparsers(dest="command", required=True, metavar="COMMAND")
     for add in (
         run.add_parsers,
         protocol.add_parser,
@@ -65,23 +65,26 @@ def make_parser() -> argparse.ArgumentParser:
         add(commands)
     for name, one in commands.choices.items():
         one.epilog = f"example: {find_program_name()} {EXAMPLES[name]}"
-    return made
+    return parser
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Carry a command out; what cannot be is one line and 1, a wrong call 2."""
+    """Run a command, and return its exit status.
+
+    It is 0 for success, 1 after an error message, 2 for invalid arguments, 130 after ^C.
+    """
     if find_program_name() != "bench":
         _compile_loops()
     try:
-        made = make_parser()
+        parser = make_parser()
     except BenchError as error:
         print(f"{find_program_name()}: {error}", file=sys.stderr)
         return 1
-    options, behind = made.parse_known_args(argv)
-    overrides = [word for word in behind if "=" in word and not word.startswith("-")]
-    if len(overrides) < len(behind) or (behind and "overrides" not in options):
-        made.error(f"unknown argument {behind[0]}")
-    if behind:  # argparse takes overrides only before the options
+    options, remaining = parser.parse_known_args(argv)
+    overrides = [word for word in remaining if "=" in word and not word.startswith("-")]
+    if len(overrides) < len(remaining) or (remaining and "overrides" not in options):
+        parser.error(f"unknown argument {remaining[0]}")
+    if remaining:  # argparse accepts positional arguments only before the options
         options.overrides += overrides
     try:
         return options.carry_out(options)
@@ -91,6 +94,6 @@ def main(argv: list[str] | None = None) -> int:
     except KeyboardInterrupt:
         print(f"{find_program_name()}: interrupted", file=sys.stderr)
         return 130
-    except BrokenPipeError:  # as in `bench table DIR | head`
+    except BrokenPipeError:  # for example `bench table DIR | head`
         sys.stderr.close()
         return 1

@@ -1,4 +1,4 @@
-"""`bench browse DIR...`: the runs of studies in a local page."""
+"""`bench browse DIR...` serves a page with the runs of studies."""
 
 from __future__ import annotations
 
@@ -11,27 +11,27 @@ from typing import TYPE_CHECKING, Any
 
 from ..errors import BenchError, make_missing_library_error
 
-if TYPE_CHECKING:  # the library that serves may be missing
+if TYPE_CHECKING:  # the web server's library may be missing
     from ..web.browse.server import BrowseServer
 
 PORT = 8090
 
 
 def add_parser(commands: Any) -> None:
-    """The command's own parser."""
-    browse = commands.add_parser("browse", help="the runs of studies in a page: filter, plot, open")
+    """Add the parser of `browse`."""
+    browse = commands.add_parser("browse", help="filter, plot and open runs in a browser")
     browse.add_argument("folders", nargs="+", type=Path, metavar="DIR",
-                        help="of a study, or of many")
+                        help="folder of a study, or of several studies")
     browse.add_argument("--port", type=int, default=PORT, metavar="N",
-                        help="%(default)s; the next free one where it is taken")
+                        help="port (default %(default)s); if it is taken, the next free one")
     browse.add_argument("--address", default="127.0.0.1", metavar="IP",
-                        help="to listen on (%(default)s); 0.0.0.0 for other machines too")
+                        help="address (default %(default)s); 0.0.0.0 allows other machines")
     browse.add_argument("--no-open", action="store_true", help="do not open a browser")
     browse.set_defaults(carry_out=_browse)
 
 
 def _browse(options: argparse.Namespace) -> int:
-    """Serve until Ctrl-C."""
+    """Serve the page until Ctrl-C."""
     try:
         from ..web.browse.server import serve
     except ModuleNotFoundError as error:
@@ -52,22 +52,21 @@ def _browse(options: argparse.Namespace) -> int:
 
 
 def _print_start(server: BrowseServer, is_quiet: bool) -> None:
-    """Say what is there, and open a browser."""
+    """Print the studies, and open a browser unless `is_quiet`."""
     found = server.studies.read_snapshot()
-    lines = [f"{seen.name}: {seen.stored_run_count} of {seen.run_count} runs" + (f"; {seen.note}"
-        if seen.note else "")
-             for seen in found.studies]  # fmt: skip
+    lines = [f"{entry.name}: {entry.stored_run_count} of {entry.run_count} runs"
+             + (f"; {entry.note}" if entry.note else "") for entry in found.studies]  # fmt: skip
     if not lines:
-        lines.append("no studies there yet: they appear on the page as soon as there are")
+        lines.append("no studies yet: the page shows them as soon as they exist")
     if found.note:
         lines.append(found.note)
     if not is_quiet and not _open_browser(server.access.address):
-        lines.append("no browser could be opened here: open that address in one")
-    print(*lines, "Ctrl-C ends it", sep="\n", flush=True)
+        lines.append("cannot open a browser: open the address in a browser yourself")
+    print(*lines, "press Ctrl-C to stop", sep="\n", flush=True)
 
 
 def _open_browser(address: str) -> bool:
-    """Whether a browser shows it; one within this terminal is none."""
+    """Open a graphical browser, and return whether this worked; text browsers are not used."""
     if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
         return False
     try:

@@ -1,4 +1,4 @@
-"""`bench dataset STUDY --out DIR`: pictures and numbers of a study's runs, for those who learn."""
+"""`bench dataset STUDY --out DIR` writes a data set for machine learning from a study's runs."""
 
 from __future__ import annotations
 
@@ -15,18 +15,18 @@ from . import run
 
 
 def add_parser(commands: Any) -> None:
-    """The command's own parser."""
+    """Add the parser of `dataset`."""
     one = commands.add_parser(
-        "dataset", help="a study's runs with pictures, joints, poses and twists of every image")
+        "dataset", help="run a study, and store image, joints, pose and twist of every image")
     one.add_argument("study", type=Path, metavar="FILE|NAME",
-                     help="YAML file of a study, or a shipped study's name")
+                     help="YAML file of a study, or name of a shipped study")
     one.add_argument("overrides", nargs="*", metavar="key=value",
-                     help="other values, as in repeats=1000 or features=images")
+                     help="changed settings, for example repeats=1000 or features=images")
     one.add_argument("--out", type=Path, required=True,
-                     help="folder of the data set; new, or of the same one, which is gone on with")
+                     help="folder of the data set; an existing one of the same study is continued")
     one.add_argument("--views", action="store_true",
-                     help="the first image of each run alone: views from the study's starts")
-    one.add_argument("--depth", action="store_true", help="depth images too")
+                     help="store only the first image of each run, the view from the start")
+    one.add_argument("--depth", action="store_true", help="also store depth images")
     run.add_workers(one)
     one.set_defaults(carry_out=_make_dataset, fail_fast=False, no_report=True, mix=False)
 
@@ -34,11 +34,11 @@ def add_parser(commands: Any) -> None:
 def _make_dataset(options: argparse.Namespace) -> int:
     from ..experiment.overrides import parse_overrides
 
-    given = run.find_study_file(options.study)
+    path = run.find_study_file(options.study)
     changed = {**parse_overrides(options.overrides), "pictures": "first" if options.views
         else "all",
                "depth": options.depth}  # fmt: skip
-    study = Study.from_yaml(given, changed)
+    study = Study.from_yaml(path, changed)
     engine.check_study(study)
     print(images.check_room(study, options.out, count_stored_runs(options.out)))
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)

@@ -1,6 +1,6 @@
-"""`bench protocol NAME --out DIR`: a published protocol, as `bench run` of the study of that name.
+"""`bench protocol NAME --out DIR` runs a published protocol, a shipped study.
 
-Besides the study's folder it leaves table.csv, a row a run.
+In addition to the files of the study it writes table.csv with a row for each run.
 """
 
 from __future__ import annotations
@@ -26,15 +26,17 @@ AXIS_OPTIONS = {"case": "scheme", "condition": "condition", "start": "start"}  #
 
 
 def add_parser(commands: Any) -> None:
-    """The command's own parser."""
-    parser = commands.add_parser("protocol", help="carry out a published protocol, as a table")
-    parser.add_argument("study", metavar="NAME", type=Path, help="of a shipped study, or a file")
-    parser.add_argument("--out", type=Path, required=True, help="folder of the results")
-    parser.add_argument("--seeds", type=int, help="fewer or more than the file says")
-    parser.add_argument("--first", type=int, help="first seed")
+    """Add the parser of `protocol`."""
+    parser = commands.add_parser("protocol", help="run a published protocol, and write a table")
+    parser.add_argument("study", metavar="NAME", type=Path,
+                        help="name of a shipped study, or a study's YAML file")
+    parser.add_argument("--out", type=Path, required=True, help="output folder")
+    parser.add_argument("--seeds", type=int, help="number of seeds (default: that of the study)")
+    parser.add_argument("--first", type=int, help="first seed (default: that of the study)")
     for option in AXIS_OPTIONS:
-        parser.add_argument(f"--{option}", action="append", help=f"only these {option}s")
-    parser.add_argument("--mix", action="store_true", help="go on although the code has changed")
+        parser.add_argument(f"--{option}", action="append",
+                            help=f"run only this {option}; can be repeated")
+    parser.add_argument("--mix", action="store_true", help="continue even if the code has changed")
     run.add_workers(parser)
     parser.set_defaults(fail_fast=False, no_report=True, carry_out=_carry_out)
 
@@ -50,20 +52,24 @@ def _carry_out(options: argparse.Namespace) -> int:
 
 
 def _select_cases(study: Study, options: argparse.Namespace) -> Study:
-    """The study with what the command line says; StudyError: a name that it has not."""
+    """Apply the options to the study.
+
+    Raises:
+        StudyError: an option names an unknown case.
+    """
     changes: dict[str, object] = {}
     if options.seeds is not None:
         changes["repeats"] = options.seeds
     if options.first is not None:
         changes["seed"] = options.first
     for option, axis in AXIS_OPTIONS.items():
-        wanted = getattr(options, option)
-        if not wanted:
+        names = getattr(options, option)
+        if not names:
             continue
         known = [case.name for case in study.case_axes.get(axis, ())]
-        for name in wanted:
+        for name in names:
             if name not in known:
                 raise StudyError(f"{option} '{name}': {suggest(name, known)}")
-        kept = [dict(case) for case in study.cases[axis] if case["name"] in wanted]
-        changes["cases"] = {**(changes.get("cases") or study.cases), axis: kept}
+        cases = [dict(case) for case in study.cases[axis] if case["name"] in names]
+        changes["cases"] = {**(changes.get("cases") or study.cases), axis: cases}
     return dataclasses.replace(study, **changes)

@@ -1,4 +1,4 @@
-"""`bench table DIR...`, `plot DIR...` and `diff DIR DIR`."""
+"""`bench table`, `plot` and `diff` show and compare the results of studies."""
 
 from __future__ import annotations
 
@@ -12,25 +12,30 @@ from ..studies.results import Results
 
 
 def add_parsers(commands: Any) -> None:
-    """The commands' own parsers."""
-    table = commands.add_parser("table", help="results as a table, with intervals")
-    table.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="of a study")
-    table.add_argument("--format", default="md", metavar="md|csv|tex", help="%(default)s")
-    table.add_argument("--out", type=Path, metavar="FILE", help="into a file")
+    """Add the parsers of `table`, `plot` and `diff`."""
+    table = commands.add_parser("table", help="print a table of results with confidence intervals")
+    table.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
+    table.add_argument("--format", default="md", metavar="md|csv|tex",
+                       help="format (default %(default)s)")
+    table.add_argument("--out", type=Path, metavar="FILE", help="write the table into a file")
     table.set_defaults(carry_out=_print_table)
-    plot = commands.add_parser("plot", help="pictures of the results")
-    plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="of a study")
-    plot.add_argument("--format", default="png", metavar="png,svg,pdf", help="%(default)s")
-    plot.add_argument("--out", type=Path, metavar="DIR", help="default: plots in the first folder")
+    plot = commands.add_parser("plot", help="draw figures of the results")
+    plot.add_argument("folders", nargs="+", type=Path, metavar="DIR", help="study folder")
+    plot.add_argument("--format", default="png", metavar="png,svg,pdf",
+                      help="formats (default %(default)s)")
+    plot.add_argument("--out", type=Path, metavar="DIR",
+                      help="output folder (default: plots in the first study folder)")
     plot.set_defaults(carry_out=_draw_plots)
-    diff = commands.add_parser("diff", help="which differences are more than chance")
-    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR", help="of a study")
-    diff.add_argument("--all", action="store_true", help="those that chance explains too")
+    diff = commands.add_parser("diff", help="test the differences of two studies for significance")
+    diff.add_argument("folders", nargs=2, type=Path, metavar="DIR", help="study folder")
+    diff.add_argument("--all", action="store_true", help="also list insignificant differences")
     diff.set_defaults(carry_out=_print_differences)
     for one in (table, diff):
-        one.add_argument("--by", default="", metavar="KEYS", help="that make a row, with commas")
+        one.add_argument("--by", default="", metavar="KEYS",
+                         help="comma-separated keys to group by")
     for one in (table, plot, diff):
-        one.add_argument("--metrics", default="", metavar="NAMES", help="with commas")
+        one.add_argument("--metrics", default="", metavar="NAMES",
+                         help="comma-separated metrics")
 
 
 def _split_words(text: str) -> list[str]:
@@ -53,7 +58,7 @@ def _print_table(options: argparse.Namespace) -> int:
 
 
 def _draw_plots(options: argparse.Namespace) -> int:
-    from ..plots import study_figures  # half a second that the others need not wait for
+    from ..plots import study_figures  # slow import (0.5 s), only needed here
 
     found = [Results.read(folder) for folder in options.folders]
     out = options.out or options.folders[0] / "plots"

@@ -1,4 +1,4 @@
-"""`bench run [EXPERIMENT]`, `bench run STUDY --out DIR` and `bench resume DIR`."""
+"""`bench run` runs an experiment or a study, `bench resume` continues a study."""
 
 from __future__ import annotations
 
@@ -26,58 +26,68 @@ from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
 
-SCREEN_ROWS = 40  # rows of a table that is printed
+SCREEN_ROWS = 40  # longer tables are not printed
 SCREEN_METRICS = ("settled", "final_distance", "image_excursion")
 
 
 def add_parsers(commands: Any) -> None:
-    """The commands' own parsers."""
-    run = commands.add_parser("run", help="carry out an experiment or a study")
+    """Add the parsers of `run` and `resume`."""
+    run = commands.add_parser("run", help="run an experiment or a study")
     run.add_argument("study", nargs="?", type=Path, metavar="FILE|NAME",
-                     help="YAML file of an experiment or a study, or a shipped study's name; "
-                          "without it: the demo's experiment")
+                     help="YAML file of an experiment or a study, or name of a shipped study "
+                          "(default: the experiment of the demo)")
     run.add_argument("overrides", nargs="*", metavar="key=value",
-                     help="other values, as in gain=2.0 or repeats=5")
-    run.add_argument("--out", type=Path, help="folder of the results; new, or of the same study; "
-                                              "of an experiment: its report goes there")
-    run.add_argument("--dry-run", action="store_true", help="only say what would be done")
+                     help="changed settings, for example gain=2.0 or repeats=5")
+    run.add_argument("--out", type=Path, help="output folder: new, or of the same study; for an "
+                                              "experiment the folder of its report")
+    run.add_argument("--dry-run", action="store_true", help="only print what would be run")
     run.set_defaults(carry_out=_run)
-    resume = commands.add_parser("resume", help="go on with a study that was begun")
-    resume.add_argument("folder", type=Path, help="of the study")
+    resume = commands.add_parser("resume", help="continue an unfinished study")
+    resume.add_argument("folder", type=Path, help="study folder")
     resume.set_defaults(carry_out=_resume)
     for one in (run, resume):
         add_workers(one)
-        one.add_argument("--fail-fast", action="store_true", help="stop at a run without success")
-        one.add_argument("--no-report", action="store_true", help="without table and pictures")
-        one.add_argument("--mix", action="store_true", help="go on although the code has changed")
+        one.add_argument("--fail-fast", action="store_true", help="stop after the first failed run")
+        one.add_argument("--no-report", action="store_true",
+                         help="do not write a table and figures")
+        one.add_argument("--mix", action="store_true", help="continue even if the code has changed")
 
 
 def add_workers(one: argparse.ArgumentParser) -> None:
-    """The options that say where runs are carried out."""
+    """Add the options of the worker processes."""
     one.add_argument("--workers", type=int, default=0, metavar="N",
-                     help="processes on this machine; default: one a core")
-    one.add_argument("--in-process", action="store_true", help="no workers: run it here")
-    one.add_argument("--scheduler", default="", metavar="ADDRESS", help="of Dask, with workers")
+                     help="number of processes on this machine (default: one per core)")
+    one.add_argument("--in-process", action="store_true",
+                     help="run everything in this process, without workers")
+    one.add_argument("--scheduler", default="", metavar="ADDRESS",
+                     help="address of a Dask scheduler with workers")
     one.add_argument("--cluster", default="", metavar="FILE",
-                     help="YAML that names a cluster class, its arguments and workers")
+                     help="YAML file with a Dask cluster class, its arguments and its workers")
     one.add_argument("--renew", type=int, default=CHUNKS_BEFORE_RESTART, metavar="N",
-                     help="make workers anew after so many chunks (%(default)s)")
+                     help="restart workers every N chunks (default %(default)s)")
 
 
 def find_study_file(name: Path) -> Path:
-    """The file of that path, or the shipped one of that name."""
+    """Return the path of a study's file, given as a path or as the name of a shipped study.
+
+    Raises:
+        StudyError: there is neither a file nor a shipped study with this name.
+    """
     shipped = Path(PackagePath().find("aras_visual_servo_bench")) / "config" / "studies"
     named = shipped / f"{name.name}.yaml"
     if name.exists() or name.suffix or len(name.parts) > 1:
         return name
     if not named.is_file():
         known = sorted(path.stem for path in shipped.glob("*.yaml"))
-        raise StudyError(f"there is no file {name}, and no study: {suggest(name.name, known)}")
+        raise StudyError(
+            f"there is no file {name}, and no shipped study: {suggest(name.name, known)}"
+        )
     return named
 
 
 def _run(options: argparse.Namespace) -> int:
-    if "=" in str(options.study or "") and not options.study.exists():  # the demo's, with overrides
+    # Only overrides are given: they change the experiment of the demo.
+    if "=" in str(options.study or "") and not options.study.exists():
         options.overrides.insert(0, str(options.study))
         options.study = None
     changed = overrides.parse_overrides(options.overrides)
@@ -96,7 +106,7 @@ def _run(options: argparse.Namespace) -> int:
             print(line)
         return 0
     if options.out is None:
-        raise StudyError("say where the results go: --out DIR; or --dry-run")
+        raise StudyError("give an output folder by --out DIR, or use --dry-run")
     text = options.study.read_text(encoding="utf-8")
     if changed or "experiment" in text and Study.from_yaml(options.study).digest != study.digest:
         text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
@@ -104,15 +114,18 @@ def _run(options: argparse.Namespace) -> int:
 
 
 def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment | None:
-    """The experiment that a file holds; None where it is a study, or the name of one."""
+    """Read an experiment with changed settings from a file; None for a study.
+
+    Without a file it is the experiment of the demo.
+    """
     values: Any = {}
     if name is not None:
         if not name.is_file():
             return None
         values = read_yaml(name, ExperimentError)
         keys = set(values) if isinstance(values, dict) else set()
-        own = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
-        if not keys & own:
+        experiment_keys = {f.name for f in fields(Experiment)} - {f.name for f in fields(Study)}
+        if not keys & experiment_keys:
             return None
     for key in changes:
         check_key(key)
@@ -120,21 +133,21 @@ def _read_experiment(name: Path | None, changes: dict[str, Any]) -> Experiment |
 
 
 def _run_experiment(experiment: Experiment, options: argparse.Namespace) -> int:
-    """One run: what came of it, and its report where --out says so."""
-    from ..studies import replay  # half a second that a study's workers need not wait for
+    """Run an experiment, print its summary, and write its report into --out."""
+    from ..studies import replay  # slow import (0.5 s) that the workers of a study do not need
     from . import analyze
 
     for name in ("dry_run", "workers", "in_process", "scheduler", "cluster", "fail_fast", "mix"):
         if getattr(options, name):
-            raise StudyError(f"--{name.replace('_', '-')} is for studies: an experiment is one run")
+            raise StudyError(f"--{name.replace('_', '-')} applies to studies, not to an experiment")
     name, source = ("demo", "") if options.study is None else (options.study.stem, options.study)
     out = None if options.no_report else options.out
     if out is None:
-        done = loop.run(experiment)
-        done.name = name
+        run = loop.run(experiment)
+        run.name = name
     else:
-        done = replay.run_with_images(experiment, name, str(source))
-    analyze.write_reports([done], out)
+        run = replay.run_with_images(experiment, name, str(source))
+    analyze.write_reports([run], out)
     return 0
 
 
@@ -145,13 +158,13 @@ def _resume(options: argparse.Namespace) -> int:
 
 
 def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
-    """Run what is missing of it, and report; returns the exit status."""
+    """Run the missing runs of a study, write its report, and return the exit status."""
     if not options.mix:
         folder.check_code()
     with folder.lock():
-        kept = folder.count_stored_runs()
-        if kept < folder.study.run_count:
-            progress = Progress(folder.study.run_count, kept)
+        stored = folder.count_stored_runs()
+        if stored < folder.study.run_count:
+            progress = Progress(folder.study.run_count, stored)
             try:
                 with make_pool(options) as workers:
                     done = engine.carry_out(
@@ -165,7 +178,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
                 raise StudyError(f"interrupted; {_describe_progress(folder)}") from None
             progress.close()
             failed = "" if folder.study.pictures == "first" else (
-                f"{done.failed} of the new ones without success, ")
+                f"{done.failed} new runs failed, ")
             print(
                 f"{done.runs} of {format_count(folder.study.run_count, 'run')} in {folder.path}, "
                 f"{failed}"
@@ -179,32 +192,32 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
                 return 1
         else:
             folder.finish()
-            print(f"all {kept} runs are in {folder.path}")
+            print(f"all {stored} runs are in {folder.path}")
         if folder.study.has_image_rows:
-            print(f"{card.write_card(folder)} says what is kept of each image, and how to read it")
+            print(f"{card.write_card(folder)} describes the stored images and how to read them")
         if not options.no_report:
             _write_report(folder.path)
         return 0
 
 
 def _write_report(path: Path) -> None:
-    """Table and pictures into the folder, and what fits a screen of the table onto it."""
-    from ..plots import study_figures  # half a second that a worker need not wait for
+    """Write table and figures into the study folder, and print a short table."""
+    from ..plots import study_figures  # slow import (0.5 s) that the workers do not need
 
     found = [Results.read(path)]
     table = tables.make_table(found)
     (path / "table.md").write_text(tables.format_table(table, "md"), encoding="utf-8")
-    told = [name for name in SCREEN_METRICS if name in found[0].study.metric_names]
-    short = tables.format_table(tables.make_table(found, metrics=told), "md") if told else ""
+    names = [name for name in SCREEN_METRICS if name in found[0].study.metric_names]
+    short = tables.format_table(tables.make_table(found, metrics=names), "md") if names else ""
     if short and len(table.rows) <= SCREEN_ROWS:
         print(f"\n{short}")
     drawn = study_figures.write_figures(found, path / "plots", paths=[path])
-    print(f"{path / 'table.md'} has every metric; pictures: {', '.join(map(str, drawn))}")
+    print(f"{path / 'table.md'} has all metrics; figures: {', '.join(map(str, drawn))}")
 
 
 def _describe_progress(folder: StudyFolder) -> str:
     return (
-        f"{folder.count_stored_runs()} of {folder.study.run_count} runs are kept: "
+        f"{folder.count_stored_runs()} of {folder.study.run_count} runs are stored; continue with "
         f"{find_program_name()} resume {folder.path}"
     )
 
@@ -214,11 +227,15 @@ def _read_workers(options: argparse.Namespace) -> int:
 
 
 def make_pool(options: argparse.Namespace) -> Pool:
-    """The workers that the options name; StudyError where they contradict each other."""
+    """Create the workers that the options select.
+
+    Raises:
+        StudyError: the options are invalid or contradict each other.
+    """
     if options.workers < 0 or options.renew < 1:
         raise StudyError("--workers must be 0 or more, and --renew 1 or more")
     if bool(options.scheduler) + bool(options.cluster) + options.in_process > 1:
-        raise StudyError("say one of --in-process, --scheduler and --cluster")
+        raise StudyError("use only one of --in-process, --scheduler and --cluster")
     if options.in_process:
         return InProcessPool()
     return DaskPool(options.workers, options.scheduler, options.cluster, options.renew)

@@ -22,7 +22,7 @@ REPORT = {
     "warn": WARN, "mark": BLUE, "bad-ground": "#fdf3f2", "warn-ground": "#fff8e6",
     "box": "#ffffff", "badge": "#ffffff", "edge": "#8a9099", "cursor": INK, "zero": FAINT,
     **{f"curve-{i}": colour for i, colour in enumerate(CURVE_COLOURS)},
-    "parts": ", ".join(COLOUR_MAP),
+    "colour-map": ", ".join(COLOUR_MAP),
 }  # fmt: skip
 
 # -- colours on the dark background of the live page and of rviz ---------------------------------
@@ -30,9 +30,9 @@ LIVE_CURVES = (SKY, ORANGE, "#00bf8c", PURPLE, YELLOW, "#ff7b5a", "#b4a7ff", "#c
 LIVE = {
     # drawing; the goal is blue, as in the camera's overlay
     "goal": "#3c78ff", "now": "#f2f2f2", "path": ORANGE, "ideal": "#bfc7d9", "feature": YELLOW,
-    "asked": VERMILION, "achieved": "#00bf8c", "asked-turn": PURPLE, "achieved-turn": SKY,
-    # text
-    "text": "#e6eaf0", "quiet": "#93a0b4", "label": "#c8d0dc", "words": "#ffc9a3",
+    "desired": VERMILION, "achieved": "#00bf8c", "desired-turn": PURPLE, "achieved-turn": SKY,
+    # letters
+    "text": "#e6eaf0", "quiet": "#93a0b4", "label": "#c8d0dc", "message": "#ffc9a3",
     "address": "#8fb4ff", "red": "#ff6b5e", "white": "#ffffff",
     # backgrounds
     "back": "#14181f", "box": "#1c222c", "well": "#11151b", "button": "#2a3341", "over": "#344054",
@@ -48,7 +48,8 @@ REPORT_DARK = {  # the same names as in REPORT
     "good": "#4cd6a8", "bad": "#ff8a80", "warn": "#e6b450", "mark": LIVE["address"],
     "bad-ground": "#33201f", "warn-ground": "#2e2818", "box": LIVE["box"], "badge": LIVE["back"],
     "edge": "#5d6b82", "cursor": LIVE["white"], "zero": LIVE["zero"],
-    **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)}, "parts": REPORT["parts"],
+    **{f"curve-{i}": colour for i, colour in enumerate(LIVE_CURVES)},
+    "colour-map": REPORT["colour-map"],
 }  # fmt: skip
 SCENE = {"start": ORANGE, "goal": "#00bf8c", "ideal": LIVE["ideal"], "face": "#6b7688",
          "rim": LIVE["white"]}  # fmt: skip

@@ -1,4 +1,4 @@
-"""What the demo sees of the running graph: the controller's state, and that joints are told."""
+"""Observation of the graph by the demo: state of the controller, arrival of joint states."""
 
 import contextlib
 import time
@@ -11,14 +11,14 @@ import rosgraph
 
 @dataclass
 class RunProgress:
-    """Written by the subscriber, read by the demo; times in s.
+    """Progress of a run, updated by the subscribers; times in s.
 
     Attributes:
-        phase, reason: latest of the controller, '' before its first word.
-        start_stamp: stamp at which servoing began, or None.
-        convergence_stamp: stamp at which it counted as converged, or None while it does not.
-        stamp: latest stamp of the controller's state.
-        has_joint_states: joint states are arriving.
+        phase, reason: latest state of the controller, '' before its first message.
+        start_stamp: stamp at the start of servoing, or None.
+        convergence_stamp: stamp at which the controller converged, or None while it has not.
+        stamp: stamp of the latest state of the controller.
+        has_joint_states: a joint state has been received.
     """
 
     phase: str = ""
@@ -30,7 +30,7 @@ class RunProgress:
 
 
 class ControllerWatch:
-    """Subscribes in this process, without following the simulated clock."""
+    """Subscribers of the demo process, which do not use simulated time."""
 
     def __init__(self) -> None:
         import rospy
@@ -69,7 +69,7 @@ class ControllerWatch:
 
 
 def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
-    """Whether the master answers within timeout (s) while alive() holds."""
+    """Return whether the master answers within `timeout` (s); give up when is_alive() is false."""
     deadline = time.monotonic() + timeout
     while time.monotonic() < deadline and is_alive():
         with contextlib.suppress(OSError):
@@ -80,7 +80,7 @@ def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
 
 
 def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
-    """End the node `record` and wait until its bag is closed; whether it is."""
+    """Stop the node `record`, and return whether its bag is closed within `timeout` (s)."""
     active = bag.with_name(bag.name + ".active")
     if not active.exists():
         return bag.exists()

@@ -1,4 +1,4 @@
-"""The demo's command line: its words, checked before anything is started."""
+"""Command line of the demo, checked before any process is started."""
 
 from __future__ import annotations
 
@@ -27,7 +27,7 @@ from ..targets.target_factory import find_default_size, find_tracker
 from ..targets.target_spec import TargetSpec
 
 LAUNCH_FOLDER = "package://aras_visual_servo_gazebo/launch/"
-# The launch files that are started, and those of their arguments that are options here.
+# The launch files, and their arguments that are options of the demo.
 LAUNCH_FILES = {
     "aras_visual_servo.launch": {
         "camera", "camera_xyz", "camera_rpy", "urdf", "target", "target_size", "show_rviz",
@@ -36,19 +36,19 @@ LAUNCH_FILES = {
     "aras_visual_servo_nodes.launch": {"scheme", "law", "gain", "start", "goal", "desired"},
 }  # fmt: skip
 PLATES, NO_TARGET = "aras", "none"
-# of a target, as the launch file's target_place has it
+# x, y, z (m), roll, pitch, yaw (rad); the same pose as target_place of the launch file
 TARGET_POSE = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 DEFAULT_ROBOT = RobotSpec()
 
 
 def parse(argv: list[str] | None) -> argparse.Namespace:
-    """The words, and what follows from them.
+    """Parse and check the command line.
 
-    `further`: arguments of each of STARTED, by name. `taught`: the goal before another target than
-    the plates, None where none had to be made. `tracker`: of the target's points.
+    The result also contains `further`, the further arguments of each launch file; `taught`, the
+    goal for another target than the plates, or None; and `tracker`, the tracker of the target.
     """
     parser = argparse.ArgumentParser(
-        prog="demo", description="Servo the ARAS robot to its target and report how it went.",
+        prog="demo", description="Servo the ARAS robot to its target and write a report.",
         epilog="example: ./demo.sh --scheme points --start 2015 --out out/points",
     )
     _add_loop_options(parser)
@@ -57,16 +57,16 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
         "--out",
         type=_parse_folder,
         default=Path("out"),
-        help="folder of the results (default out/)",
+        help="output folder (default out/)",
     )
-    parser.add_argument("--rviz", action="store_true", help="watch it in rviz (needs a display)")
+    parser.add_argument("--rviz", action="store_true", help="show rviz (needs a display)")
     parser.add_argument(
-        "--timeout", type=float, default=20.0, help="simulated s to converge in (default 20)"
+        "--timeout", type=float, default=20.0, help="limit of simulated time, s (default 20)"
     )
     parser.add_argument(
         "launch", nargs="*", metavar="NAME:=VALUE",
-        help="any other argument of aras_visual_servo.launch or aras_visual_servo_nodes.launch, as "
-             "gains:=/my/controllers.yaml",
+        help="further argument of aras_visual_servo.launch or aras_visual_servo_nodes.launch, for "
+             "example gains:=/my/controllers.yaml",
     )
     arguments = parser.parse_args(argv)
     try:
@@ -74,7 +74,7 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
     except (ConfigurationError, ExperimentError) as error:
         parser.error(str(error))
     if arguments.rviz and not os.environ.get("DISPLAY"):
-        print("demo: --rviz needs a display, and DISPLAY is not set: it goes on without rviz",
+        print("demo: --rviz needs a display, but DISPLAY is not set: continuing without rviz",
               file=sys.stderr)  # fmt: skip
         arguments.rviz = False
     if not arguments.timeout > 0.0:
@@ -83,59 +83,63 @@ def parse(argv: list[str] | None) -> argparse.Namespace:
 
 
 def _add_loop_options(parser: argparse.ArgumentParser) -> None:
-    """What decides how is servoed, and where to."""
+    """Add the options of scheme, law, gain, start and goal."""
     parser.add_argument(
         "--scheme", default="moments",
-        help="a feature or scheme by name, moments by default, several joined by +, or "
-             "package.module:Class of your own, on PYTHONPATH; a wrong name lists all",
+        help="name of a feature or scheme (default moments), several names joined by +, or your "
+             "own package.module:Class on PYTHONPATH; an unknown name lists all",
     )
     parser.add_argument(
         "--start", default="2016",
-        help="initial pose: 2015, 2016 (default), or gantry (m), J1, J2, J3, J5, J6 (rad), as "
-             "'0.1 0 0.17 -0.09 -0.09 2.09', or none: from where it stands; of another robot, its "
-             "own joints",
+        help="initial pose: 2015, 2016 (default), positions of gantry (m), J1, J2, J3, "
+             "J5, J6 (rad) such as '0.1 0 0.17 -0.09 -0.09 2.09', or none for the "
+             "current pose; for another robot the positions of its joints",
     )
     parser.add_argument(
-        "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: that of the "
-        "start)",
+        "--goal", default="auto", help="2015, 2016, or a goal's YAML file (default: the goal of "
+        "the start)",
     )
     parser.add_argument(
-        "--law", default="", help="control law by name, proportional by default, or "
-        "package.module:Class; a wrong name lists all",
+        "--law", default="", help="name of a control law (default proportional), or "
+        "package.module:Class; an unknown name lists all",
     )
     parser.add_argument(
-        "--gain", type=_parse_gain, help="of the law, 1/s (default: the controller's)"
+        "--gain", type=_parse_gain, help="gain of the law, 1/s (default: that of the controller)"
     )
 
 
 def _add_world_options(parser: argparse.ArgumentParser) -> None:
-    """What is simulated."""
+    """Add the options of target, robot and camera."""
     parser.add_argument(
-        "--target", default=PLATES, help="what lies on the table: aras (the laboratory's plates, "
-        "default), another name of targets/, a picture, an SVG outline, a URDF, or none; where "
-        "--goal names no file, the goal is taught before it, where 2016 or 2015 has the camera",
+        "--target", default=PLATES, help="target on the table: aras (default, the plates of the "
+        "laboratory), another name in targets/, an image file, an SVG outline, a URDF, or none; "
+        "unless --goal is a file, the goal is taught from the camera pose of goal 2016 or 2015",
     )
     parser.add_argument(
         "--target-size",
         type=_parse_size,
         metavar="'X Y'",
-        help="along x and y, m (default: as it ships)",
+        help="size of the target along x and y, m (default: its usual size)",
     )
     parser.add_argument(
-        "--urdf", type=_parse_file, help="the robot's description (default: the ARAS robot's); "
-        "what another arm needs beside it follows as NAME:=VALUE (robot, gains, controllers)",
+        "--urdf", type=_parse_file, help="robot description (default: the ARAS robot); give the "
+        "further arguments of another arm as NAME:=VALUE (robot, gains, controllers)",
     )
-    parser.add_argument("--camera", default="original", help="camera preset, or the path "
-                        "of a preset or a calibration (default original)")  # fmt: skip
+    parser.add_argument("--camera", default="original", help="name of a camera preset, "
+                        "or path of a preset or a calibration (default original)")  # fmt: skip
     for part, unit in (("xyz", "m"), ("rpy", "rad")):
         parser.add_argument(
             f"--camera-{part}", type=_parse_vector, metavar="'0 0 0'",
-            help=f"where the camera is mounted in camera_link, {unit} (default: not moved)",
+            help=f"pose of the camera in camera_link: {part}, {unit} (default: 0 0 0)",
         )
 
 
 def _check(arguments: argparse.Namespace) -> None:
-    """What roslaunch or a node would refuse later: ConfigurationError, ExperimentError."""
+    """Check the options that roslaunch or a node would reject later, and complete them.
+
+    Raises:
+        ConfigurationError, ExperimentError: an option is invalid.
+    """
     arguments.further = _parse_launch_arguments(arguments.launch)
     _check_start(arguments.start, arguments.urdf is not None)
     packages = PackagePath()
@@ -144,35 +148,41 @@ def _check(arguments: argparse.Namespace) -> None:
         arguments.camera = str(Path(arguments.camera).expanduser().resolve())
     arguments.target = _parse_target(arguments.target)
     arguments.tracker = find_tracker(arguments.target)
-    given = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
+    parameters = {"scheme": arguments.scheme, "desired": arguments.goal, "start": arguments.start}
     for name in ("law", "gain", "tracker"):
         if value := getattr(arguments, name):
-            given[name] = value
+            parameters[name] = value
     package = Path(packages.find("aras_visual_servo_controller"))
-    settings = Settings.from_mapping(given, package)
+    settings = Settings.from_mapping(parameters, package)
     settings.make_scheme()
     goal = settings.load_goal()
-    known = arguments.target in (PLATES, NO_TARGET) or arguments.target.endswith((".urdf", ".xml"))
-    own = Path(arguments.goal).suffix != ""
-    arguments.taught = None if own or known else _teach_goal(arguments, goal)
+    has_goal = arguments.target in (PLATES, NO_TARGET) or arguments.target.endswith(
+        (".urdf", ".xml")
+    )
+    is_goal_file = Path(arguments.goal).suffix != ""
+    arguments.taught = None if is_goal_file or has_goal else _teach_goal(arguments, goal)
 
 
 def _parse_launch_arguments(arguments: list[str]) -> dict[str, dict[str, str]]:
-    """Arguments of the launch files, by file and name; ExperimentError for one of neither."""
+    """Return the further arguments of each launch file by name.
+
+    Raises:
+        ExperimentError: an argument is malformed, unknown or an option of the demo.
+    """
     declared = {
         file: _read_argument_names(file) - options for file, options in LAUNCH_FILES.items()
     }
-    known = sorted(set().union(*declared.values()))
+    all_names = sorted(set().union(*declared.values()))
     found: dict[str, dict[str, str]] = {file: {} for file in LAUNCH_FILES}
     for word in arguments:
-        name, given, value = word.partition(":=")
-        if not given:
-            raise ExperimentError(f"'{word}' is no argument: write NAME:=VALUE, or see --help")
+        name, separator, value = word.partition(":=")
+        if not separator:
+            raise ExperimentError(f"'{word}' is not an argument: use NAME:=VALUE, or see --help")
         if any(name in options for options in LAUNCH_FILES.values()):
-            raise ExperimentError(f"{name}:= is an option here, or the demo's own: see --help")
-        if name not in known:
-            raise ExperimentError(f"no argument '{name}' of the launch files: "
-                                  f"{suggest(name, known)}")  # fmt: skip
+            raise ExperimentError(f"{name}:= is set by an option or by the demo itself: see --help")
+        if name not in all_names:
+            raise ExperimentError(f"the launch files have no argument '{name}': "
+                                  f"{suggest(name, all_names)}")  # fmt: skip
         for file, names in declared.items():
             if name in names:
                 found[file][name] = value
@@ -180,14 +190,18 @@ def _parse_launch_arguments(arguments: list[str]) -> dict[str, dict[str, str]]:
 
 
 def _read_argument_names(file: str) -> set[str]:
-    """Names of a launch file's arguments."""
+    """Return the names of a launch file's arguments."""
     path = Path(PackagePath().resolve(LAUNCH_FOLDER + file))
     root = safe_xml.parse(path.read_text(encoding="utf-8"), str(path))
     return {argument.attrib["name"] for argument in root.findall("arg")}
 
 
 def _parse_target(text: str) -> str:
-    """A target's name, or the whole path of its file; ExperimentError where there is none."""
+    """Return the name of a target, or the absolute path of its file.
+
+    Raises:
+        ExperimentError: the name is unknown, or the file does not exist.
+    """
     path = Path(text).expanduser()
     if text in (*SHAPES, NO_TARGET):
         return text
@@ -199,40 +213,38 @@ def _parse_target(text: str) -> str:
 
 
 def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
-    """What the camera sees of the target from where a shipped goal has it.
+    """Return the view of the target from the camera pose of a shipped goal, as a new goal.
 
     Raises:
-        ExperimentError: nothing that this scheme can servo to.
+        ExperimentError: the scheme cannot servo to this view.
     """
-    from ..setup.assembly import (
-        assemble,
-    )  # the physics: a second that the usual demo need not wait for
+    from ..setup.assembly import assemble  # slow to import (1 s), and rarely needed
 
     size = find_default_size(arguments.target)
     if arguments.target_size:
         size = tuple(map(float, arguments.target_size.split()))
-    moved = {
+    camera_offset = {
         name: tuple(map(float, value.split()))
         for name in ("camera_xyz", "camera_rpy") if (value := getattr(arguments, name))
     }  # fmt: skip
-    given = arguments.further["aras_visual_servo.launch"]
+    further = arguments.further["aras_visual_servo.launch"]
     spec = replace(
         DEFAULT_ROBOT,
         urdf=str(arguments.urdf or DEFAULT_ROBOT.urdf),
-        config=given.get("gains", DEFAULT_ROBOT.config),
+        config=further.get("gains", DEFAULT_ROBOT.config),
     )
-    mounting = (moved.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
+    mounting = (camera_offset.get(name, (0.0,) * 3) for name in ("camera_xyz", "camera_rpy"))
     hand_eye = None
-    if given.get("hand_eye"):
+    if further.get("hand_eye"):
         hand_eye = HandEyeSpec(
-            given["hand_eye"], given.get("hand_eye_units", ""), given.get("hand_eye_link", "")
+            further["hand_eye"], further.get("hand_eye_units", ""), further.get("hand_eye_link", "")
         )
     robot = Robot(spec, *mounting, hand_eye=hand_eye)
     xyz, rpy = xyz_rpy_from_matrix(goal.for_arm(robot.make_arm()).world_T_camera)
     experiment = Experiment(
         robot=spec, target=TargetSpec(arguments.target, size, TARGET_POSE), camera=arguments.camera,
         goal=CameraPose((*xyz, *rpy)), start=CameraPose((*xyz, *rpy)), scheme=arguments.scheme,
-        hand_eye=hand_eye, **moved,
+        hand_eye=hand_eye, **camera_offset,
     )  # fmt: skip
     parts = assemble(experiment)
     parts.plant.close()
@@ -240,13 +252,15 @@ def _teach_goal(arguments: argparse.Namespace, goal: Goal) -> Goal:
 
 
 def _parse_numbers(text: str, count: int, example: str) -> str:
-    """So many finite numbers, as one text for roslaunch."""
+    """Check that a text contains `count` finite numbers, and return it unchanged."""
     try:
         numbers = [float(word) for word in text.split()]
     except ValueError:
         numbers = []
     if len(numbers) != count or not np.isfinite(numbers).all():
-        raise argparse.ArgumentTypeError(f"'{text}' must be {count} finite numbers, as '{example}'")
+        raise argparse.ArgumentTypeError(
+            f"'{text}' must be {count} finite numbers, for example '{example}'"
+        )
     return text
 
 
@@ -279,7 +293,15 @@ def _parse_folder(text: str) -> Path:
 
 
 def _check_start(text: str, other: bool) -> None:
-    """ConfigurationError for no start; `other`: of another robot than ours."""
+    """Check the option --start.
+
+    Args:
+        text: the option's value.
+        other: whether the robot is another one than the ARAS robot.
+
+    Raises:
+        ConfigurationError: the value is invalid.
+    """
     if text in ("2015", "2016", "none"):
         return
     count = len(text.split()) if other else 6

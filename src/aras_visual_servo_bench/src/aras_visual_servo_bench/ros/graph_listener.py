@@ -1,4 +1,7 @@
-"""Tells a Story what a graph says; begins anew with another robot, or a clock that goes back."""
+"""Subscriber of one robot's topics that updates a RunTrace.
+
+The trace restarts when another robot is spawned or the clock is reset.
+"""
 
 from __future__ import annotations
 
@@ -31,26 +34,37 @@ from aras_visual_servo_controller.settings import Settings
 from ..drawing.run_trace import NO_STATE, RunTrace
 from ..drawing.track import RealTimeFactor
 
-# s of wall time without a joint state after which nothing is known of the pace
+# s of wall time without a joint state after which the real-time factor is unknown
 SILENCE_TIMEOUT = 2.0
 
 
 class GraphListener:
-    """Subscribers of one robot's topics, and the story that they tell."""
+    """Subscribers of one robot's topics, with the trace of its run and the latest values.
+
+    Attributes:
+        on_state: called with each controller state and its joint positions, or None.
+        robot_name, robot_count: name of the robot, and number of robots so far.
+        run_trace: trace of the run; None without a robot.
+        urdf: description of the robot.
+        restart_count: number of new robots and clock resets.
+        positions, velocities: (n,) joint positions and velocities in the order of the arm.
+        stamp: stamp (s) of the latest joint state.
+        no_target_reason: why the latest image has no target; '' if it has one.
+    """
 
     def __init__(self, settings: Settings) -> None:
-        """`settings`: where the controller's topics, camera and description are."""
+        """Subscribe to the topics that the controller's `settings` name."""
         self.settings = settings
-        self.on_state: Callable[[State, Sequence[float]], None] | None = None  # of each state
-        self.robot_name, self.robot_count = "", 0  # its name, and how many there have been
+        self.on_state: Callable[[State, Sequence[float]], None] | None = None
+        self.robot_name, self.robot_count = "", 0
         self.run_trace: RunTrace | None = None
         self.urdf = ""
-        self.restart_count = 0  # how often the robot, or its clock, began anew
-        self.positions: np.ndarray | None = None  # (n,) of the joints, in the arm's order
+        self.restart_count = 0
+        self.positions: np.ndarray | None = None
         self.velocities: np.ndarray | None = None
         self.report: ServoReport | None = None
-        self.stamp = 0.0  # of the latest joint states, s
-        self.no_target_reason = ""  # why the latest image shows no target; '' where it does
+        self.stamp = 0.0
+        self.no_target_reason = ""
         self.lock = threading.RLock()
         self._description = DescriptionWatch(settings.description)
         self._real_time_factor, self._joints_message, self._last_joints_time = (
@@ -62,8 +76,8 @@ class GraphListener:
         self._outline = np.zeros((0, 2))
         self._camera: CameraModel | None = None
         space = settings.namespace.rstrip("/")
-        for topic, kind, hear, many in (
-            # Not read before somebody looks: they come a hundred times a second.
+        for topic, kind, callback, queue_size in (
+            # Joint states arrive at 100 Hz; they are deserialized only in `refresh`.
             (f"{space}/joint_states", rospy.AnyMsg, self._on_joints, 1),
             (f"{space}/controller/state", ServoState, self._on_state, 10),
             (f"{space}/controller/diagnosis", ServoReport, self._on_report, 1),
@@ -72,13 +86,13 @@ class GraphListener:
             (f"{space}/camera/moments", ImageMoments, self._on_moments, 10),
             (f"{settings.camera_namespace.rstrip('/')}/camera_info", CameraInfo, self._on_info, 1),
         ):
-            rospy.Subscriber(topic, kind, hear, queue_size=many, tcp_nodelay=True)
+            rospy.Subscriber(topic, kind, callback, queue_size=queue_size, tcp_nodelay=True)
 
     def update(self) -> RunTrace | None:
-        """The story, with the joints where they are now; None while there is no robot.
+        """Look for another robot, and return the updated trace; None without a robot.
 
         Raises:
-            ConfigurationError: a description that cannot be used.
+            ConfigurationError: the robot description is invalid.
         """
         watched = None if self.run_trace is None else self.restart_count
         if urdf := self._description.find_new(watched):
@@ -92,19 +106,19 @@ class GraphListener:
         return self.refresh()
 
     def refresh(self) -> RunTrace | None:
-        """The same without looking for another robot."""
-        story = self.run_trace
-        if story is None:
+        """Return the trace, updated with the latest messages; None without a robot."""
+        trace = self.run_trace
+        if trace is None:
             return None
         with self.lock:
-            story.goal, story.outline, story.camera = self._goal, self._outline, self._camera
-            self._read_joints(story)
-            silent = time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
-            story.factor = None if silent else self._real_time_factor.factor
-        return story
+            trace.goal, trace.outline, trace.camera = self._goal, self._outline, self._camera
+            self._read_joints(trace)
+            is_silent = time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
+            trace.factor = None if is_silent else self._real_time_factor.factor
+        return trace
 
     def clear_controller(self) -> None:
-        """No controller is there any more: what it told last holds no longer."""
+        """Forget the last state and diagnosis of a controller that has ended."""
         with self.lock:
             self.report = None
             if self.run_trace is not None:
@@ -119,7 +133,7 @@ class GraphListener:
             message.deserialize(content)
             sample = run_trace.arm.read_joints(message.name, message.position, message.velocity)
         except (MeasurementError, genpy.MessageException, ValueError):
-            return  # the controller says so; what is on the topic may be of any type
+            return  # invalid or of another type; the controller reports this
         stamp = message.header.stamp.to_sec()
         if stamp < self.stamp:
             run_trace.clear()
@@ -138,20 +152,22 @@ class GraphListener:
     def _on_state(self, message: ServoState) -> None:
         report = self.report
         same = report is not None and report.phase == message.phase
-        told = read_state(message, report if same else None)
+        state = read_state(message, report if same else None)
         with self.lock:
             if self.run_trace is not None:
-                ours = told.joints is not None and told.joints.names == self.run_trace.arm.names
-                joints = told.joints.positions if ours else ()
-                self.run_trace.add_state(told, joints)
+                is_ours = (
+                    state.joints is not None and state.joints.names == self.run_trace.arm.names
+                )
+                joints = state.joints.positions if is_ours else ()
+                self.run_trace.add_state(state, joints)
                 if self.on_state is not None:
-                    self.on_state(told, joints)
+                    self.on_state(state, joints)
 
     def _on_goal(self, message: PoseStamped) -> None:
-        place, turn = message.pose.position, message.pose.orientation
-        with contextlib.suppress(ZeroDivisionError):  # a quaternion of no length
-            quat = normalise((turn.x, turn.y, turn.z, turn.w))
-            pose = Pose((place.x, place.y, place.z), quat).matrix()
+        position, orientation = message.pose.position, message.pose.orientation
+        with contextlib.suppress(ZeroDivisionError):  # a zero quaternion
+            quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
+            pose = Pose((position.x, position.y, position.z), quat).matrix()
             if np.isfinite(pose).all():
                 self._goal = pose
 
@@ -168,14 +184,14 @@ class GraphListener:
                     self.run_trace.add_image_point("centre", x, y)
 
     def _on_info(self, message: CameraInfo) -> None:
-        with contextlib.suppress(VisionError):  # the camera node says what is wrong with it
+        with contextlib.suppress(VisionError):  # the camera node reports the error
             self._camera = CameraModel.from_message(message)
 
 
 def make_listener_settings(parameters: dict[str, object]) -> Settings:
-    """Settings of a node that listens: of its parameters those that say where the robot is.
+    """Return the controller settings of a node that only listens, from its parameters.
 
     Raises:
-        ConfigurationError: one line for a parameter that cannot be.
+        ConfigurationError: a parameter is invalid.
     """
     return Settings.from_mapping(parameters, find_package_folder())

@@ -1,4 +1,4 @@
-"""The picture of a graph's camera, as JPEG, while somebody looks."""
+"""Subscriber of the camera images for the live page, as JPEG."""
 
 from __future__ import annotations
 
@@ -13,20 +13,25 @@ from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.images import decode
 
 QUALITY = 80
-BUFFER_BYTES = 2**24  # bytes, holds several images: always the newest, never a backlog
-OVERLAY_NOTE = "green: the target as found \u2002 blue: as it is to be seen"
-PLAIN_NOTE = "the camera's picture: the camera node does not run"
+BUFFER_BYTES = 2**24  # room for several images, so that old ones do not queue up in the socket
+OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
+PLAIN_NOTE = "camera image; the camera node is not running"
 
 
 class ImageSubscriber:
-    """What the camera node saw and found; where it does not run, what the camera saw.
+    """Subscriber of the camera node's overlay, or of the raw image if this node is not running.
 
     Attributes:
-        note: what the picture shows.
+        note: text that explains the image.
     """
 
     def __init__(self, space: str, camera: str) -> None:
-        """Namespaces of the camera node's topics and of the camera's."""
+        """Create a subscriber.
+
+        Args:
+            space: namespace of the camera node's topics.
+            camera: namespace of the camera's topics.
+        """
         self._topics = f"{space}/camera/overlay", f"{camera}/image_raw"
         self._subscribers: list[rospy.Subscriber | None] = [None, None]
         self._lock = threading.Lock()
@@ -34,7 +39,10 @@ class ImageSubscriber:
         self.note = PLAIN_NOTE
 
     def set_viewer_count(self, viewers: int) -> None:
-        """Without a viewer nothing is subscribed to, and the camera node draws nothing."""
+        """Subscribe for the first viewer, and unsubscribe after the last one.
+
+        Without a subscriber the camera node draws no overlay.
+        """
         with self._lock:
             if viewers and self._subscribers[0] is None:
                 self._subscribe(0)
@@ -44,26 +52,26 @@ class ImageSubscriber:
                 self._newest = None
 
     def choose_topic(self) -> None:
-        """Take the plain picture where there is no other, and leave it where there is."""
+        """Switch to the raw image if no overlay is published, and back if it is."""
         with self._lock:
             if self._subscribers[0] is None:
                 return
-            found = self._subscribers[0].get_num_connections() > 0
-            self.note = OVERLAY_NOTE if found else PLAIN_NOTE
-            if found:
+            has_overlay = self._subscribers[0].get_num_connections() > 0
+            self.note = OVERLAY_NOTE if has_overlay else PLAIN_NOTE
+            if has_overlay:
                 self._unsubscribe(1)
             elif self._subscribers[1] is None:
                 self._subscribe(1)
 
     def take_jpeg(self) -> bytes | None:
-        """The newest picture; None where none came since the last call."""
+        """Return the newest image as JPEG; None without a new one since the last call."""
         message, self._newest = self._newest, None
         if message is None:
             return None
         try:
             bgr = np.ascontiguousarray(decode(message).rgb[:, :, ::-1])
         except VisionError:
-            return None  # the camera node says what is wrong with it
+            return None  # the camera node reports the error
         done, content = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
         return content.tobytes() if done else None
 

@@ -1,4 +1,4 @@
-"""What a run looks like, as markers for rviz: camera, goal, paths, twists, features, words."""
+"""Node that shows a run in rviz as markers: camera, goal, paths, twists, features and texts."""
 
 from __future__ import annotations
 
@@ -14,18 +14,18 @@ from ..drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
 from .graph_listener import GraphListener, make_listener_settings
 from .target_watch import TargetWatch
 
-PERIOD = 0.1  # s of wall time; rviz draws 30 times a second, and interpolates nothing
+PERIOD = 0.1  # s of wall time between two publications
 MARKER_TYPES = {
     LINES: Marker.LINE_LIST, STRIP: Marker.LINE_STRIP, ARROW: Marker.ARROW,
     TEXT: Marker.TEXT_VIEW_FACING, FACES: Marker.TRIANGLE_LIST,
 }  # fmt: skip
-HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0  # an arrow's head, in widths of its shaft
+HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0  # size of an arrow's head in shaft widths
 
 
 def make_marker(shape: Shape, frame: str) -> Marker:
-    """visualization_msgs/Marker of a shape; one without points takes the former one away."""
+    """Convert a shape to a visualization_msgs/Marker; a shape without points deletes its marker."""
     message = Marker(ns=shape.name, type=MARKER_TYPES[shape.kind], action=Marker.ADD)
-    message.header.frame_id = frame  # stamp 0: as the frame stands now
+    message.header.frame_id = frame  # stamp 0: use the latest transform
     message.pose.orientation.w = 1.0
     if not len(shape.points):
         message.action = Marker.DELETE
@@ -34,11 +34,11 @@ def make_marker(shape: Shape, frame: str) -> Marker:
     width = shape.width
     if shape.kind == TEXT:
         message.text, message.scale.z = shape.text, width
-        place = message.pose.position
-        place.x, place.y, place.z = (float(v) for v in shape.points[0])
+        position = message.pose.position
+        position.x, position.y, position.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
-    if shape.kind == FACES:  # a factor there
+    if shape.kind == FACES:  # the scale multiplies the vertices of a triangle list
         message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:
         message.scale.y, message.scale.z = HEAD_WIDTH * width, HEAD_LENGTH * width
@@ -47,7 +47,7 @@ def make_marker(shape: Shape, frame: str) -> Marker:
 
 
 def make_markers(shapes: list[Shape], frame: str, previous: set[str]) -> MarkerArray:
-    """All of them, and the end of those of `previous` that are no more."""
+    """Return the markers of all shapes; delete those of `previous` that no longer exist."""
     array = MarkerArray([make_marker(shape, frame) for shape in shapes])
     for name in sorted(previous - {shape.name for shape in shapes}):
         array.markers.append(Marker(ns=name, action=Marker.DELETE))
@@ -62,16 +62,16 @@ def main() -> int:
 
 
 def _publish() -> None:
-    """Draw, ten times a second, for whoever looks."""
+    """Publish the markers every PERIOD while they have a subscriber."""
     settings = make_listener_settings(rospy.get_param("~", {}))
-    listener, target, drawn = GraphListener(settings), TargetWatch(), set()
+    listener, target, previous = GraphListener(settings), TargetWatch(), set()
     topic = f"{settings.namespace.rstrip('/')}/markers"
     publisher = rospy.Publisher(topic, MarkerArray, queue_size=1)
     for _ in iterate_at_period(PERIOD):
-        story = listener.update()
-        if story is not None and publisher.get_num_connections():
-            target.update(story, listener.robot_name)
+        trace = listener.update()
+        if trace is not None and publisher.get_num_connections():
+            target.update(trace, listener.robot_name)
             with listener.lock:
-                shapes, frame = story.make_shapes(), story.arm.target_frame or story.arm.base_frame
-            publisher.publish(make_markers(shapes, frame, drawn))
-            drawn = {shape.name for shape in shapes}
+                shapes, frame = trace.make_shapes(), trace.arm.target_frame or trace.arm.base_frame
+            publisher.publish(make_markers(shapes, frame, previous))
+            previous = {shape.name for shape in shapes}

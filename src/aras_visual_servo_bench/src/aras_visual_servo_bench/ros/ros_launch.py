@@ -1,4 +1,4 @@
-"""Start roslaunch as a child, and leave no process behind whatever happens."""
+"""roslaunch as a child process; all its descendants are ended with it."""
 
 import contextlib
 import ctypes
@@ -11,22 +11,22 @@ import time
 from pathlib import Path
 
 _PR_SET_PDEATHSIG = 1
-# Looked up here, not between fork and exec, where the locks of other threads stay shut.
+# Loaded here, because between fork and exec a lock of another thread could block forever.
 _PRCTL = ctypes.CDLL(None).prctl
 
 
 def find_free_port() -> int:
-    """A TCP port that nobody listens on now."""
+    """Return a free TCP port."""
     with socket.socket() as probe:
         probe.bind(("127.0.0.1", 0))
         return probe.getsockname()[1]
 
 
 class RosLaunch:
-    """One roslaunch with everything it starts.
+    """A roslaunch process with all processes that it starts.
 
-    It gets a session of its own, so that a ^C in the terminal reaches the demo alone, which then
-    ends things in order; whoever is still there in the end is found by that session.
+    It runs in a new session: ^C in the terminal then reaches only the demo, which stops everything
+    in order. Remaining processes are found by this session.
     """
 
     def __init__(self, arguments: list[str], log: Path, environment: dict[str, str]) -> None:
@@ -44,15 +44,15 @@ class RosLaunch:
 
     @property
     def running(self) -> bool:
-        """Whether roslaunch itself is still there."""
+        """Whether the roslaunch process itself is running."""
         return self._process.poll() is None
 
     def read_log(self) -> str:
-        """The log without the terminal's colours."""
+        """Return the log without terminal colour codes."""
         return re.sub("\x1b\\[[0-9;]*m", "", self.log.read_text("utf-8", errors="replace"))
 
     def find_death_message(self) -> str:
-        """What roslaunch says of a node that died, '' while none has."""
+        """Return a message if roslaunch or one of its nodes has died; otherwise ''."""
         if not self.running:
             return f"roslaunch ({self.log.stem}) ended"
         for line in self.read_log().splitlines():
@@ -61,13 +61,16 @@ class RosLaunch:
         return ""
 
     def read_last_lines(self, count: int = 6) -> str:
-        """The end of the log, for a message: errors if there are any, else the last lines."""
+        """Return the last errors of the log, or its last lines if there are no errors."""
         lines = [line for line in self.read_log().splitlines() if line.strip()]
         errors = [line for line in lines if "ERROR" in line or "FATAL" in line]
         return "\n".join("    " + line for line in (errors or lines)[-count:])
 
     def stop(self, patience: float = 20.0) -> None:
-        """End it as ^C would, then harder; returns when nothing of it is left."""
+        """Send SIGINT, then SIGTERM and SIGKILL; return when no process of the session is left.
+
+        `patience`: s to wait after SIGINT.
+        """
         if self.running:
             with contextlib.suppress(ProcessLookupError):
                 self._process.send_signal(signal.SIGINT)
@@ -89,11 +92,11 @@ class RosLaunch:
         return bool(members)
 
     def _find_processes(self) -> list[int]:
-        """Process ids of the session's living members."""
+        """Return the ids of the running processes of the session."""
         found = []
         for entry in Path("/proc").glob("[0-9]*"):
             with contextlib.suppress(OSError):
-                # After the command's name, any bytes in brackets: state, parent, group, session.
+                # The fields after the command in brackets: state, parent, group, session, ...
                 fields = (entry / "stat").read_bytes().rpartition(b")")[2].split()
                 if int(fields[3]) == self._process.pid and fields[0] != b"Z":
                     found.append(int(entry.name))
@@ -101,5 +104,5 @@ class RosLaunch:
 
 
 def _end_with_parent() -> None:
-    """In the child: be interrupted when the demo is killed outright."""
+    """Request SIGINT for this child process when its parent dies, even by SIGKILL."""
     _PRCTL(_PR_SET_PDEATHSIG, signal.SIGINT)

@@ -1,4 +1,4 @@
-"""What is kept of a run: a goal taught, a bag recorded, a report of it."""
+"""Files that the live page creates: taught goals, recorded bags and their reports."""
 
 from __future__ import annotations
 
@@ -13,22 +13,23 @@ from ..errors import RefusedError, catch_write_errors
 from .ros_launch import RosLaunch
 
 TEACH_TIMEOUT, REPORT_TIMEOUT, CLOSE_TIMEOUT = 90.0, 180.0, 15.0  # s of wall time
-IMAGE_TIMEOUT = 20.0  # s that teaching waits for images
+IMAGE_TIMEOUT = 20.0  # s of wall time for which teaching waits for images
 REPORT_FOLDER = "report"
-ACTIVE_SUFFIX = ".active"  # behind the name of a bag that is not closed
-LOG_PREFIX = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # what a log line begins with
-# report_recorder_end's line
+ACTIVE_SUFFIX = ".active"  # rosbag's suffix of an unclosed bag
+LOG_PREFIX = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # prefix of a log line
+# log line of report_recorder_end
 RECORDER_ERROR = re.compile(r"^\[ERROR\] (the recorder .*)$", re.MULTILINE)
 
 
 class SessionFiles:
-    """Runs the tools for it, and knows where they put their files.
+    """Runs the tools teach, record and analyze, and manages their output files.
 
     Attributes:
-        recording: bag that is being written, None while none is.
-        recorded: the last one that was; unclosed where its recorder was killed.
-        check: raises RefusedError where nothing could be recorded; called before it is begun.
-        report: path of the last report's page within the reports, '' while there is none.
+        check_recording: called before a recording; raises RefusedError if it is impossible.
+        directory: folder of all files.
+        open_bag: bag that is being recorded, or None.
+        last_bag: last recorded bag, or None; unclosed if its recorder was killed.
+        report_page: path of the last report's page relative to the folder of reports, or ''.
     """
 
     def __init__(self, directory: Path) -> None:
@@ -40,17 +41,17 @@ class SessionFiles:
         self._recorder: RosLaunch | None = None
 
     def teach_goal(self, name: str, scheme: str) -> str:
-        """The view that the camera has now, as a goal of that name."""
+        """Store the current view of the camera as a goal with this name."""
         path = self._make_folder("goals") / f"{name}.yaml"
         tool = ["rosrun", "aras_visual_servo_controller", "teach"]
         self._run([*tool, str(path), "--scheme", scheme,
                    "--timeout", str(IMAGE_TIMEOUT)], TEACH_TIMEOUT)
-        return f"the goal {name} is what the camera sees now: {path}"
+        return f"stored the current view as goal {name}: {path}"
 
     def start_recording(self) -> str:
-        """A bag of every topic that matters, until `stop_recording`."""
+        """Record a bag of all relevant topics until `stop_recording`."""
         if self.open_bag is not None and self._recorder.running:
-            raise RefusedError(f"recording already, to {self.open_bag}")
+            raise RefusedError(f"already recording to {self.open_bag}")
         self.check_recording()
         bag = self._make_folder("bags") / time.strftime("run_%Y-%m-%d_%H-%M-%S.bag")
         self._recorder = RosLaunch(
@@ -70,14 +71,14 @@ class SessionFiles:
         return f"recording to {bag}"
 
     def stop_recording(self) -> str:
-        """Close the bag."""
+        """Stop the recorder, which closes the bag."""
         if self.open_bag is None:
             raise RefusedError("nothing is being recorded")
-        trouble = self.find_recording_error()
+        error = self.find_recording_error()
         self._recorder.stop()
         bag, self.open_bag = self.open_bag, None
         if not bag.exists():
-            # its recorder was killed; a report reads it
+            # the recorder was killed; a report can read the unclosed bag
             bag = bag.with_name(bag.name + ACTIVE_SUFFIX)
         if not bag.exists():
             raise RefusedError(
@@ -85,12 +86,12 @@ class SessionFiles:
             )
         self.last_bag = bag
         text = f"recorded {bag} ({bag.stat().st_size / 1e6:.1f} MB)"
-        if trouble:
-            raise RefusedError(f"{trouble}; what it had until then is kept: {text}")
+        if error:
+            raise RefusedError(f"{error}; the bag until then is available: {text}")
         return text
 
     def find_recording_error(self) -> str:
-        """Why the bag that is being recorded does not grow any more, as on a full disk; or ''."""
+        """Return why the recorder has stopped, such as a full disk; otherwise ''."""
         if self.open_bag is None:
             return ""
         ended = RECORDER_ERROR.search(self._recorder.read_log())
@@ -105,31 +106,31 @@ class SessionFiles:
         return f"the recorder has stopped: {LOG_PREFIX.sub('', last_line)}"
 
     def make_report(self) -> str:
-        """The report of the last bag, by `analyze`."""
+        """Create the report of the last bag by `analyze`."""
         if self.open_bag is not None:
-            raise RefusedError("a bag is still being recorded: stop that first")
+            raise RefusedError("a bag is being recorded: stop the recording first")
         if self.last_bag is None:
             raise RefusedError("nothing has been recorded yet")
         out = self._make_folder(REPORT_FOLDER) / self.last_bag.stem
         self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.last_bag), "--out",
-                   str(out), "--formats", ""], REPORT_TIMEOUT)  # the page alone
+                   str(out), "--formats", ""], REPORT_TIMEOUT)  # only the page, no figure files
         pages = sorted(out.rglob("*.html"))
         if not pages:
-            raise RefusedError(f"analyze left no page in {out}")
+            raise RefusedError(f"analyze wrote no page into {out}")
         self.report_page = str(pages[0].relative_to(self.directory / REPORT_FOLDER))
-        return f"reported in {out}"
+        return f"wrote the report into {out}"
 
     def find_file(self, name: str) -> Path | None:
-        """A file of the reports; nothing from elsewhere."""
+        """Return the path of a report file; None for any path outside the folder of reports."""
         root = (self.directory / REPORT_FOLDER).resolve()
         try:
             path = (root / name).resolve()
             return path if path.is_relative_to(root) and path.is_file() else None
-        except (OSError, ValueError):  # a name that no file can have: too long, with a NUL
+        except (OSError, ValueError):  # invalid file name: too long, or with a NUL
             return None
 
     def close(self) -> None:
-        """Close the bag, if one is open."""
+        """Stop the recorder, if it is running."""
         if self._recorder is not None:
             self._recorder.stop()
 
@@ -141,12 +142,16 @@ class SessionFiles:
 
     @staticmethod
     def _run(command: list[str], seconds: float) -> None:
-        """Run a tool to its end; RefusedError with its last line where it fails."""
+        """Run a tool and wait for its end.
+
+        Raises:
+            RefusedError: the tool fails, with its last line of output, or exceeds `seconds`.
+        """
         try:
             done = subprocess.run(command, capture_output=True, text=True, timeout=seconds,
                                   check=False, stdin=subprocess.DEVNULL)  # fmt: skip
         except subprocess.TimeoutExpired:
-            raise RefusedError(f"{command[2]} has not ended within {seconds:.0f} s") from None
+            raise RefusedError(f"{command[2]} did not finish within {seconds:.0f} s") from None
         if done.returncode:
             lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
             raise RefusedError(lines[-1].strip() if lines else f"{command[2]} failed")

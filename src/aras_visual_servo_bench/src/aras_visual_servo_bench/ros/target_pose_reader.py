@@ -1,4 +1,4 @@
-"""Where a graph's target lies."""
+"""Reading of the target's pose from the simulator."""
 
 from __future__ import annotations
 
@@ -6,17 +6,17 @@ import rospy
 from gazebo_msgs.srv import GetModelState, GetWorldProperties
 from geometry_msgs.msg import Pose, PoseStamped
 
-TARGET = "target"  # the name under which a target is spawned, as the launch files have it
+TARGET = "target"  # model name of the target in the launch files
 STATE, WORLD = "/gazebo/get_model_state", "/gazebo/get_world_properties"
-TOPIC = "/aras_visual_servo/target"  # what a recorder is told of it, latched
-MIN_MOTION = 1e-5  # m, or of a quaternion
+TOPIC = "/aras_visual_servo/target"  # latched pose of the target, for recorders
+MIN_MOTION = 1e-5  # m, or change of a quaternion component
 
 
 class TargetPoseReader:
-    """Asks the simulator for the target.
+    """Reader of the target's pose by the simulator's services.
 
     Attributes:
-        answered: whether there was a simulator at the last question.
+        has_simulator: whether a simulator answered the last query.
     """
 
     def __init__(self) -> None:
@@ -25,10 +25,11 @@ class TargetPoseReader:
         self._state = rospy.ServiceProxy(STATE, GetModelState)
 
     def read_pose(self, robot: str) -> PoseStamped | None:
-        """The target in the base of a robot, or in the world where there is none of that name; None
-        without a simulation, as in a replay, or without a target.
+        """Return the target's pose in the base frame of a robot, or None.
 
-        Only models that are there are asked for: of every other the simulator logs an error.
+        The pose is in the world frame if there is no such robot. It is None without a target, and
+        without a simulator, as in a replay. Only existing models are queried, because the
+        simulator logs an error for any other.
         """
         self.has_simulator = False
         try:
@@ -44,7 +45,7 @@ class TargetPoseReader:
 
 
 def has_moved(before: Pose | None, after: Pose) -> bool:
-    """Whether a model lies elsewhere than before."""
+    """Return whether a model has moved by more than MIN_MOTION; true without a previous pose."""
     return before is None or any(
         abs(getattr(getattr(after, part), key) - getattr(getattr(before, part), key)) > MIN_MOTION
         for part, keys in (("position", "xyz"), ("orientation", "xyzw")) for key in keys

@@ -1,4 +1,4 @@
-"""Where the target lies, in a simulation or a replay, and what it looks like, for who draws it."""
+"""Pose and shape of the target, in a simulation or a replay, for drawing."""
 
 from __future__ import annotations
 
@@ -17,14 +17,14 @@ from ..drawing.run_trace import RunTrace
 from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"
-PERIOD = 0.5  # s of wall time between two questions
+PERIOD = 0.5  # s of wall time between two queries
 
 
 class TargetWatch:
-    """Draws the target where it lies; looks for it twice a second at most.
+    """Updates the target in a RunTrace, every PERIOD at most.
 
     Attributes:
-        missing: why none is drawn, where the simulation has none; or ''.
+        missing_reason: message if the simulation has no target, otherwise ''.
     """
 
     def __init__(self) -> None:
@@ -33,12 +33,15 @@ class TargetWatch:
         self._cached_drawing: tuple[str, ModelDrawing] = ("", EMPTY_DRAWING)
         self._shapes = EMPTY_DRAWING.make_shapes(None)
         self._pose_reader = TargetPoseReader()
-        self._recorded_pose: PoseStamped | None = None  # by a recording, where no simulation runs
+        self._recorded_pose: PoseStamped | None = None  # used without a simulation
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
     def update(self, run_trace: RunTrace, robot: str) -> None:
-        """Give a story the target's shapes in the base of its robot, which the simulator calls so
-        (in the world's frame where it does not); none where the arm carries the target."""
+        """Set the target's shapes of a trace, in the base frame of the robot.
+
+        They are in the world frame if the simulator has no model `robot`. A target that the arm
+        carries has no shapes here.
+        """
         if time.monotonic() - self._update_time > PERIOD:
             pose = None if run_trace.arm.target_frame else self._find_pose(robot)
             drawing = EMPTY_DRAWING if pose is None else self._read_drawing()
@@ -46,7 +49,7 @@ class TargetWatch:
         run_trace.target = self._shapes
 
     def _read_drawing(self) -> ModelDrawing:
-        """What the target's description shows; nothing where there is none that can be drawn."""
+        """Return the drawing of the target's description; empty without a valid description."""
         try:
             urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
             if self._cached_drawing[0] != urdf:
@@ -56,10 +59,12 @@ class TargetWatch:
         return self._cached_drawing[1]
 
     def _find_pose(self, robot: str) -> np.ndarray | None:
-        """(4, 4) base_T_target; None where nothing is known of it."""
+        """Return base_T_target (4, 4), or None if it is unknown."""
         found = self._pose_reader.read_pose(robot)
-        none = self._pose_reader.has_simulator and found is None
-        self.missing_reason = f"no model named {TARGET} is in the simulation" if none else ""
+        is_missing = self._pose_reader.has_simulator and found is None
+        self.missing_reason = (
+            f"the simulation has no model named {TARGET}" if is_missing else ""
+        )
         if not self._pose_reader.has_simulator:
             found = self._recorded_pose
         if found is None:

@@ -1,4 +1,4 @@
-"""The arm driven by hand, by whoever asks: a thread that sends what a Jog says."""
+"""Jogging of the arm from the live page, by a thread that sends the commands of a Jog."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ PERIOD = 0.02  # s of wall time between two commands
 
 
 class Teleoperator:
-    """One person's hand on one robot."""
+    """Jogs one robot for a short time after each request."""
 
     def __init__(self, listener: GraphListener, settings: Settings) -> None:
         self._listener, self._settings = listener, settings
@@ -29,10 +29,14 @@ class Teleoperator:
         self._jog: Jog | None = None
         self._topics: CommandTopics | None = None
         self._wake = threading.Event()
-        threading.Thread(target=self._run, name="driving", daemon=True).start()
+        threading.Thread(target=self._run, name="teleoperator", daemon=True).start()
 
     def move_camera(self, twist: Sequence[float]) -> str:
-        """Move the camera in its own frame, (6,) m/s and rad/s, for a moment."""
+        """Move the camera with a twist (6,) in its optical frame, m/s and rad/s, for a short time.
+
+        Returns:
+            The reason why the motion is limited, or ''.
+        """
         jog = self._start_jog() if any(twist) else self._jog
         if jog is None:
             return ""
@@ -42,7 +46,11 @@ class Teleoperator:
         return jog.reason
 
     def move_joint(self, name: str, fraction: float) -> str:
-        """Move one joint with a part of its greatest speed, for a moment."""
+        """Move one joint with a fraction (-1 to 1) of its maximum speed for a short time.
+
+        Returns:
+            The reason why the motion is limited, or ''.
+        """
         jog = self._start_jog()
         with self._lock:
             jog.set_joint_speed(name, fraction, time.monotonic())
@@ -50,23 +58,27 @@ class Teleoperator:
         return jog.reason
 
     def _start_jog(self) -> Jog:
-        """The jog of the robot that is there now, the controller being stopped."""
-        story = self._listener.run_trace
-        if story is None or self._listener.positions is None:
-            raise RefusedError("there are no joint states: is the robot there?")
-        if story.state.phase not in ("", "stopped"):
+        """Stop the controller, and return the Jog of the current robot.
+
+        Raises:
+            RefusedError: there is no robot, or its controller cannot be stopped.
+        """
+        trace = self._listener.run_trace
+        if trace is None or self._listener.positions is None:
+            raise RefusedError("no joint states are received: is the robot running?")
+        if trace.state.phase not in ("", "stopped"):
             stop_controller(self._settings.namespace.rstrip("/"))
-        if self._jog is None or self._jog.arm is not story.arm:
+        if self._jog is None or self._jog.arm is not trace.arm:
             settings = self._settings.for_robot(self._listener.robot_name, ())
-            limits = settings.make_limits(story.arm)
+            limits = settings.make_limits(trace.arm)
             try:
-                topics = CommandTopics(settings, story.arm.names, "position")
+                topics = CommandTopics(settings, trace.arm.names, "position")
             except ConfigurationError as error:
                 raise RefusedError(str(error)) from None
             with self._lock:
                 if self._topics is not None:
                     self._topics.close()
-                self._jog = Jog(story.arm, limits, DifferentialIK(story.arm, limits))
+                self._jog = Jog(trace.arm, limits, DifferentialIK(trace.arm, limits))
                 self._topics = topics
         return self._jog
 

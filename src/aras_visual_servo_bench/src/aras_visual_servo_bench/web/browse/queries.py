@@ -1,6 +1,6 @@
-"""What the page asks of the studies, and the answers: rows, groups, a map, points, one run.
+"""Queries of the results browser: rows, groups, success map, points and single runs.
 
-Answers are plain values for JSON, where null is what is not known.
+The answers can be encoded as JSON; unknown values are null.
 """
 
 from __future__ import annotations
@@ -25,18 +25,22 @@ from ...metrics.statistics import proportion
 from .studies import END, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-MAX_ROWS, MAX_GROUPS = 200, 200  # of one answer
-MAX_LISTED_VALUES = 60  # values of a column that are offered to choose from
-MAX_CELLS = 24  # different values that make as many rows of a map
-BINS = 12  # rows of a map, of a number that takes more values
-MAX_SHADES = 7  # classes of points; what is beyond them is one more
-MAX_EXACT_INTEGER = 2**53  # greatest whole number that a script's numbers hold
-WIDE_RATIO = 100.0  # greatest over least number, from which on bins grow by a factor
+MAX_ROWS, MAX_GROUPS = 200, 200  # limits of one answer
+MAX_LISTED_VALUES = 60  # the page lists the values of columns with at most this many
+MAX_CELLS = 24  # up to this many distinct values, each value has its own cell
+BINS = 12  # cells of a numeric column with more distinct values
+MAX_SHADES = 7  # colour classes of points; all other values form one more class
+MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
+WIDE_RATIO = 100.0  # ratio of maximum and minimum above which bins are logarithmic
 
 
 @dataclass(frozen=True)
 class Filter:
-    """A condition on a column. value: a number or a text, as the column has."""
+    """A condition on a column.
+
+    Attributes:
+        value: number, text or truth value, depending on the type of the column.
+    """
 
     column: str
     operator: str = parameter("=", choices=OPERATORS)
@@ -45,7 +49,11 @@ class Filter:
 
 @dataclass(frozen=True)
 class RunSelection:
-    """Which runs: those of the studies that meet all filters. studies: names; empty: all."""
+    """Selection of the runs that satisfy all filters.
+
+    Attributes:
+        studies: names of studies; empty selects all studies.
+    """
 
     studies: tuple[str, ...] = ()
     filters: tuple[Filter, ...] = ()
@@ -53,7 +61,7 @@ class RunSelection:
 
 @dataclass(frozen=True)
 class RowQuery(RunSelection):
-    """Runs in order of a column, `count` of them from `first` on."""
+    """Query of `count` runs from index `first` on, sorted by a column."""
 
     sort: str = ""
     descending: bool = False
@@ -63,7 +71,12 @@ class RowQuery(RunSelection):
 
 @dataclass(frozen=True)
 class GroupQuery(RunSelection):
-    """Success and medians by each combination of the values of some columns."""
+    """Query of groups of runs.
+
+    Attributes:
+        by: columns; each combination of their values is a group.
+        values: columns of which the median in each group is computed.
+    """
 
     by: tuple[str, ...] = ()
     values: tuple[str, ...] = ()
@@ -71,7 +84,11 @@ class GroupQuery(RunSelection):
 
 @dataclass(frozen=True)
 class MapQuery(RunSelection):
-    """A field of cells. value: column whose median, of success its rate, is in each."""
+    """Query of a map with cells over two columns.
+
+    Attributes:
+        value: column whose median is shown in each cell; of `success` the rate.
+    """
 
     x: str = ""
     y: str = ""
@@ -80,15 +97,19 @@ class MapQuery(RunSelection):
 
 @dataclass(frozen=True)
 class PointQuery(RunSelection):
-    """A point a run. shade: column by which they are coloured, '' for none."""
+    """Query of a scatter plot with a point for each run.
+
+    Attributes:
+        colour_by: column that determines the colours, or ''.
+    """
 
     x: str = ""
     y: str = ""
-    shade: str = ""
+    colour_by: str = ""
 
 
 def to_json_value(value: Any) -> Any:
-    """As JSON may hold it."""
+    """Convert a value for JSON: NaN to null, infinity and integers beyond 2^53 to text."""
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
     if isinstance(value, int) and abs(value) > MAX_EXACT_INTEGER:
@@ -97,10 +118,10 @@ def to_json_value(value: Any) -> Any:
 
 
 def select_rows(snapshot: Snapshot, query: RunSelection) -> np.ndarray:
-    """(n,) rows of the table, in order.
+    """Return the indices (n,) of the selected rows, in ascending order.
 
     Raises:
-        StudyError: a filter that cannot be.
+        StudyError: a filter or a study's name is invalid.
     """
     table = snapshot.table
     mask = np.ones(table.num_rows, bool)
@@ -114,7 +135,11 @@ def select_rows(snapshot: Snapshot, query: RunSelection) -> np.ndarray:
 
 
 def find_column(snapshot: Snapshot, name: str) -> pa.ChunkedArray:
-    """A column; StudyError with the nearest name where there is none."""
+    """Return a column.
+
+    Raises:
+        StudyError: the column does not exist; the message suggests the nearest name.
+    """
     if name not in snapshot.table.column_names:
         raise StudyError(
             f"no column {format_value(name)}: {suggest(name, snapshot.table.column_names)}"
@@ -132,24 +157,25 @@ def _apply_filter(column: pa.ChunkedArray, condition: Filter) -> np.ndarray:
             pc.match_substring(_to_text(column), str(condition.value), ignore_case=True)
         )
     if condition.operator.startswith("is"):
-        known = _to_mask(pc.is_valid(column))
+        is_known = _to_mask(pc.is_valid(column))
         if pa.types.is_floating(column.type):
-            known &= ~_to_mask(pc.is_nan(column))
+            is_known &= ~_to_mask(pc.is_nan(column))
         if pa.types.is_string(column.type):
-            known &= _to_mask(pc.not_equal(column, ""))
-        return known if condition.operator == "is known" else ~known
+            is_known &= _to_mask(pc.not_equal(column, ""))
+        return is_known if condition.operator == "is known" else ~is_known
     if pa.types.is_string(column.type):
         value: Any = condition.value if isinstance(condition.value, str) else str(condition.value)
     elif pa.types.is_boolean(column.type):
         value = condition.value in (True, 1.0, "true", "True")
         if condition.operator not in ("=", "≠"):
-            raise StudyError(f"{condition.column} is true or false: write = or ≠")
+            raise StudyError(f"{condition.column} is true or false: use = or ≠")
     else:
         try:
             value = float(condition.value)
         except (TypeError, ValueError):
             raise StudyError(
-                f"{condition.column} holds numbers, and {format_value(condition.value)} is none"
+                f"{condition.column} contains numbers, and {format_value(condition.value)} is not "
+                "a number"
             ) from None
     compare = {"=": pc.equal, "≠": pc.not_equal, "<": pc.less, "≤": pc.less_equal,
                ">": pc.greater, "≥": pc.greater_equal}[condition.operator]  # fmt: skip
@@ -161,7 +187,7 @@ def _to_text(column: pa.ChunkedArray) -> pa.ChunkedArray:
 
 
 def is_number(column: pa.ChunkedArray) -> bool:
-    """Whether a column has an order and a size."""
+    """Return whether a column contains numbers."""
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
@@ -169,8 +195,10 @@ def is_number(column: pa.ChunkedArray) -> bool:
 
 
 def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
-    """What there is: name, unit, role, kind, how many values and how many rows have one; and the
-    values of those that take few."""
+    """Return name, unit, role, kind, number of distinct and of known values of each column.
+
+    `values` lists the distinct values, if they are few.
+    """
     found = []
     for name in snapshot.table.column_names:
         column = snapshot.table[name]
@@ -186,25 +214,25 @@ def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
             "name": name, "unit": snapshot.units.get(name, ""),
             "role": snapshot.roles.get(name, ""),
             "kind": kind, "count": len(values),
-            "known": len(column) - column.null_count,
+            "known_count": len(column) - column.null_count,
             "values": sorted(listed, key=lambda v: (isinstance(v, str), v)),
         })  # fmt: skip
     return found
 
 
 def list_rows(snapshot: Snapshot, query: RowQuery) -> dict[str, Any]:
-    """How many are chosen, how many of them succeeded, and some of them with all columns."""
+    """Return the numbers of selected and successful runs, and one page of rows."""
     at = select_rows(snapshot, query)
     total = len(at)
     if total == 0:
-        return {"total": 0, "succeeded": 0, "rows": []}
-    succeeded = int(np.nansum(snapshot.table[success.name].to_numpy()[at]))
+        return {"total": 0, "success_count": 0, "rows": []}
+    success_count = int(np.nansum(snapshot.table[success.name].to_numpy()[at]))
     if query.sort:
         order = "descending" if query.descending else "ascending"
         keys = pa.table({"key": find_column(snapshot, query.sort).take(pa.array(at))})
         at = at[pc.sort_indices(keys, sort_keys=[("key", order)]).to_numpy()]
     part = snapshot.table.take(pa.array(at[query.first : query.first + query.count]))
-    return {"total": total, "succeeded": succeeded, "rows": _to_lists(part)}
+    return {"total": total, "success_count": success_count, "rows": _to_lists(part)}
 
 
 def _to_lists(table: pa.Table) -> list[list[Any]]:
@@ -212,16 +240,20 @@ def _to_lists(table: pa.Table) -> list[list[Any]]:
 
 
 def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
-    """All that was kept of a run, by column; StudyError where it was not run."""
-    seen = snapshot.find_study(study)
+    """Return all stored values of a run, by column.
+
+    Raises:
+        StudyError: the study or the run does not exist.
+    """
+    entry = snapshot.find_study(study)
     table = snapshot.table
-    if seen.results is not None:
+    if entry.results is not None:
         mask = pc.and_(pc.equal(table[STUDY], study), pc.equal(table["run"], run))
-        kept = table.filter(mask).slice(0, 1).to_pylist()
-        if kept:
-            own = {STUDY, END, success.name, *seen.results.table.column_names}
-            return {name: to_json_value(value) for name, value in kept[0].items() if name in own}
-    raise StudyError(f"{study} has no run {run} yet")
+        found = table.filter(mask).slice(0, 1).to_pylist()
+        if found:
+            own = {STUDY, END, success.name, *entry.results.table.column_names}
+            return {name: to_json_value(value) for name, value in found[0].items() if name in own}
+    raise StudyError(f"{study} has not stored run {run} yet")
 
 
 # -- groups and maps ------------------------------------------------------------------------------
@@ -229,10 +261,12 @@ def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Cells:
-    """A column cut into cells.
+    """A column divided into cells.
 
-    labels: of each. bounds: of each, filters that choose its runs. at: (n,) cell of each row, -1
-    for none. left: rows in no cell.
+    Attributes:
+        labels: value, or lower and upper bound, of each cell.
+        bounds: conditions (operator, value) that select the runs of each cell.
+        at: (n,) cell of each row; -1 outside all cells.
     """
 
     labels: list[Any]
@@ -241,27 +275,30 @@ class Cells:
 
     @property
     def uncounted_rows(self) -> int:
-        """Rows in no cell."""
+        """Number of rows outside all cells."""
         return int((self.at < 0).sum())
 
 
 def divide_into_cells(
     column: pa.ChunkedArray, max_cells: int = MAX_CELLS, bins: int = BINS
 ) -> Cells:
-    """A cell for each value, or of a number with many values for each range."""
+    """Divide a column into one cell per value, or into ranges if a number has many values.
+
+    Of a text column with too many values, only the most frequent ones have a cell.
+    """
     encoded = column.combine_chunks().dictionary_encode()
     codes = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(int)
     values = encoded.dictionary.to_pylist()
     known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
     if len(known) <= max_cells or not is_number(column):
-        if len(known) > max_cells:  # the commonest of many words
+        if len(known) > max_cells:  # select the most frequent values
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
             known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        place = np.full(len(values) + 1, -1)  # the last for those that are null
-        place[known] = np.arange(len(known))
+        cell_of_value = np.full(len(values) + 1, -1)  # index -1, the last entry, is for null
+        cell_of_value[known] = np.arange(len(known))
         labels = [to_json_value(values[i]) for i in known]
-        return Cells(labels, [[("=", label)] for label in labels], place[codes])
+        return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])
     numbers = column.cast(pa.float64()).to_numpy()
     finite = np.isfinite(numbers)
     low, high = numbers[finite].min(), numbers[finite].max()
@@ -279,33 +316,38 @@ def divide_into_cells(
 
 
 def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """(count,) of the finite values of each group; NaN where there is none."""
-    known = np.isfinite(values) & (group >= 0)
-    values, group = values[known], group[known]
+    """Return the median (count,) of the finite values of each group; NaN for an empty group."""
+    is_valid = np.isfinite(values) & (group >= 0)
+    values, group = values[is_valid], group[is_valid]
     order = np.lexsort((values, group))
     values = values[order]
     sizes = np.bincount(group, minlength=count)
     first = np.cumsum(sizes) - sizes
-    found = np.full(count, np.nan)
-    there = sizes > 0
-    low = first[there] + (sizes[there] - 1) // 2
-    high = first[there] + sizes[there] // 2
-    found[there] = 0.5 * (values[low] + values[high])
-    return found
+    medians = np.full(count, np.nan)
+    has_values = sizes > 0
+    low = first[has_values] + (sizes[has_values] - 1) // 2
+    high = first[has_values] + sizes[has_values] // 2
+    medians[has_values] = 0.5 * (values[low] + values[high])
+    return medians
 
 
 def read_numbers(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
-    """(n,) of a column that holds numbers; StudyError where it holds words."""
+    """Return the values (n,) of a numeric column at some rows.
+
+    Raises:
+        StudyError: the column contains text.
+    """
     column = find_column(snapshot, name)
     if pa.types.is_string(column.type):
-        raise StudyError(f"{name} holds words, not numbers")
+        raise StudyError(f"{name} contains text, not numbers")
     return column.cast(pa.float64()).to_numpy()[at]
 
 
 def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
-    """Of each group: its values, runs, success with Wilson's interval, medians, commonest failure.
+    """Return values, run count, success rate, medians and most frequent failure of each group.
 
-    The largest are listed, as many as fit; `count` says how many there are.
+    The success rate has Wilson's interval. At most MAX_GROUPS groups are listed; `count` is the
+    number of all groups.
     """
     at = select_rows(snapshot, query)
     cut = [
@@ -315,41 +357,45 @@ def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
     group = np.zeros(len(at), int)
     for one in cut:
         group = np.where((group < 0) | (one.at < 0), -1, group * max(len(one.labels), 1) + one.at)
-    there, inside = np.unique(group, return_inverse=True)
-    inside = np.where(group < 0, -1, inside)
-    sizes = np.bincount(inside[inside >= 0], minlength=len(there))
-    good = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
-    hits = np.bincount(inside[inside >= 0], good[inside >= 0], minlength=len(there))
-    middle = [
-        compute_medians(read_numbers(snapshot, name, at), inside, len(there))
+    group_ids, index = np.unique(group, return_inverse=True)
+    index = np.where(group < 0, -1, index)
+    sizes = np.bincount(index[index >= 0], minlength=len(group_ids))
+    successes = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
+    hits = np.bincount(index[index >= 0], successes[index >= 0], minlength=len(group_ids))
+    medians = [
+        compute_medians(read_numbers(snapshot, name, at), index, len(group_ids))
         for name in query.values
     ]
-    failures = _find_failures(snapshot, at, inside, good)
+    failures = _find_failures(snapshot, at, index, successes)
     listed = []
-    shown = [i for i in range(len(there)) if sizes[i]][:MAX_GROUPS]
+    shown = [i for i in range(len(group_ids)) if sizes[i]][:MAX_GROUPS]
     for i in shown:
-        rest, places = int(there[i]), []
+        rest, cells = int(group_ids[i]), []
         for one in reversed(cut):
-            rest, place = divmod(rest, max(len(one.labels), 1))
-            places.append(place)
-        places.reverse()
+            rest, cell = divmod(rest, max(len(one.labels), 1))
+            cells.append(cell)
+        cells.reverse()
         rate = proportion(int(hits[i]), int(sizes[i]))
         listed.append({
-            "values": [one.labels[p] for one, p in zip(cut, places, strict=True)],
-            "bounds": [[key, *bound] for key, one, p in zip(query.by, cut, places, strict=True)
+            "values": [one.labels[p] for one, p in zip(cut, cells, strict=True)],
+            "bounds": [[key, *bound] for key, one, p in zip(query.by, cut, cells, strict=True)
                        for bound in one.bounds[p]],
             "runs": int(sizes[i]), "rate": [to_json_value(v)
                 for v in (rate.value, rate.low, rate.high)],
-            "medians": [to_json_value(float(m[i])) for m in middle], "failure": failures.get(i, ""),
+            "medians": [to_json_value(float(m[i])) for m in medians],
+            "failure": failures.get(i, ""),
         })  # fmt: skip
     return {"count": int((sizes > 0).sum()), "groups": listed}
 
 
 def _find_failures(
-    snapshot: Snapshot, at: np.ndarray, group: np.ndarray, good: np.ndarray
+    snapshot: Snapshot, at: np.ndarray, group: np.ndarray, successes: np.ndarray
 ) -> dict[int, str]:
-    """By group, how most of its runs without success ended, and how many; -1: in no group."""
-    failed = good != 1.0
+    """Return the most frequent outcome of the failed runs, and its count, of each group.
+
+    Rows with group -1 belong to no group.
+    """
+    failed = successes != 1.0
     if not failed.any():
         return {}
     ends = snapshot.table[END].take(pa.array(at[failed]))
@@ -364,7 +410,7 @@ def _find_failures(
 
 
 def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
-    """Cells by row and column: how many runs, and the rate of success or the median."""
+    """Return the run count and the success rate or median of each cell of the map."""
     at = select_rows(snapshot, query)
     x, y = (
         divide_into_cells(find_column(snapshot, name).take(pa.array(at)))
@@ -386,7 +432,7 @@ def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
         "runs": sizes.reshape(height, width).tolist(),
         "values": [[to_json_value(v) for v in row]
             for row in values.reshape(height, width).tolist()],
-        "left": int((group < 0).sum()),
+        "uncounted": int((group < 0).sum()),
     }  # fmt: skip
 
 
@@ -394,36 +440,39 @@ def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
 
 
 def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
-    """Places of all runs that have both numbers, their classes of colour, and which runs they are.
+    """Return coordinates, colour class, study and number of each run that has both coordinates.
 
-    Words have a place each, in the order of `labels`.
+    The coordinate of a text value is its index in `labels`.
     """
     at = select_rows(snapshot, query)
     axes = [
         _make_axis(find_column(snapshot, name).take(pa.array(at))) for name in (query.x, query.y)
     ]
-    known = np.isfinite(axes[0][0]) & np.isfinite(axes[1][0])
-    at = at[known]
-    shades, classes = np.zeros(len(at), np.uint8), []
-    if query.shade:
+    has_both = np.isfinite(axes[0][0]) & np.isfinite(axes[1][0])
+    at = at[has_both]
+    colours, classes = np.zeros(len(at), np.uint8), []
+    if query.colour_by:
         cut = divide_into_cells(
-            find_column(snapshot, query.shade).take(pa.array(at)), MAX_SHADES, MAX_SHADES
+            find_column(snapshot, query.colour_by).take(pa.array(at)), MAX_SHADES, MAX_SHADES
         )
-        shades = np.where(cut.at < 0, len(cut.labels), cut.at).astype(np.uint8)
+        colours = np.where(cut.at < 0, len(cut.labels), cut.at).astype(np.uint8)
         classes = cut.labels
-    studies = [seen.name for seen in snapshot.studies]
-    named = pc.index_in(snapshot.table[STUDY].take(pa.array(at)), pa.array(studies, pa.string()))
+    studies = [entry.name for entry in snapshot.studies]
+    names = snapshot.table[STUDY].take(pa.array(at))
+    study_index = pc.index_in(names, pa.array(studies, pa.string()))
     return {
-        "count": len(at), "left": int((~known).sum()), "classes": classes, "studies": studies,
-        **{axis: {"values": _encode_base64(values[known], "<f4"), "labels": labels}
+        "count": len(at), "uncounted": int((~has_both).sum()),
+        "classes": classes, "studies": studies,
+        **{axis: {"values": _encode_base64(values[has_both], "<f4"), "labels": labels}
            for axis, (values, labels) in zip("xy", axes, strict=True)},
-        "shades": _encode_base64(shades, "u1"), "study": _encode_base64(named.to_numpy(), "<i4"),
+        "colours": _encode_base64(colours, "u1"),
+        "study": _encode_base64(study_index.to_numpy(), "<i4"),
         "run": _encode_base64(snapshot.table["run"].to_numpy()[at], "<i4"),
     }  # fmt: skip
 
 
 def _make_axis(column: pa.ChunkedArray) -> tuple[np.ndarray, Sequence[Any]]:
-    """(n,) numbers; of words the number of each, and the words."""
+    """Return the coordinates (n,) of an axis, and the labels of a text column."""
     if is_number(column):
         return column.cast(pa.float64()).to_numpy(), []
     cut = divide_into_cells(column, MAX_LISTED_VALUES)

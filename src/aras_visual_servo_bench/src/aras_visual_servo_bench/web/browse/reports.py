@@ -1,8 +1,9 @@
-"""Reports of runs, computed when they are asked for, each by a process of its own, and kept.
+"""Reports of single runs, computed on request and stored.
 
-The process is `bench analyze DIR:RUN`, so a run that hangs or ends its process harms nobody here.
-The report stays in the study's folder, where `bench show` puts its own: show-RUN/report.html; of
-a folder that cannot be written, or leads elsewhere by a link, among the temporary files.
+Each report is computed by a separate process, `bench analyze DIR:RUN`, so that a run that hangs or
+crashes does not affect the server. The report is stored in the study's folder, where `bench show`
+also writes its report: show-RUN/report.html. If this folder is not writable, or a link leads
+outside it, the report is stored in a temporary folder.
 """
 
 from __future__ import annotations
@@ -21,8 +22,8 @@ from typing import IO
 from ...errors import StudyError
 from .studies import StudyEntry
 
-MAX_JOBS = 2  # reports that are computed at a time
-EXTRA_TIME = 120.0  # s that a report may take, beside the study's limit of a run
+MAX_JOBS = 2  # reports computed at the same time
+EXTRA_TIME = 120.0  # s for a report in addition to the study's time limit of a run
 PAGE_FILE = "report.html"
 
 
@@ -38,15 +39,15 @@ class Job:
 
     @property
     def seconds(self) -> float:
-        """Since it was begun."""
+        """Elapsed time in s."""
         return time.monotonic() - self.start_time
 
 
 class Reports:
-    """Reports that are there, and that are on their way.
+    """Stored reports, and reports that are being computed.
 
     Attributes:
-        jobs: those that are being computed, by the study's path and the run's number.
+        jobs: reports being computed, by path of the study and number of the run.
     """
 
     def __init__(self) -> None:
@@ -56,10 +57,11 @@ class Reports:
         self._temporary_folder: tempfile.TemporaryDirectory | None = None
 
     def find_or_start(self, entry: StudyEntry, run: int) -> Path | float:
-        """The report's page, or for how long (s) it has been computed.
+        """Return the path of a report, or the time (s) for which it has been computed.
 
         Raises:
-            StudyError: there is no such run, it cannot be computed, or others are first.
+            StudyError: the run does not exist, its report failed, or too many others are being
+                computed.
         """
         if entry.folder is None or not 0 <= run < entry.run_count:
             raise StudyError(f"{entry.name} has no run {run}")
@@ -82,7 +84,7 @@ class Reports:
             return 0.0
 
     def close(self) -> None:
-        """End what is on its way."""
+        """Kill the running jobs, and delete the temporary folder."""
         with self._lock:
             for job in self.jobs.values():
                 job.process.kill()
@@ -92,24 +94,28 @@ class Reports:
                 self._temporary_folder.cleanup()
 
     def start_job(self, entry: StudyEntry, run: int) -> Job:
-        """Begin one beside the study, or elsewhere where nothing can be written there."""
+        """Start the job of a run; it writes into the study's folder if possible."""
         out = entry.path / f"show-{run}"
         if not (os.access(entry.path, os.W_OK) and _is_within(out, entry.path)):
             self._temporary_folder = self._temporary_folder or tempfile.TemporaryDirectory(
                 prefix="reports"
             )
             out = Path(tempfile.mkdtemp(dir=self._temporary_folder.name))
-        words = tempfile.TemporaryFile()  # noqa: SIM115, closed when the job is over
+        error_output = tempfile.TemporaryFile()  # noqa: SIM115, closed at the end of the job
         process = subprocess.Popen(
             [sys.executable, "-m", "aras_visual_servo_bench", "analyze", f"{entry.path}:{run}",
              "--out", str(out), "--formats", ""],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=words,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=error_output,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )  # fmt: skip
-        return Job(process, words, out, entry.folder.study.limit + EXTRA_TIME)
+        return Job(process, error_output, out, entry.folder.study.limit + EXTRA_TIME)
 
     def _poll_job(self, key: tuple[Path, int], job: Job) -> Path | float:
-        """What has become of it."""
+        """Return the page of a finished job, or the elapsed time (s) of a running one.
+
+        Raises:
+            StudyError: the job failed or exceeded its time limit.
+        """
         status = job.process.poll()
         if status is None and job.seconds < job.limit:
             return job.seconds
@@ -118,7 +124,7 @@ class Reports:
             if status is None:
                 job.process.kill()
                 job.process.wait()
-                raise StudyError(f"the report was not there after {job.limit:.0f} s")
+                raise StudyError(f"the report was not finished after {job.limit:.0f} s")
             job.error_output.seek(0)
             lines = job.error_output.read().decode(errors="replace").strip().splitlines()
         page = job.out / PAGE_FILE
@@ -130,14 +136,14 @@ class Reports:
 
 
 def _is_current(page: Path, part: Path) -> bool:
-    """Whether the page is there and was made after the run's row was written."""
+    """Return whether a page exists and is newer than the file with the run's row."""
     try:
-        made = page.stat().st_mtime
-        return not part.exists() or made >= part.stat().st_mtime
+        modified = page.stat().st_mtime
+        return not part.exists() or modified >= part.stat().st_mtime
     except OSError:
         return False
 
 
 def _is_within(page: Path, folder: Path) -> bool:
-    """Whether no link leads out of the folder."""
+    """Return whether a path, with all links resolved, is inside a folder."""
     return page.resolve().is_relative_to(folder)

@@ -1,4 +1,4 @@
-"""The results browser's server: the page, its questions, and the reports of runs."""
+"""Web server of the results browser: the page, its queries, and the reports of runs."""
 
 from __future__ import annotations
 
@@ -33,7 +33,7 @@ FILES = Path(__file__).parent / "page"
 
 @dataclass(frozen=True)
 class RunQuery:
-    """A run of a study."""
+    """Query of one run of a study."""
 
     study: str
     run: int = parameter(least=0)
@@ -41,7 +41,11 @@ class RunQuery:
 
 @dataclass(frozen=True)
 class ComparisonQuery:
-    """Two studies. by: columns that make groups; empty: the settings that both have."""
+    """Query of the differences of two studies.
+
+    Attributes:
+        by: columns that define the groups; empty for the settings that both studies have.
+    """
 
     first: str
     second: str
@@ -50,9 +54,13 @@ class ComparisonQuery:
 
 @dataclass(frozen=True)
 class StudiesQuery:
-    """All studies. now: look at the folders at once."""
+    """Query of the list of studies.
 
-    now: bool = False
+    Attributes:
+        force: read the folders even if they were read less than a second ago.
+    """
+
+    force: bool = False
 
 
 REQUESTS: Mapping[str, type] = {
@@ -62,15 +70,19 @@ REQUESTS: Mapping[str, type] = {
 
 
 class BrowseServer(WebServer):
-    """The results browser's."""
+    """Web server of the results browser."""
 
     index = FILES / "index.html"
-    is_compressed = False  # megabytes of points, to this machine most often
+    is_compressed = False  # compressing megabytes of points costs more than a local transfer
 
     def __init__(
         self, studies: Studies, access: Access, sockets: list[socket.socket]
     ) -> None:
-        """See WebServer; BenchError where the library that draws is not there."""
+        """Create the server of some studies.
+
+        Raises:
+            BenchError: the plotting library uPlot is not installed.
+        """
         super().__init__(access, sockets)
         self.studies, self.reports = studies, Reports()
         self._files = {
@@ -83,30 +95,34 @@ class BrowseServer(WebServer):
         }  # fmt: skip
 
     def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
-        """See WebServer."""
+        """Return the routes of the queries and the reports."""
         return [(r"/ask", QueryHandler), (r"/run", RunReportHandler)]
 
     def find_page_file(self, name: str) -> str | None:
-        """See WebServer."""
+        """Return the text of a script or of the style sheet, or None if it does not exist."""
         return self._files.get(name)
 
     def on_stop(self) -> None:
-        """See WebServer."""
+        """Stop the computation of reports."""
         self.reports.close()
 
     def answer_query(self, text: str) -> dict[str, Any]:
-        """To a question of the page; BenchError where it cannot be answered."""
+        """Answer a query of the page, a JSON text.
+
+        Raises:
+            BenchError: the query is invalid or cannot be answered.
+        """
         do, fields = read_message(text, REQUESTS, self.max_message_bytes)
-        asked = build(REQUESTS[do], fields, f"{do}: ", RefusedError)
-        look = self.studies.read_snapshot(isinstance(asked, StudiesQuery) and asked.now)
-        return {"version": look.version, **_QUERY_FUNCTIONS[do](look, asked)}
+        query = build(REQUESTS[do], fields, f"{do}: ", RefusedError)
+        snapshot = self.studies.read_snapshot(isinstance(query, StudiesQuery) and query.force)
+        return {"version": snapshot.version, **_QUERY_FUNCTIONS[do](snapshot, query)}
 
 
 def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
     return {
-        "studies": [{"name": seen.name, "path": str(seen.path), "runs": seen.stored_run_count,
-            "of": seen.run_count,
-                     "note": seen.note} for seen in snapshot.studies],
+        "studies": [{"name": entry.name, "path": str(entry.path), "runs": entry.stored_run_count,
+                     "run_count": entry.run_count, "note": entry.note}
+                    for entry in snapshot.studies],
         "note": snapshot.note,
         "columns": queries.describe_columns(snapshot),
         "operators": queries.OPERATORS,
@@ -114,11 +130,11 @@ def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
 
 
 def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
-    """Differences of two studies, the surest first."""
+    """Return the differences of two studies, significant ones first, then by p-value."""
     first, second = (snapshot.find_study(name) for name in (query.first, query.second))
-    for seen in (first, second):
-        if seen.results is None:
-            raise StudyError(f"{seen.name} has no rows yet")
+    for entry in (first, second):
+        if entry.results is None:
+            raise StudyError(f"{entry.name} has no results yet")
     found = compare.find_differences(first.results, second.results, query.by)
     return {
         "level": compare.SIGNIFICANCE_LEVEL,
@@ -136,12 +152,12 @@ def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, An
 _QUERY_FUNCTIONS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
     "studies": _list_studies, "rows": queries.list_rows, "groups": queries.compute_groups,
     "map": queries.compute_success_map, "points": queries.find_points, "compare": _compare_studies,
-    "run": lambda look, asked: {"row": queries.find_run_row(look, asked.study, asked.run)},
+    "run": lambda snapshot, query: {"row": queries.find_run_row(snapshot, query.study, query.run)},
 }  # fmt: skip
 
 
 class QueryHandler(AuthorizedHandler):
-    """What the page asks, each a JSON object by POST."""
+    """Handler of the queries, JSON objects sent by POST."""
 
     async def post(self) -> None:
         loop, server = tornado.ioloop.IOLoop.current(), self.server
@@ -152,7 +168,7 @@ class QueryHandler(AuthorizedHandler):
         except BenchError as error:
             self.set_status(400)
             answer = {"error": str(error)}
-        except Exception as error:  # a fault of ours must not close the page
+        except Exception as error:  # a programming error must not break the page
             logging.getLogger(__name__).exception("%s", text[:200])
             self.set_status(500)
             answer = {"error": f"{type(error).__name__}: {error}"}
@@ -166,28 +182,27 @@ WAITING_PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><ti
 
 
 class RunReportHandler(AuthorizedHandler):
-    """The report of a run; a page that asks again each second until it is computed."""
+    """Handler of the report of a run; until it is computed, a page that reloads every second."""
 
     async def get(self) -> None:
         loop, server = tornado.ioloop.IOLoop.current(), self.server
         name, run = self.get_query_argument("study", ""), self.get_query_argument("run", "")
-        title, again = f"Run {run[:20]} of {name[:200]}", False
+        title, is_waiting = f"Run {run[:20]} of {name[:200]}", False
         try:
             if not run.isascii() or not run.isdigit() or len(run) > 9:
-                raise StudyError(f"run is {run[:60]!r}, must be a number")
-            seen = server.studies.read_snapshot().find_study(name)
+                raise StudyError(f"run is {run[:60]!r}, must be a number of at most 9 digits")
+            entry = server.studies.read_snapshot().find_study(name)
             found = await loop.run_in_executor(
-                server.workers, server.reports.find_or_start, seen, int(run)
+                server.workers, server.reports.find_or_start, entry, int(run)
             )
             if isinstance(found, Path):
                 self.send_report(found)
                 return
-            text, again = (f"Carried out once more, with its pictures, for the report: "
-                           f"{found:.0f} s …"), True  # fmt: skip
+            text, is_waiting = f"Repeating the run with images for its report: {found:.0f} s", True
         except BenchError as error:
             self.set_status(400)
             text = str(error)
-        if again:
+        if is_waiting:
             self.set_header("Refresh", "1")
         self.finish(WAITING_PAGE.format(title=html.escape(title), text=html.escape(text)))
 
@@ -196,16 +211,19 @@ def serve(
     folders: Sequence[Path], address: str, port: int, token: str = "",
     say: Callable[[str], None] = print,
 ) -> BrowseServer:  # fmt: skip
-    """Serve the page on an address; says where it is.
+    """Serve the results browser, and report its address by `say`.
+
+    Args:
+        folders: folders of studies, or folders that contain such folders.
 
     Raises:
-        BenchError: a folder that is none, no free port, or the library that draws is missing.
+        BenchError: a folder does not exist, no port is free, or uPlot is not installed.
     """
     studies = Studies(folders)
     studies.read_snapshot()
     server = start_server(lambda access, sockets: BrowseServer(studies, access, sockets),
                    "the results browser", address, port, token, say)  # fmt: skip
     if not is_local(address):
-        say(f"it listens on {address}: whoever reads its address on the network sees the results; "
-            "what is sent is not encrypted")  # fmt: skip
+        say(f"the results browser listens on {address}: anyone who intercepts its address can "
+            "read the results; the connection is not encrypted")  # fmt: skip
     return server

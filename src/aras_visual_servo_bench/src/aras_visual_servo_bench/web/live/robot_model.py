@@ -1,4 +1,4 @@
-"""A robot as a browser draws it: its tree of joints, and triangles in colours."""
+"""The robot model of the live page: its joint tree and coloured triangle meshes."""
 
 from __future__ import annotations
 
@@ -15,20 +15,20 @@ from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
 from ...drawing.robot_visuals import collect_visuals
 
-# triangles; a browser without a graphics card draws no more at a useful rate
-MAX_TRIANGLES = 400_000
+MAX_TRIANGLES = 400_000  # a browser without a graphics card draws more triangles too slowly
 
 
 def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[str, Any]:
-    """Plain numbers for JSON.
+    """Convert a robot description to a JSON object.
 
     Returns:
-        {"name", "joints": [{name, kind, parent, child, origin: 16 numbers row by row, axis}],
-        "links": {name: [{colour, corners}]}}; corners: base64 of float32, position (m, in the
-        link) and normal of each corner of each triangle.
+        {"name", "root", "joints": [{name, kind, parent, child, origin, axis}],
+        "links": {name: [{colour, corners}]}}. origin: 4x4 matrix, row-major. corners: base64 of
+        float32; for each corner of each triangle its position (m, in the link frame) and normal.
 
     Raises:
-        DescriptionError: the description, or one of its meshes, cannot be used.
+        DescriptionError: the description or one of its meshes is invalid, or it has too many
+            triangles.
     """
     robot = parse_urdf(urdf, resolve)
     links: dict[str, list[dict[str, Any]]] = {}
@@ -37,7 +37,8 @@ def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[
         count += len(mesh.triangles)
         links.setdefault(link, []).append({"colour": list(colour), "corners": _encode_mesh(mesh)})
     if count > MAX_TRIANGLES:
-        raise DescriptionError(f"{robot.name} has {count} triangles; a page draws {MAX_TRIANGLES}")
+        raise DescriptionError(f"{robot.name} has {count} triangles; the page draws at most "
+                               f"{MAX_TRIANGLES}")
     joints = [
         {
             "name": joint.name,

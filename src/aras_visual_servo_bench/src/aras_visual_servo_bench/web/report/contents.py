@@ -1,4 +1,4 @@
-"""What a report's page is made of, as plain values for its script: curves, film, scene, events."""
+"""Contents of a report page as JSON values for its script: curves, films, scene and events."""
 
 from __future__ import annotations
 
@@ -26,23 +26,23 @@ from ...recording.film import encode_film, select_frames
 from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
 
-MAX_POSES = 2000  # of a path in space
-FRUSTUM_SIZE = 0.2  # of a drawn camera, part of the scene
-MIN_SCENE_SIZE = 0.02  # m, least size of a scene
+MAX_POSES = 2000  # samples of a camera path
+FRUSTUM_SIZE = 0.2  # length of a camera frustum as a fraction of the scene size
+MIN_SCENE_SIZE = 0.02  # m
 START, GOAL, IDEAL, FACE, RIM = (
     to_rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")
 )
 
 
 class ArrayTable:
-    """Arrays that go into the page once each, as base64 of float32."""
+    """Arrays of the page as base64 of float32; equal arrays are stored once."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
         self._indices: dict[bytes, int] = {}
 
     def add(self, values: np.ndarray) -> int:
-        """The number under which the script finds it."""
+        """Store an array, and return its index for the script."""
         content = np.ascontiguousarray(values, "<f4").tobytes()
         if content not in self._indices:
             self._indices[content] = len(self.texts)
@@ -53,17 +53,17 @@ class ArrayTable:
 def make_contents(
     runs: Sequence[Run], groups: Sequence[tuple[str, str, str, Sequence[Panel]]]
 ) -> dict[str, Any]:
-    """All of it.
+    """Return the contents of a report page.
 
     Args:
-        groups: key, title, words below, panels.
+        groups: key, title, description and panels of each group of plots.
     """
     arrays = ArrayTable()
-    told = {
+    contents = {
         "end": find_last_time(runs),
         "runs": [
             {"name": run.name, "events": _list_events(run), "film": _convert_film(run, arrays),
-             "others": _convert_other_films(run, arrays),
+             "other_films": _convert_other_films(run, arrays),
              "poses": _convert_poses(run, arrays)} for run in runs
         ],
         "groups": [{"key": key, "title": title, "text": text,
@@ -71,32 +71,32 @@ def make_contents(
                    for key, title, text, found in groups if found],
         "scene": _make_scene(runs),
     }  # fmt: skip
-    return {**told, "arrays": arrays.texts}
+    return {**contents, "arrays": arrays.texts}
 
 
 def _convert_panel(panel: Panel, arrays: ArrayTable) -> dict[str, Any]:
     curves = []
     for curve in panel.curves:
         time, values = curve.insert_gaps()
-        curves.append({"name": curve.name, "run": curve.run, "shade": curve.colour_index,
-                       "dashed": curve.dashed, "pale": curve.is_pale,
+        curves.append({"name": curve.name, "run": curve.run, "colour_index": curve.colour_index,
+                       "dashed": curve.dashed, "is_pale": curve.is_pale,
                        "x": arrays.add(time), "y": arrays.add(values)})  # fmt: skip
     return {
-        "title": format_heading(panel.title, panel.unit), "log": panel.is_logarithmic,
+        "title": format_heading(panel.title, panel.unit), "is_logarithmic": panel.is_logarithmic,
         "band": panel.band,
         "levels": panel.levels, "limits": panel.limits, "marks": panel.marks, "span": panel.span,
-        "left_out": panel.omitted_curves, "curves": curves,
+        "omitted_curves": panel.omitted_curves, "curves": curves,
     }  # fmt: skip
 
 
 def _list_events(run: Run) -> list[tuple[float, str, str, str]]:
-    """Since when (s) phase, outcome and reason are these, where they change."""
+    """Return time (s), phase, outcome and reason of each image at which one of these changes."""
     rows = zip(run.time.tolist(), run.phases, run.outcomes, run.reasons, strict=True)
     return [next(same) for _, same in groupby(rows, key=lambda row: row[1:])]
 
 
 def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
-    """Frames, and what is drawn over them, in the camera's pixels; None: no picture was kept."""
+    """Return the frames of the control camera and their overlay in pixels; None without images."""
     images = run.control_record
     frames = images.film
     if not frames and images.images:
@@ -107,31 +107,31 @@ def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
     if not frames:
         return None
     stamps = np.array([stamp for stamp, _ in frames])
-    camera, wanted = run.camera, run.project_desired_outline()
+    camera, outline = run.camera, run.project_desired_outline()
     height, width = (camera.height, camera.width) if camera else images.images[0][1].shape[:2]
     return {
         "time": arrays.add(stamps - run.start_stamp), "width": width, "height": height,
         "frames": [base64.b64encode(frame).decode() for _, frame in frames],
-        "wanted": None if wanted is None else arrays.add(wanted),
+        "desired_outline": None if outline is None else arrays.add(outline),
         "tracks": _convert_tracks(run, arrays),
         "milestones": [stamp - run.start_stamp for stamp in find_milestones(run)],
     }  # fmt: skip
 
 
 def _convert_other_films(run: Run, arrays: ArrayTable) -> list[dict[str, Any]]:
-    """Frames of the other cameras than the control camera, each with that one's name."""
+    """Return the frames of all cameras except the control camera."""
     films = []
-    for name, seen in list(run.cameras.items())[1:]:
-        stamps = np.array([stamp for stamp, _ in seen.film])
-        kept = select_frames(stamps, run.start_stamp)
-        if not len(kept):
+    for name, record in list(run.cameras.items())[1:]:
+        stamps = np.array([stamp for stamp, _ in record.film])
+        selected = select_frames(stamps, run.start_stamp)
+        if not len(selected):
             continue
-        frames = dict(seen.film)
+        frames = dict(record.film)
         films.append({
-            "camera": name, "time": arrays.add(kept - run.start_stamp),
-            "width": seen.model.width, "height": seen.model.height,
-            "frames": [base64.b64encode(frames[stamp]).decode() for stamp in kept.tolist()],
-            "wanted": None, "tracks": None, "milestones": [],
+            "camera": name, "time": arrays.add(selected - run.start_stamp),
+            "width": record.model.width, "height": record.model.height,
+            "frames": [base64.b64encode(frames[stamp]).decode() for stamp in selected.tolist()],
+            "desired_outline": None, "tracks": None, "milestones": [],
         })  # fmt: skip
     return films
 
@@ -142,33 +142,39 @@ def _convert_tracks(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
         return None
     return {
         "time": arrays.add(found.stamp - run.start_stamp), "names": found.names,
-        "measured": found.is_measured, "desired": arrays.add(found.desired),
+        "is_measured": found.is_measured, "desired": arrays.add(found.desired),
         "pixels": [arrays.add(found.pixels[:, i]) for i in range(len(found.names))],
     }  # fmt: skip
 
 
 def _select_joint_states(run: Run) -> np.ndarray:
-    """Some of the joint states (p,) while servoing, where the camera's pose is known."""
-    known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
-    at = np.flatnonzero(known)
+    """Return the indices (p,) of joint states while servoing with a known camera pose.
+
+    At most MAX_POSES of them, evenly spaced.
+    """
+    is_known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
+    at = np.flatnonzero(is_known)
     return at[np.unique(np.linspace(0, len(at) - 1, min(MAX_POSES, len(at))).astype(int))]
 
 
 def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
-    """World_T_camera, twelve numbers each, for the camera that moves; and places of the arm."""
+    """Return the camera poses, as 3x4 matrices world_T_camera row by row, and the joint origins."""
     at = _select_joint_states(run)
     time, poses = run.joint_time[at], run.true_pose[at]
     if not len(time):
         return None
     found = {"time": arrays.add(time), "rows": arrays.add(poses[:, :3].reshape(-1, 12))}
     if run.joint_origins.size:
-        places = run.joint_origins[at]
-        found |= {"arm": arrays.add(places), "joints": places.shape[1]}
+        origins = run.joint_origins[at]
+        found |= {"arm": arrays.add(origins), "joints": origins.shape[1]}
     return found
 
 
 def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
-    """What stands still in space, where to look from, and the rim of a drawn camera."""
+    """Return the fixed shapes of the 3-D view, its centre and size, and the camera borders.
+
+    None without a camera path.
+    """
     paths = [select_servoing_poses(run) for run in runs]
     if not any(map(len, paths)):
         return None
@@ -180,22 +186,22 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
     size = max(float(np.linalg.norm(high - low)), MIN_SCENE_SIZE)
     borders = [None if run.camera is None else compute_image_border(run.camera) for run in runs]
     shapes: dict[str, list[Shape]] = {"target": _triangulate_face(corners)}
-    several = len(runs) > 1  # beside whose colours nothing else has one
+    several = len(runs) > 1  # colours then distinguish the runs
     for number, (run, path, border) in enumerate(zip(runs, paths, borders, strict=True)):
         colour = _choose_colour(number)
         if not len(path):
             continue
-        own = [Shape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
+        run_shapes = [Shape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
         if np.isfinite(run.goal_pose).all():
             ideal = interpolate_poses(path[0], run.goal_pose)[:, :3, 3]
-            own.append(Shape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
+            run_shapes.append(Shape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
             if border is not None:
-                own += make_frustum("goal", run.goal_pose, border, FRUSTUM_SIZE * size,
+                run_shapes += make_frustum("goal", run.goal_pose, border, FRUSTUM_SIZE * size,
                                (*(IDEAL if several else GOAL), 0.9))  # fmt: skip
         if border is not None:
-            own += make_frustum("start", path[0], border, FRUSTUM_SIZE * size,
+            run_shapes += make_frustum("start", path[0], border, FRUSTUM_SIZE * size,
                            (*(IDEAL if several else START), 0.6))  # fmt: skip
-        shapes[str(number)] = own
+        shapes[str(number)] = run_shapes
     return {
         "middle": (0.5 * (low + high)).tolist(), "size": size,
         "shapes": {key: [[shape.name, shape.to_json()] for shape in some]
@@ -209,20 +215,20 @@ def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
 
 
 def _choose_colour(number: int) -> tuple[float, float, float]:
-    """The colour of a run in space."""
+    """Return the colour of a run in the 3-D view."""
     return to_rgb(LIVE_CURVES[number % len(LIVE_CURVES)])
 
 
 def _find_corners(run: Run) -> np.ndarray:
-    """Of the target's face (c, 3), in the world; none: it is not known."""
+    """Return the corners (c, 3) of the target's face in the world frame; c = 0 if it is unknown."""
     if run.target is None:
         return np.zeros((0, 3))
-    placed = run.target.world_T_target(run.start_stamp)
-    return run.target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
+    pose = run.target.world_T_target(run.start_stamp)
+    return run.target.shape.vertices() @ pose[:3, :3].T + pose[:3, 3]
 
 
 def _triangulate_face(corners: np.ndarray) -> list[Shape]:
-    """Its face, of triangles about its middle, and its rim."""
+    """Return the target's face as triangles around its centre, and its border line."""
     if len(corners) < 3:
         return []
     after, middle = np.roll(corners, -1, axis=0), corners.mean(axis=0)

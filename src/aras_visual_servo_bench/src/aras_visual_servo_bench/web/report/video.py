@@ -1,4 +1,4 @@
-"""A run's report with a video of its images."""
+"""Reports with a video of the run's images."""
 
 from __future__ import annotations
 
@@ -13,7 +13,11 @@ from .write import write_report
 
 
 def write_with_video(run: Run, out: Path) -> list[Path]:
-    """Write a report, with video.mp4 where the run has images; StudyError where it cannot."""
+    """Write a report and, if the run has images, video.mp4; return the paths of all files.
+
+    Raises:
+        StudyError: a file cannot be written.
+    """
     with catch_write_errors(f"into {out}"):
         written = write_report([run], out, ("png",))
         if run.control_record.images:
@@ -22,14 +26,18 @@ def write_with_video(run: Run, out: Path) -> list[Path]:
 
 
 def write_video(run: Run, path: Path) -> Path:
-    """Write the images of a run as a video; StudyError where it cannot."""
-    stamp, pictures = run.stamp, [picture for _, picture in run.control_record.images]
+    """Write the images of a run as a video with the run's median image rate.
+
+    Raises:
+        StudyError: the file cannot be written.
+    """
+    stamp, images = run.stamp, [image for _, image in run.control_record.images]
     rate = 1.0 / float(np.median(np.diff(stamp))) if len(stamp) > 1 else 30.0
-    height, width = pictures[0].shape[:2]
+    height, width = images[0].shape[:2]
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
     if not writer.isOpened():
         raise StudyError(f"cannot write the video {path}")
-    for picture in pictures:
-        writer.write(np.ascontiguousarray(picture[..., ::-1]))
+    for image in images:
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
     writer.release()
     return path

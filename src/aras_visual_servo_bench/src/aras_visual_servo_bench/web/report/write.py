@@ -1,4 +1,4 @@
-"""A report into a folder: page, figures, tables, numbers."""
+"""Writing of reports: a folder with a page, figures, tables and metrics."""
 
 from __future__ import annotations
 
@@ -39,10 +39,15 @@ FigureFunction = Callable[[Sequence[Run]], Figure | None]
 
 @dataclass(frozen=True)
 class Chapter:
-    """A chapter of a report: a figure in a file, and panels of curves on the page.
+    """A chapter of a report: a figure file, and a group of time plots on the page.
 
-    name: of the files. title: of both. text: below. draw: the figure of what is no curve over
-    time. panels: of curves over time. heading: of their figure, layout: of it.
+    Attributes:
+        name: name of the figure's files.
+        title: heading of the group on the page.
+        text: description below the heading.
+        draw: function that draws the figure, if it is not a time plot.
+        panels: function that returns the panels of the time plots.
+        heading, layout: heading and layout of the figure with these panels.
     """
 
     name: str
@@ -54,41 +59,42 @@ class Chapter:
     layout: Layout = Layout()
 
     def draw_figure(self, runs: Sequence[Run]) -> Figure | None:
-        """Its figure; None where the runs have none."""
+        """Draw the figure; return None if the runs have no data for it."""
         if self.draw is not None:
             return self.draw(runs)
         return time_plots.draw_panels(self.panels(runs), runs, self.heading, self.layout)
 
 
-# Rows of figures, which stand beside each other.
+# Each row of figures is drawn side by side with equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
-    (Chapter("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the "
-             "outline that the goal wants.", views.draw_filmstrip),),
-    (Chapter("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of "
-             "its largest.", None, panels.make_error_panels, "Feature errors s − s*",
-             Layout(1.75, legend_columns=6)),
-     Chapter("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
+    (Chapter("filmstrip", "Filmstrip", "Camera images while the error decreases. Green: the "
+             "desired outline.", views.draw_filmstrip),),
+    (Chapter("feature_errors", "Errors", "Feature errors by unit, and the norm of the errors, "
+             "each divided by its maximum.", None, panels.make_error_panels,
+             "Feature errors s − s*", Layout(1.75, legend_columns=6)),
+     Chapter("pose_errors", "Pose", "Errors of the true camera pose.",
              None, panels.make_pose_panels, "Distance of the camera from its goal", Layout(1.9))),
-    (Chapter("features", "Features", "As measured, and as wanted (dashed).", None,
+    (Chapter("features", "Features", "Measured features, and desired features (dashed).", None,
              panels.make_feature_panels, "Features s", Layout(2.0, legend_columns=6)),
-     Chapter("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead. "
-             "Dashed: asked.", None, panels.make_twist_panels, "Twist of the camera", Layout(2.1))),
-    (Chapter("image_trajectory", "Image plane", "Behind the curves: the last picture.",
+     Chapter("camera_twist", "Twist", "In the optical frame of the camera: x right, y down, z "
+             "forward. Dashed: desired twist.", None, panels.make_twist_panels,
+             "Twist of the camera", Layout(2.1))),
+    (Chapter("image_trajectory", "Image plane", "Image trajectories over the last image.",
              views.draw_image_trajectory),
-     Chapter("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
+     Chapter("camera_path", "Path", "In the world frame. Frusta open along the optical axis.",
              views.draw_camera_path)),
-    (Chapter("joint_positions", "Joints", "Red: limits of the description.", None,
+    (Chapter("joint_positions", "Joints", "Red: limits of the robot description.", None,
         panels.make_joint_panels,
              "Positions", Layout(1.25, columns=2, second_column="Speeds")),),
-    (Chapter("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm "
-             "inverts. Scale: the factor by which limits slowed the task.", None,
+    (Chapter("conditioning", "Conditioning", "Condition number of L in its modelled directions, "
+             "and of L J, which the controller inverts. Scale: velocity scaling by limits.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5)),
-     Chapter("timing", "Timing", "In simulated time; the real-time factor is what the simulator "
-             "tells. A delay below 0: the picture came before the clock message that tells the "
-             "recorder its time.", None, panels.make_timing_panels, "Time between images",
+     Chapter("timing", "Timing", "In simulated time. The simulator reports the real-time factor. "
+             "A negative delay means that the image arrived before the clock message with its "
+             "time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5))),
 )  # fmt: skip
-DRAWING_PROCESSES = 2  # processes that draw figures: more would each wait for the longest row
+DRAWING_PROCESSES = 2  # more do not help: the slowest row determines the time
 CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
 
 
@@ -99,26 +105,26 @@ def write_report(
     paper: bool = False,
     progress: Callable[[float, str], None] = lambda part, what: None,
 ) -> list[Path]:
-    """Write the report of one or more runs: a page with all curves, numbers and figures.
+    """Write the report of one or more runs: a page with plots and metrics, figures and tables.
 
     The folder gets report.html, summary.json, summary.csv, figures/ and data/.
 
     Args:
-        runs: one run, or several to be compared.
-        out: folder, made if need be; files of the same names are overwritten.
-        kinds: formats of the figures as files, of png, svg, pdf; the page needs none of them.
-        paper: whether figures are vector files alone, as wide as a paper's column.
-        progress: called with the part that is done, 0 to 1, and what comes next.
+        runs: one run, or several runs to compare.
+        out: folder, created if necessary; existing files of the same names are overwritten.
+        kinds: formats of the figure files, from png, svg and pdf; the page does not use them.
+        paper: write only vector figures, in the width of a paper's column.
+        progress: called with the finished fraction, 0 to 1, and the name of the next step.
 
     Returns:
-        The files, the page first.
+        The paths of the files, the page first.
 
     Raises:
-        BenchError: a kind that there is not, or a folder that cannot be written to.
+        BenchError: a format is unknown, or the folder is not writable.
     """
     check_formats(kinds, FILE_FORMATS)
     if not runs:
-        raise BenchError("nothing to report on")
+        raise BenchError("a report needs at least one run")
     with catch_write_errors(f"the report into {out}"):
         return _ReportWriter(runs, out, kinds, paper, progress).write()
 
@@ -127,12 +133,12 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
     """Draw one figure of a report into a file.
 
     Args:
-        runs: one run, or several to be compared.
-        name: of the figure, as its file in the folder `figures` of a report is named.
-        path: of the file; its suffix says the format, as .png, .svg or .pdf.
+        runs: one run, or several runs to compare.
+        name: name of the figure, equal to that of its file in the folder `figures` of a report.
+        path: path of the file; its suffix, such as .png, .svg or .pdf, selects the format.
 
     Raises:
-        BenchError: there is no such figure, the runs have none of it, or it cannot be written.
+        BenchError: the figure is unknown, the runs have no data for it, or it cannot be written.
     """
     chapters = {chapter.name: chapter for row in CHAPTERS for chapter in row}
     if name not in chapters:
@@ -140,12 +146,12 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
     with style.apply_style(), catch_write_errors(path, BenchError):
         figure = chapters[name].draw_figure(runs)
         if figure is None:
-            raise BenchError(f"the runs have no figure '{name}'")
+            raise BenchError(f"the runs have no data for the figure '{name}'")
         figure.savefig(path)
 
 
 class _ReportWriter:
-    """One report on its way."""
+    """Writer of one report."""
 
     def __init__(
         self, runs: Sequence[Run], out: Path, kinds: Sequence[str], paper: bool,
@@ -157,7 +163,7 @@ class _ReportWriter:
         self._steps, self._finished_steps = (len(CHAPTERS) if self.formats else 0) + 2, 0
 
     def write(self) -> list[Path]:
-        """All files."""
+        """Write all files, and return their paths, the page first."""
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
         self._report_progress("numbers")
@@ -191,8 +197,9 @@ class _ReportWriter:
         self.files.append(path)
 
     def _write_numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:
-        told = [make_mapping(r, qs) for r, qs in zip(self.runs, summaries, strict=True)]
-        text = json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False)
+        mappings = [make_mapping(r, qs) for r, qs in zip(self.runs, summaries, strict=True)]
+        values = mappings[0] if len(mappings) == 1 else mappings
+        text = json.dumps(values, indent=2, ensure_ascii=False)
         self._write_text(self.out / "summary.json", text + "\n")
         stream = io.StringIO()
         rows = csv.writer(stream)
@@ -204,10 +211,10 @@ class _ReportWriter:
         self._write_text(self.out / "summary.csv", stream.getvalue())
 
     def _draw_rows(self) -> Iterator[tuple[int, list[Path]]]:
-        """Draw all rows of figures; each row's number and files, once they are written.
+        """Draw all rows of figures, and yield the number and files of each finished row.
 
-        Two processes draw them where that is safe: a copy of a process with several threads may
-        wait for ever for a lock that a thread held.
+        Two processes draw in parallel if this process has a single thread. The fork of a process
+        with several threads could wait forever for a lock that another thread holds.
         """
         alone = threading.active_count() == 1 and len(os.sched_getaffinity(0)) > 1
         if not alone or len(self.formats) == 1:
@@ -220,11 +227,11 @@ class _ReportWriter:
                     yield done.result()
             except BrokenProcessPool:
                 raise BenchError(
-                    "a process that drew figures was ended: is there memory enough?"
+                    "a process that drew figures was killed: check whether the memory is sufficient"
                 ) from None
 
     def draw_row(self, number: int) -> list[Path]:
-        """Draw a row's figures into files, which it answers."""
+        """Draw the figures of a row into files, and return their paths."""
         with style.apply_style(is_paper=self.paper):
             drawn = [(part.name, part.draw_figure(self.runs)) for part in CHAPTERS[number]]
             drawn = [(name, figure) for name, figure in drawn if figure is not None]
@@ -240,10 +247,10 @@ class _ReportWriter:
 
 
 def _set_shared_report(report: _ReportWriter) -> None:
-    """Tell a process that was just copied which report it draws."""
+    """Set the report that a forked process draws."""
     global _shared
     _shared = report
-    gc.disable()  # the process ends soon; a look through all that was copied takes longer
+    gc.disable()  # the process is short-lived, and a collection of all copied objects is slow
 
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:
@@ -258,7 +265,7 @@ def _encode_figure(figure: Figure, kind: str) -> bytes:
 
 
 def make_tables(run: Run) -> dict[str, str]:
-    """CSV texts: images (a row an image that was answered) and joints (one a joint state)."""
+    """Return two CSV texts: `images` with a row per processed image, `joints` per joint state."""
     images: dict[str, np.ndarray] = {"time [s]": run.time, "stamp [s]": run.stamp}
     for i, name in enumerate(run.names):
         unit = f" [{run.units[i]}]" if run.units[i] else ""
@@ -297,12 +304,12 @@ def make_tables(run: Run) -> dict[str, str]:
 def _format_csv(
     columns: dict[str, np.ndarray], text_columns: Sequence[tuple[str, Sequence[str]]]
 ) -> str:
-    """Nine digits, nothing where there is no number."""
+    """Format columns as CSV with nine digits; NaN becomes an empty cell."""
     stream = io.StringIO()
     rows = csv.writer(stream, lineterminator="\n")
     rows.writerow([*columns, *(name for name, _ in text_columns)])
     numbers = np.column_stack(list(columns.values())) if columns else np.zeros((0, 0))
     for i, row in enumerate(numbers.tolist()):
-        told = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
-        rows.writerow([*told, *(texts[i] for _, texts in text_columns)])
+        numbers_text = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
+        rows.writerow([*numbers_text, *(texts[i] for _, texts in text_columns)])
     return stream.getvalue()

@@ -52,15 +52,16 @@ MAX_ARROW = 0.3  # m, longest arrow
 MIN_ARROW = 2e-3  # m; shorter arrows are not drawn
 IDEAL_PATH_POINTS = 24  # number of points of the straight path to the goal
 MIN_SPACING = 5e-4  # m between two points of the path
-MIN_IMAGE_SPACING = 2e-3  # likewise of trajectories, normalised
-TEXT_OFFSET = (-0.29, 0.24, 0.19)  # m from the camera to the words, in the base: beside the arm
-MAX_ERRORS = 6  # errors that are read out
-LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters, and from one line to the next
-LEGEND = (  # from its lowest line up
+MIN_IMAGE_SPACING = 2e-3  # between two points of a trajectory in the image, normalised
+# Offset of the text from the camera in the base frame, m; it places the text next to the arm.
+TEXT_OFFSET = (-0.29, 0.24, 0.19)
+MAX_ERRORS = 6  # errors that are listed in the text
+LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and spacing of lines
+LEGEND = (  # from the lowest line upwards
     ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
     ("desired rotation", to_rgb(LIVE["desired-turn"])),
     ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["desired"])),
-    ("target in the picture", FEATURE), ("straight to the goal", IDEAL), ("path", PATH),
+    ("target in the image", FEATURE), ("straight path to the goal", IDEAL), ("path", PATH),
     ("goal", GOAL), ("camera", NOW),
 )  # fmt: skip
 
@@ -232,18 +233,21 @@ class RunTrace:
         return shapes
 
     def _make_arrows(self) -> list[Shape]:
-        told, shapes = self.state, []
-        for what, twist in (("desired", told.desired_twist), ("achieved", told.achieved_twist)):
-            width = 0.008 if what == "desired" else 0.012
-            ways = np.array(twist[:3]) * ARROW_SECONDS, np.array(twist[3:]) * TURN_LENGTH
-            for part, way, name in (("velocity", ways[0], what), ("turn", ways[1], f"{what}-turn")):
-                points, length = np.empty((0, 3)), float(np.linalg.norm(way))
+        state, shapes = self.state, []
+        for kind, twist, width, opacity in (
+            ("desired", state.desired_twist, 0.008, 1.0),
+            ("achieved", state.achieved_twist, 0.012, 0.55),
+        ):
+            for quantity, vector, name in (
+                ("velocity", np.array(twist[:3]) * ARROW_SECONDS, kind),
+                ("turn", np.array(twist[3:]) * TURN_LENGTH, f"{kind}-turn"),
+            ):
+                points, length = np.empty((0, 3)), float(np.linalg.norm(vector))
                 if np.isfinite(length) and length > MIN_ARROW:
                     tip = vector * min(1.0, MAX_ARROW / length)
                     points = transform_points(self._pose, np.array([np.zeros(3), tip]))
-                opacity = 1.0 if what == "desired" else 0.55
-                shapes.append(Shape(f"{what} {part}", ARROW, points, (*to_rgb(LIVE[name]), opacity),
-                                    width))  # fmt: skip
+                colour = (*to_rgb(LIVE[name]), opacity)
+                shapes.append(Shape(f"{kind} {quantity}", ARROW, points, colour, width))
         return shapes
 
     @staticmethod

@@ -127,7 +127,7 @@ class Robot:
         self.packages = PackagePath(spec.search)
         self._original_urdf = read_text(self.packages.resolve(spec.urdf), ExperimentError)
         if not friction:
-            self._original_urdf = self._adapt("without_friction", self._original_urdf)
+            self._original_urdf = self._adapt("remove_friction", self._original_urdf)
         if hand_eye is not None:
             self._original_urdf = self._apply_hand_eye(hand_eye)
         self._own_frame = spec.camera_frame
@@ -366,7 +366,7 @@ class Robot:
             return self._with_frame(self._original_urdf, self._own_frame, frame, moved)
         texts = (" ".join(map(repr, numbers)) for numbers in xyz_rpy_from_matrix(link_T_link))
         try:
-            return self._adapt("mounted", self._original_urdf, *texts)
+            return self._adapt("move_camera", self._original_urdf, *texts)
         except ValueError as error:
             raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
 

@@ -112,7 +112,7 @@ def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
 
 def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
     with pytest.raises(RefusedError, match=f"^already recording to {kept.open_bag}$"):
-        kept.record()
+        kept.start_recording()
     with pytest.raises(RefusedError, match="a bag is being recorded: stop the recording first"):
         kept.make_report()
     kept.by.bag.with_name(kept.by.bag.name + ".active").rename(kept.directory / "x")

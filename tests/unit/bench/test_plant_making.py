@@ -128,7 +128,7 @@ def test_what_covers_a_target_is_not_there_when_the_goal_is_taught():
     made = context_of(**DRAWN, target=poster, seed=3)
     assert seen(made, True).target is made.target
     other = seen(made).target
-    np.testing.assert_array_equal(other.shape.pixels, made.target.shape.perturbed(3).pixels)
+    np.testing.assert_array_equal(other.shape.pixels, made.target.shape.perturb(3).pixels)
     assert isinstance(other.shape, TexturedTarget) and other.pose is made.target.pose
     with pytest.raises(ExperimentError, match="target 'l_shape' has no picture that could be pert"):
         seen(context_of(**DRAWN, target={**FLAT, "perturbed": True}))
@@ -188,7 +188,7 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
                         "segmentation": True}
     assert others == {"right": {**EYE, "effects": {"noise_stddev": 1.5}}}
     assert sights == () and followed is None and world.lights[0].diffuse[0] == 0.5
-    assert [(one.name, one.times) for one in shown] == [
+    assert [(one.name, one.visible_times) for one in shown] == [
         ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
     assert shown[2].offset == (0.0, 0.0, 5e-4) and shown[1].target is made.target
     np.testing.assert_allclose(shown[0].target.pose, made.targets["right"].pose)

@@ -307,7 +307,7 @@ def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
     assert capture(sight, aside, 0, random).outline is None
     behind = goal @ np.diag([1.0, -1.0, -1.0, 1.0])
     assert capture(sight, behind, 0, random).outline is None
-    drawn = dataclasses.replace(sight, pictures=True, depth=True)
+    drawn = dataclasses.replace(sight, has_images=True, has_depth=True)
     reading = capture(drawn, goal, 0, random)
     assert reading.image.min() == 0 and reading.has_image
     assert reading.depth[120, 160] == pytest.approx(goal[2, 3] - 0.59, abs=1e-3)
@@ -318,7 +318,7 @@ def test_noise_is_the_seeds(arm, sight):
     pose = arm.pose(np.zeros(6))
     for noisy in (
         dataclasses.replace(sight, jitter=0.5),
-        dataclasses.replace(sight, pictures=True, effects=Effects(noise_stddev=5.0)),
+        dataclasses.replace(sight, has_images=True, effects=Effects(noise_stddev=5.0)),
     ):
         def seen(seed, noisy=noisy):
             reading = capture(

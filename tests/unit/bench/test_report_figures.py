@@ -116,7 +116,7 @@ def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
     assert axis.get_xlabel() == "column (pixel)" and axis.get_ylabel() == "row (pixel)"
     # It is the last picture, paler, and white where that is.
     shown = axis.images[0].get_array()
-    last = picture(len(runs[0].control_record.pictures) - 1).astype(float)
+    last = picture(len(runs[0].control_record.images) - 1).astype(float)
     np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
     assert all(side.get_visible() for side in axis.spines.values())
     assert not has_grid(axis)
@@ -250,7 +250,7 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
     for run, times, row in zip(strips, stamps, np.reshape(figure.axes, (2, columns)), strict=True):
         assert [axis.get_visible() for axis in row] == [i < len(times) for i in range(columns)]
         for axis, stamp in zip(row, times, strict=False):
-            kept = run.images.pictures
+            kept = run.control_record.images
             nearest = np.argmin([abs(one - stamp) for one, _ in kept])
             np.testing.assert_array_equal(axis.images[0].get_array(), kept[nearest][1])
             assert axis.images[0].get_extent() == [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
@@ -285,7 +285,7 @@ def test_an_outline_that_leaves_a_picture_does_not_make_it_smaller(runs, edge, s
     at = (np.array(edge) - [K[2], K[5]]) / [K[0], K[4]] * middle[2]
     goal = GOAL.copy()  # from where the target's middle is seen at an edge
     goal[:3, 3] += GOAL[:3, :3] @ [*(middle[:2] - at), 0.0]
-    few = with_images(runs[0], runs[0].control_record.pictures[:1])
+    few = with_images(runs[0], runs[0].control_record.images[:1])
     axis = views.draw_filmstrip([replace(few, goal_pose=goal)]).axes[0]
     shown = np.transpose(axis.lines[0].get_data())
     beyond = (shown < 0.0) | (shown > [WIDTH, HEIGHT])
@@ -839,7 +839,7 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     assert (curve.name, curve.run, curve.colour_index) == (turned.name, 1, 1)
     for bound, shows in ((99.9, 1), (100.0, 0), (-np.inf, 0), (-99.9, 1)):
         limits = (np.array([bound, 0.0, 0.0]), np.array([np.inf] * 3))
-        assert len(panels.make_joint_panels([replace(runs[0], limits=limits)])[0].limits) == shows
+        assert len(panels.make_joint_panels([replace(runs[0], position_limits=limits)])[0].limits) == shows
     given = {f.name: getattr(runs[0], f.name) for f in fields(Run)
              if f.default is MISSING and f.default_factory is MISSING}  # fmt: skip
     bare = Run(**given)  # of which nothing else is known

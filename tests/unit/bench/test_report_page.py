@@ -73,11 +73,11 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
         told = of_page([run])
         shown = told["runs"][0]["film"]
         stamps = told["arrays"][shown["time"]] + run.start_stamp
-        assert len(shown["frames"]) == len(stamps) == len(run.images.pictures)
+        assert len(shown["frames"]) == len(stamps) == len(run.control_record.images)
         for i in (0, len(stamps) // 2):
             frame = np.frombuffer(base64.b64decode(shown["frames"][i]), np.uint8)
             picture = cv2.imdecode(frame, cv2.IMREAD_COLOR)[..., ::-1]
-            original = run.images.nearest(float(stamps[i]))
+            original = run.control_record.find_nearest_image(float(stamps[i]))
             assert picture.shape == original.shape == (shown["height"], shown["width"], 3)
             assert np.abs(picture.astype(int) - original).mean() < 4.0
         rim = told["arrays"][shown["desired_outline"]].reshape(-1, 2)
@@ -120,7 +120,7 @@ def test_the_arm_in_space_carries_the_camera(moments, flying):
                        (places[:, -1], camera)]:  # fmt: skip
         length = np.linalg.norm(one - other, axis=1)
         assert np.ptp(length) < 1e-5
-    gantry = moments.measured[moments.servoing, 0]
+    gantry = moments.measured_positions[moments.servoing, 0]
     moved = np.linalg.norm(places[:, 1] - places[0, 1], axis=1)
     np.testing.assert_allclose(moved, np.abs(gantry - gantry[0]), atol=1e-5)
     assert np.ptp(gantry) > 0.02 and "arm" not in told["runs"][1]["poses"]

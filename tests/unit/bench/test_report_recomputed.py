@@ -131,7 +131,7 @@ def recomputed(run):
         "scale": min(s.ik_solution.scale for s in run.states),
         "images": len(record.stamp), "image_rate": 1 / gaps.mean(),
         "images_late": 3 + (waited > 1.5 * gaps.median()).sum(),
-        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computing for s in run.states]),
+        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computation_time for s in run.states]),
         "real_time_factor": pace.factor.mean(),
         **{f"final_error_{n}": error[n][error.index >= error.index[-1] - 1.0].mean()
            for n in NAMES},
@@ -270,13 +270,13 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
                "condition of L J": [max(LJ) / min(LJ) for _, LJ in told],
                "manipulability": [math.prod(LJ) for _, LJ in told],
                "scale": [s.ik_solution.scale for s in run.states],
-               "computing [s]": [s.computing for s in run.states]}  # fmt: skip
+               "computing [s]": [s.computation_time for s in run.states]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.pose[:, i, 3] for i, axis in enumerate("xyz")}
     same(images, wanted, {"phase", "outcome", "reason"})
     joints = pd.read_csv(written / "one/data/joints.csv")
     wanted = {"time [s]": run.joint_stamp - began, "stamp [s]": run.joint_stamp}
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
-        wanted |= {f"{name} [{unit}]": run.measured[:, i],
+        wanted |= {f"{name} [{unit}]": run.measured_positions[:, i],
                    f"{name} speed [{unit}/s]": run.measured_velocities[:, i],
                    f"{name} command [{unit}]": run.joint_commands[:, i]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.true_pose[:, i, 3] for i, axis in enumerate("xyz")}
@@ -338,7 +338,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     shown = run.joint_stamp >= began - 0.1
     at = run.joint_stamp[shown] - began
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
-        check(f"{name} ({unit})", "measured", at, run.measured[shown, i])
+        check(f"{name} ({unit})", "measured", at, run.measured_positions[shown, i])
         check(f"{name} ({unit})", "command", at, run.joint_commands[shown, i])
         check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_velocities[shown, i])
         assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
@@ -357,7 +357,7 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     check("interval between images (ms)", "interval", at, 1e3 * gaps[after])
     waited = 1e3 * (record.arrival - record.stamp)
     check("delay (ms)", "exposure to recorder", at, waited[after])
-    check("delay (ms)", "scheme computing", time, [1e3 * s.computing for s in run.states])
+    check("delay (ms)", "scheme computing", time, [1e3 * s.computation_time for s in run.states])
     pace = run.real_time_factors[
         (run.real_time_factors[:, 0] >= began) & np.isfinite(run.real_time_factors[:, 1])
     ]

@@ -49,7 +49,7 @@ def assembly(arm):
     spec, late = CameraSpec(delay=0.05), {"latency": 0.02}
     return SimpleNamespace(
         servo=SimpleNamespace(scheme=scheme, arm=arm), target="target", goal="goal",
-        settings=SimpleNamespace(limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
+        settings=SimpleNamespace(make_limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
         plant=SimpleNamespace(camera=LEFT),
         rig=SimpleNamespace(control=SimpleNamespace(name="left")),
         cameras={name: CameraSetup(name, spec, {}, late, make_camera_config(late), model, model)
@@ -145,7 +145,7 @@ def test_pictures_are_those_of_the_control_camera():
     assert found.control_record.model is LEFT and found.cameras["wide"] is run.cameras["wide"]
     for stamp, number in ((0.0, 0), (2.9, 0), (3.1, 1), (9.0, 1)):
         assert found.control_record.find_nearest_image(stamp) is kept[number][1]
-    assert run.control_record.nearest(0.0) is None
+    assert run.control_record.find_nearest_image(0.0) is None
     bare = with_images(replace(run, cameras={}), kept)
     assert list(bare.cameras) == ["camera"] and bare.control_record.film == ()
     np.testing.assert_array_equal(pad_rows([(1, 2), None, (3,)]),
@@ -282,7 +282,7 @@ def test_poses_and_films_are_those_that_were_known():
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 3)
     assert film["desired_outline"] is None and film["tracks"] is None  # no camera is known
     assert film["milestones"][0] == 0.0 and film["milestones"][-1] == run.time[-1]
-    alone = replace(run, cameras={"camera": replace(first, pictures=pictures[:1])})
+    alone = replace(run, cameras={"camera": replace(first, images=pictures[:1])})
     film = make_contents([alone], [])["runs"][0]["film"]
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 1)
     (wide,) = own["other_films"]

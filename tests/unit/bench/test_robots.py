@@ -93,7 +93,7 @@ def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
     assert made().make_arm().names == ("a_j", "b_j")
     moved = made(xyz=(0.01, 0.02, 0.03), rpy=(0.1, 0.2, 0.3))
     link = HAND_T_LINK @ matrix_from_xyz_rpy((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(moved.arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
+    np.testing.assert_allclose(moved.make_arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
     off = matrix_from_xyz_rpy((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     believed = moved.make_calibrated_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(believed.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
@@ -101,7 +101,7 @@ def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
     off = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(turned.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
     same = moved.make_calibrated_arm((0.0,) * 3, (0.0,) * 3)
-    np.testing.assert_array_equal(same.pose(Q), moved.arm().pose(Q))
+    np.testing.assert_array_equal(same.pose(Q), moved.make_arm().pose(Q))
 
 
 CAMERAS = {
@@ -129,7 +129,7 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     assert [robot.find_optical_frame(name) for name in (*CAMERAS, "none")] == [
         "camera_optical_frame", "wall", "camera_frame_of_held", "camera_frame_of_stands",
         "camera_frame_of_carried", "camera_optical_frame"]
-    assert [robot.target_frame(name) for name in ("own", "carried")] == ["", "b"]
+    assert [robot.find_target_frame(name) for name in ("own", "carried")] == ["", "b"]
     seat = matrix_from_xyz_rpy((0.1, 0.0, 0.02), (0.0, 0.1, 0.0))
     at = hand() @ HAND_T_LINK @ seat @ LINK_T_EYE
     held, control = robot.make_arm("held"), robot.make_arm("held")
@@ -198,7 +198,7 @@ def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
             name: dataclasses.replace(CAMERAS[name], calibration_offset=CalibrationOffset(**OFF))
         }
         found = (
-            made(cameras=cameras).make_camera_kinematics(name, robot.make_arm(), believed=True).pose(Q)
+            made(cameras=cameras).make_camera_kinematics(name, robot.make_arm(), is_calibrated=True).pose(Q)
         )
     else:
         found = robot.make_calibrated_arm(**OFF, camera=name).pose(Q)
@@ -225,8 +225,8 @@ def test_a_target_is_put_onto_a_link(made, tmp_path):
 def test_each_joint_has_one_controller_of_one_kind(made):
     assert made({"controllers": ("again", "second")}).find_controllers(("b_j", "a_j")) == (
         {"b_j": "second", "a_j": "again"}, "position")
-    assert made().controllers(("a_j",)) == ({"a_j": "first"}, "position")
-    assert made({"controllers": ("fast",)}).controllers(("b_j",))[1] == "velocity"
+    assert made().find_controllers(("a_j",)) == ({"a_j": "first"}, "position")
+    assert made({"controllers": ("fast",)}).find_controllers(("b_j",))[1] == "velocity"
     for controllers, joints, why in (
             (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
             (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
@@ -246,7 +246,7 @@ def test_files_that_cannot_be_used_are_named(made):
         with pytest.raises(ExperimentError, match=why):
             made(keys)
     broken = made({"urdf": str(made.folder / "bad.urdf")})
-    for ask in (broken.parse_description, broken.arm):
+    for ask in (broken.parse_description, broken.make_arm):
         with pytest.raises(ExperimentError, match=r"^/.*bad.urdf: "):
             ask()
     (made.folder / "bare.urdf").write_text('<robot name="x"><link name="world"/></robot>')

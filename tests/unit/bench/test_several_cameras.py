@@ -136,7 +136,7 @@ def test_a_dictionary_of_one_camera_is_that_camera():
         )
     )
     assert list(named.cameras) == ["only"] and list(plain.cameras) == ["camera"]
-    for name in ("stamp", "pose", "measured_positions", "commanded", "error"):
+    for name in ("stamp", "pose", "measured_positions", "joint_commands", "error"):
         np.testing.assert_array_equal(getattr(named, name), getattr(plain, name))
 
 

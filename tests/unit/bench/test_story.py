@@ -48,18 +48,18 @@ def story(arm, pinhole):
 
 
 def shape(story, name):
-    found = [entry for entry in story.shapes() if entry.name == name]
+    found = [entry for entry in story.make_shapes() if entry.name == name]
     assert len(found) == 1, name
     return found[0]
 
 
 def test_the_path_begins_where_servoing_begins(story, arm):
-    story.say(replace(SERVOING, phase="approaching"), BENT)
+    story.add_state(replace(SERVOING, phase="approaching"), BENT)
     assert len(story.path) == 0
-    story.say(SERVOING, STRAIGHT)
-    story.say(SERVOING, BENT)
+    story.add_state(SERVOING, STRAIGHT)
+    story.add_state(SERVOING, BENT)
     np.testing.assert_allclose(story.path, [arm.pose(q)[:3, 3] for q in (STRAIGHT, BENT)])
-    ideal = story.ideal()
+    ideal = story.compute_ideal_path()
     np.testing.assert_allclose(ideal[[0, -1]], [story.path[0], story.goal[:3, 3]])
     np.testing.assert_allclose(np.diff(ideal, axis=0), np.diff(ideal, axis=0)[:1].repeat(
         len(ideal) - 1, 0), atol=1e-12)  # fmt: skip
@@ -70,30 +70,30 @@ def test_the_path_begins_where_servoing_begins(story, arm):
     ("converged", True),
 ])  # fmt: skip
 def test_what_ends_a_run_begins_another(story, between, kept):
-    story.joints(STRAIGHT)
-    story.say(SERVOING, STRAIGHT)
+    story.set_joints(STRAIGHT)
+    story.add_state(SERVOING, STRAIGHT)
     story.add_image_point("centre", 0.1, 0.1)
-    story.say(replace(SERVOING, phase=between), STRAIGHT)
-    story.say(SERVOING, BENT)
+    story.add_state(replace(SERVOING, phase=between), STRAIGHT)
+    story.add_state(SERVOING, BENT)
     story.add_image_point("centre", 0.3, 0.1)
     assert len(story.path) == 1 + kept
     assert len(shape(story, "trajectory centre").points) == 2 * kept
 
 
 def test_a_clock_that_goes_back_leaves_nothing_of_the_run(story):
-    story.joints(STRAIGHT)
-    story.say(SERVOING, STRAIGHT)
+    story.set_joints(STRAIGHT)
+    story.add_state(SERVOING, STRAIGHT)
     story.add_image_point("centre", 0.1, 0.1)
     story.clear()
-    assert len(story.path) == len(story.ideal()) == 0
+    assert len(story.path) == len(story.compute_ideal_path()) == 0
     assert story.state.phase == ""
-    assert not [entry for entry in story.shapes() if entry.name.startswith("trajectory")]
+    assert not [entry for entry in story.make_shapes() if entry.name.startswith("trajectory")]
 
 
 def test_arrows_point_where_the_camera_is_to_go(story, arm):
-    story.joints(STRAIGHT)
+    story.set_joints(STRAIGHT)
     twist = (0.05, -0.025, 0.1, 0.0, 0.0, 0.5)
-    story.say(told(asked=twist), STRAIGHT)
+    story.add_state(told(asked=twist), STRAIGHT)
     tail, tip = shape(story, "desired velocity").points
     pose = arm.pose(STRAIGHT)
     np.testing.assert_allclose(tail, pose[:3, 3])
@@ -106,8 +106,8 @@ def test_arrows_point_where_the_camera_is_to_go(story, arm):
 
 
 def test_a_wild_twist_stays_in_the_room(story):
-    story.joints(STRAIGHT)
-    story.say(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
+    story.set_joints(STRAIGHT)
+    story.add_state(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
     arrow = shape(story, "desired velocity")
     assert arrow.kind == ARROW
     assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(MAX_ARROW)
@@ -115,7 +115,7 @@ def test_a_wild_twist_stays_in_the_room(story):
 
 
 def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, arm):
-    story.joints(STRAIGHT)
+    story.set_joints(STRAIGHT)
     story.outline = np.array([[0.1, 0.2], [-0.1, 0.2], [0.0, -0.3]])
     drawn = shape(story, "desired outline")
     assert drawn.kind == STRIP
@@ -131,7 +131,7 @@ def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, a
 
 
 def test_frames_stand_where_the_camera_is_and_where_it_is_to_be(story, arm):
-    story.joints(STRAIGHT)
+    story.set_joints(STRAIGHT)
     for name, pose in (("camera", arm.pose(STRAIGHT)), ("desired", story.goal)):
         for i, axis in enumerate("xyz"):
             origin, tip = shape(story, f"{name} {axis}").points
@@ -144,9 +144,9 @@ def test_points_in_the_picture_leave_trajectories(story):
     names = ("x0", "y0", "x1", "y1", "theta")
     for shift in (0.0, 0.1):
         values = (shift, 0.0, 0.5, shift, 1.0)
-        story.say(told(names=names, error=values), STRAIGHT)
-    story.joints(STRAIGHT)
-    drawn = [s.name for s in story.shapes() if s.name.startswith("trajectory")]
+        story.add_state(told(names=names, error=values), STRAIGHT)
+    story.set_joints(STRAIGHT)
+    drawn = [s.name for s in story.make_shapes() if s.name.startswith("trajectory")]
     assert drawn == ["trajectory point 0", "trajectory point 1"]
     border = compute_image_border(story.camera)
     points = shape(story, "trajectory point 1").points
@@ -167,8 +167,8 @@ def test_border_of_a_fisheye_stays_in_front():
 
 def test_words_say_scheme_phase_reason_error_and_pace(story):
     story.factor = 0.987
-    story.say(replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT)
-    text = "\n".join(story.words())
+    story.add_state(replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT)
+    text = "\n".join(story.make_text_lines())
     for part in ("moments - servoing\njoint limit\n", "J2 stopped", "xn +0.0100", "yn -0.0200",
                  "real-time factor 0.99"):
         assert part in text
@@ -205,17 +205,17 @@ def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monk
 
 def test_words_have_their_units(story):
     names = ("xn", "yn", "an", "alpha")
-    story.say(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
-    assert "xn +0.0100 m\n" in "\n".join(story.words())
-    assert "alpha +0.5000 rad" in story.words()
+    story.add_state(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
+    assert "xn +0.0100 m\n" in "\n".join(story.make_text_lines())
+    assert "alpha +0.5000 rad" in story.make_text_lines()
 
 
 def test_many_errors_and_long_reasons_are_cut(story):
-    assert story.ideal().shape == (0, 3)
+    assert story.compute_ideal_path().shape == (0, 3)
     names = tuple(f"e{i}" for i in range(9))
     reason = " ".join(["first", *["word"] * 40])
-    story.say(told(names=names, error=range(9), scheme="", reason=reason), STRAIGHT)
-    words = story.words()
+    story.add_state(told(names=names, error=range(9), scheme="", reason=reason), STRAIGHT)
+    words = story.make_text_lines()
     assert [line[:2] for line in words if line.startswith("e")] == ["e0", "e1", "e2", "e3", "e4",
                                                                     "e5"]
     assert "and 3 more" in words
@@ -224,20 +224,20 @@ def test_many_errors_and_long_reasons_are_cut(story):
 
 
 def test_six_errors_are_all_read_out(story):
-    story.say(told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT)
-    assert not [line for line in story.words() if line.startswith("and ")]
+    story.add_state(told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT)
+    assert not [line for line in story.make_text_lines() if line.startswith("and ")]
 
 
 def test_words_say_no_minus_zero(story):
-    story.say(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
-    assert "xn +0.0000" in "\n".join(story.words())
+    story.add_state(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
+    assert "xn +0.0000" in "\n".join(story.make_text_lines())
 
 
 def test_what_is_drawn_has_a_legend_in_its_colours(story):
-    story.say(SERVOING, STRAIGHT)
-    story.say(SERVOING, BENT)
-    story.joints(BENT)
-    drawn = {s.name: s for s in story.shapes()}
+    story.add_state(SERVOING, STRAIGHT)
+    story.add_state(SERVOING, BENT)
+    story.set_joints(BENT)
+    drawn = {s.name: s for s in story.make_shapes()}
     legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
     for text, name in (
         ("path", "path"), ("straight to the goal", "ideal path"), ("camera", "camera picture"),

@@ -47,7 +47,7 @@ def story(arm, pinhole):
 
 
 def shapes(story):
-    return {shape.name: shape for shape in story.shapes()}
+    return {shape.name: shape for shape in story.make_shapes()}
 
 
 @pytest.mark.parametrize(("name", "width", "opacity"), DRAWN)

@@ -150,7 +150,7 @@ class Told(Postures):
 
 def of(kind=Postures, **more):
     spec = TargetSpec("square", (0.1, 0.05), (0.0, 0.0, 0.6, 0.0, 0.0, 0.0))
-    given = {"drawn": True, "near": 0.02, **more}
+    given = {"is_visible": True, "near": 0.02, **more}
     return kind("urdf", ("search",), "eye", "", spec, **given)
 
 
@@ -178,7 +178,7 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
     posed = SimpleNamespace(compute_occlusion=lambda *given: asked.append(given) or posed.part,
                             find_collision=lambda joints: asked.append(joints) or "it")
     monkeypatch.setattr(postures, "_make_static_arm", lambda given: posed)
-    found = of(solid=True)
+    found = of(is_solid=True)
     for part, counts in ((0.0099, 0.0), (0.01, 0.01), (0.8, 0.8)):
         posed.part = part
         assert found.compute_occlusion((part, 0.2), 0.5) == counts
@@ -191,7 +191,7 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
     np.testing.assert_array_equal(pose, 0.8 * np.eye(4))
     np.testing.assert_allclose(place, matrix_from_xyz_rpy((0, 0, 0.6), (0, 0, 0)))
     assert found.find_collision((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
-    assert of(solid=False).find_collision((0.3, 0.4)) == ""
+    assert of(is_solid=False).find_collision((0.3, 0.4)) == ""
     monkeypatch.setattr(postures, "_make_static_arm", lambda given: None)
     assert found.compute_occlusion((0.7, 0.7)) == 0.0 and found.find_collision((0.7, 0.7)) == ""
 
@@ -238,11 +238,11 @@ def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypat
             raise UnreachableError("too far", 0.25)
         return np.array([0.5, 0.6])
 
-    arm = SimpleNamespace(names=("a", "b"), inverse=solve)
+    arm = SimpleNamespace(names=("a", "b"), inverse_kinematics=solve)
     monkeypatch.setattr(postures, "read_arm", lambda *given: arm)
     pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
     for drawn, solid, weighs in ((True, False, True), (False, True, True), (False, False, False)):
-        found = of(is_visible=drawn, solid=solid, world=f"{drawn}{solid}")
+        found = of(is_visible=drawn, is_solid=solid, world=f"{drawn}{solid}")
         for _ in range(2):
             np.testing.assert_array_equal(found.find_joints(pose), [0.5, 0.6])
         np.testing.assert_array_equal(asked[-1][0], pose)

@@ -57,7 +57,7 @@ def asked(monkeypatch):
 
 def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path, capsys):
     asked(results.tables, "make_table", "rows")
-    asked(results.tables, "written", "a b\n")
+    asked(results.tables, "format_table", "a b\n")
     words = ["table", "x", "y", "--by", "p, q,", "--metrics", "m"]
     assert main([*words, "--format", "tex"]) == 0
     assert asked.found == [("tabulated", ["<x>", "<y>"], ["p", "q"], ["m"]),
@@ -83,7 +83,7 @@ def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
 
 def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
     asked(results.compare, "find_differences", "found")
-    asked(results.compare, "told", "so and so")
+    asked(results.compare, "describe_differences", "so and so")
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
     assert asked.found == [
@@ -133,7 +133,7 @@ def test_a_protocol_is_carried_out_in_part(asked, study, tmp_path, capsys, monke
 def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, study, tmp_path,
                                                                         capsys):
     asked(dataset.images, "check_room", "takes 3 MB")
-    asked(dataset, "kept_runs", 2)
+    asked(dataset, "count_stored_runs", 2)
     out = tmp_path / "out"
     words = ["dataset", str(study), "repeats=3", "--out", str(out)]
     for more, pictures, depth in (([], "all", False), (["--views"], "first", False),

@@ -76,7 +76,7 @@ def test_corners_that_are_larger_than_what_is_drawn_are_refused(asked):
 
 
 @pytest.mark.parametrize(("link", "why"), [
-    ("crat", "shows no link 'crat': did you mean 'crate'"),
+    ("crat", "has no link 'crat' with visuals: did you mean 'crate'"),
     ("forearm", "a joint of the robot moves 'forearm'"),
 ])  # fmt: skip
 def test_a_link_that_cannot_be_is_refused(asked, link, why):

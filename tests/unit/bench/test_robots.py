@@ -291,7 +291,7 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
         PackagePath([tmp_path / "a"]).find("none")
     assert str(told.value) == (
         f"package 'none' is not in {tmp_path / 'a'}, {packages._SOURCES} nor in ROS_PACKAGE_PATH: "
-        "name its folder in robot.search")
+        "add its folder to robot.search")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert PackagePath(["~/a"]).find("mine") == str(own)
 

@@ -92,10 +92,10 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.04, -0.025, 0.02), (0.04, 0.025, 0.08)], atol=1e-9)
     for name, wanted, why in (
-            ("crat", "", f"no model 'crat' stands in world '{world}': did you mean 'crate'"),
-            ("crate", "hid", "model 'crate' shows no link 'hid': "),
-            ("pair", "", "model 'pair' has 2 links that are seen: name one of a, b"),
-            ("bare", "", "model 'bare' has 0 links that are seen: name one of none")):
+            ("crat", "", f"there is no model 'crat' in world '{world}': did you mean 'crate'"),
+            ("crate", "hid", "model 'crate' has no link 'hid' with visuals: "),
+            ("pair", "", "model 'pair' has 2 links with visuals: set it to one of a, b"),
+            ("bare", "", "model 'bare' has 0 links with visuals: set it to one of none")):
         with pytest.raises(ExperimentError, match=why):
             find_world_link(world, PACKAGES, name, wanted)
     made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
@@ -125,7 +125,7 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
     for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': where the arm "),
-                      ("pst", "^target.link: model 'r' shows no link 'pst': did you mean 'post'")):
+                      ("pst", "^target.link: model 'r' has no link 'pst' with visuals: did you mean 'post'")):
         with pytest.raises(ExperimentError, match=why):
             asked(link)
     (tmp_path / "r.urdf").write_text(ARM.replace('type="revolute"', 'type="none"'))

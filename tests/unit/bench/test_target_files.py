@@ -144,8 +144,8 @@ def test_the_arm_servoes_on_a_target_that_was_put_there():
     ("changes", "told"),
     [
         ({"shape": "four_dots"}, "its top is at z = 0.59"),
-        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "lies still where that has it"),
-        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the table's"),
+        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "is fixed at the pose given there"),
+        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
     ],
 )

@@ -205,7 +205,7 @@ def test_pictures_are_drawn_in_every_format(tmp_path):
     names = {path.name for path in written}
     assert {"success.png", "distributions.svg", "boxes.pdf", "sensitivity.png"} <= names
     assert all(path.stat().st_size > 1000 for path in written)
-    with pytest.raises(StudyError, match="no format 'gif'"):
+    with pytest.raises(StudyError, match="unknown format 'gif'"):
         study_figures.write_figures([results], tmp_path, ("gif",))
 
 
@@ -481,7 +481,7 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
         (["table", str(tmp_path)], "holds no study"),
         (["table", str(out), "--by", "gian"], "no column 'gian': did you mean 'gain'"),
         (["table", str(out), "--metrics", "setled"], "no metric 'setled'"),
-        (["table", str(out), "--format", "html"], "no format 'html'"),
+        (["table", str(out), "--format", "html"], "unknown format 'html'"),
         (["show", str(out), "99"], "no run 99"),
         (["run", str(file), "--out", str(tmp_path / "x"), "--in-process", "--scheduler", "tcp://x:1"],
          "say one of"),

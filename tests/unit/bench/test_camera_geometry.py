@@ -264,7 +264,7 @@ def eye(name, rate, delay=0.0):
     (eye("a", 32.0), eye("b", 8.0, 0.2499), None),
     (eye("a", 8.0, 0.3), eye("b", 16.0), None),
     (eye("a", 8.0, 0.5), eye("b", 16.0), "images of cameras 'b' and 'a' are never available "
-     "together: those of 'a' arrive 0.5 s later, and of 'b' only the last 8 images \\(0.5 s\\) are "
+     "together: those of 'a' arrive 0.5 s later, and of 'b' only the last 8 images (0.5 s) are "
      "stored: give the cameras delays that differ by less, or 'b' a lower rate"),
     (eye("a", 16.0), eye("b", 16.0, 0.5), "images of cameras 'a' and 'b' are never available "
      "together: those of 'b' arrive 0.5 s later"),

@@ -307,7 +307,7 @@ def test_a_flight_that_measures_nothing_any_more_has_lost_its_target():
 
 def test_controllers_of_joints_have_none(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "docs" / "examples"))
-    with pytest.raises(ExperimentError, match="answers joints"):
+    with pytest.raises(ExperimentError, match="commands joints"):
         l_shape = {"shape": (*SQUARE[:3], (0.0, 0.0))}
         run(FLIGHT.with_changes(scheme="second_order:SecondOrder", target=l_shape))
 

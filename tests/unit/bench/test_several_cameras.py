@@ -282,7 +282,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
     [
         ({"scheme": "points@rihgt"}, "reads the camera 'rihgt': did you mean 'right'"),
         ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
-         "camera 'left' sees the target and it is not in view of camera 'right': their views do "
+         "camera 'left' sees the target, but it is not in view of camera 'right': their views do "
          "not overlap there: turn or move camera 'right'"),
         ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
          "the target is not in view of camera 'left'"),
@@ -303,10 +303,10 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
         ({"cameras": two(right={"pose": [0.0] * 6})}, "a pose in the world, or xyz and rpy in the"),
         ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no valid name"),
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
-         "camera 'wall' stands in the world, and the arm moves nothing that it sees"),
+         "camera 'wall' is fixed in the world, and the arm does not move its target"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
          "camera 'wall' stands still, and so does what it sees"),
-        ({"scheme": "kernel@left+points@right"}, "looks at pictures, and there are none"),
+        ({"scheme": "kernel@left+points@right"}, "needs images: set features"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_the_first_run(changes, words):

@@ -156,7 +156,7 @@ def test_what_cannot_lie_on_the_table_is_told(changes, told):
 
 def test_a_target_without_a_picture_cannot_be_perturbed():
     spec = TargetSpec("square", (0.1, 0.1), tuple(PLACE))
-    with pytest.raises(ExperimentError, match="no picture that could be perturbed"):
+    with pytest.raises(ExperimentError, match="no texture that could be perturbed"):
         write_description(spec, 3)
     poster = replace(spec, shape="poster")
     one, other = (

@@ -198,8 +198,8 @@ class Experiment(KeywordSettings):
             require(
                 self.target.occluder is None
                 or not (self.target.is_in_description or self.target.shape == "aras"),
-                "target.occluder is not available for the target in the Bullet arm's robot "
-                "description: set another target.shape, such as square",
+                "target.occluder is not available for 'aras' and targets in the robot description: "
+                "set another target.shape, such as square",
             )
             require(
                 self.target.is_in_description

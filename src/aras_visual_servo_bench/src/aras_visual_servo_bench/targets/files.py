@@ -144,7 +144,7 @@ def write_description(spec: TargetSpec, perturbation_seed: int | None = None) ->
     if perturbation_seed is not None:
         require(
             target.is_textured,
-            f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
+            f"target '{spec.shape}' has no texture that could be perturbed: use poster or a PNG",
         )
         target = target.perturb(perturbation_seed)
     always = spec.occluder if spec.occluded is None else None

@@ -151,7 +151,7 @@ def test_joints_that_run_into_something_are_said_and_the_advice_names_it(clear, 
     assert said in note and "at the goal" in note
     assert all(note in caplog.messages for note in result.notes)
     assert result.outcome == "joints_do_not_follow"
-    assert f"has run into '{other}'" in result.reason and other in result.remedy
+    assert f"is in collision with '{other}'" in result.reason and other in result.remedy
 
 
 @pytest.mark.parametrize("clear", ["elbow"], indirect=True)

@@ -231,7 +231,7 @@ def test_a_free_body_answers_what_an_arm_does():
 def test_what_a_plant_cannot_take_is_said_with_numbers(arm, sight):
     chain = KinematicArm(arm, START, sight)
     for kind, values, why in (
-            ("effort", START, "this plant takes position or velocity commands, not effort"),
+            ("effort", START, "this plant accepts position or velocity commands, not effort"),
             ("position", START[:5], "a command of 6 finite numbers is needed, got "),
             ("velocity", np.full(6, np.inf), "a command of 6 finite numbers is needed, got ")):
         with pytest.raises(ExperimentError) as told:

@@ -455,7 +455,7 @@ def test_headers_say_settings_in_plain_words_with_units(points):
     told = describe_settings(asked)
     assert told["start"] == "random, camera 0.15 to 0.5 m above the target and up to 0.1 m to " \
         "the side, rotated by up to 30°"  # fmt: skip
-    assert told["camera"] == "settings of its own" and told["target"] == "polygon of 3 corners"
+    assert told["camera"] == "own settings" and told["target"] == "polygon of 3 corners"
     joints = describe_settings(asked.with_changes(start=[0.1, -0.2]))["start"]
     assert joints == "joints 0.1 -0.2"
     for kind in ("turned", "back", "plane", "looking"):

@@ -381,7 +381,7 @@ def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
 @pytest.mark.parametrize(
     ("given", "told"),
     [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
-     ("{}/text.png", "no picture that can be read"), ("{}/a.svg", "holds no outline"),
+     ("{}/text.png", "no readable image"), ("{}/a.svg", "has no outline"),
      ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
 def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):

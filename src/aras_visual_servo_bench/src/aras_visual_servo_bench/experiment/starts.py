@@ -40,7 +40,10 @@ class Sampler:
     def __post_init__(self) -> None:
         check(self, ExperimentError, "start")
         low, high = self.height
-        require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
+        require(
+            0.0 < low <= high,
+            f"start.height is {low:g} to {high:g} m, must be 0 < minimum <= maximum",
+        )
 
     def __str__(self) -> str:
         low, high = self.height

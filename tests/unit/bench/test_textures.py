@@ -525,10 +525,10 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
     [
         ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is unknown"),
         ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 2'/></svg>", "outline: numbers are missing"),
-        ("a.svg", "<svg><path/></svg>", "wrong outline"),
+        ("a.svg", "<svg><path/></svg>", "invalid outline"),
         ("a.svg", "<svg><rect width='1e400' height='2'/></svg>", "has no area"),
-        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "holds 2 outlines"),
-        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "holds 2 outlines, .* leave one"),
+        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "has 2 outlines"),
+        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "has 2 outlines, .* keep only one"),
         ("a.svg", "<svg><polygon points='0,0 1e400,0 4,4'/></svg>", "has no area"),
         ("a.svg", "<html/>", "is no SVG: its root"),
         ("a.svg", "<svg><text>hm</text></svg>", "has no outline"),

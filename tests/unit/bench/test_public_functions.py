@@ -44,7 +44,7 @@ def test_a_study_that_is_done_is_read_and_another_is_refused(folder: Path) -> No
     again = run_study(Study.from_mapping(STUDY), folder)
     assert again.table.num_rows == 4
     assert parts == {path: path.stat().st_mtime_ns for path in (folder / "parts").iterdir()}
-    with pytest.raises(BenchError, match="holds another study: repeats was 2, is 3"):
+    with pytest.raises(BenchError, match="has another study: repeats was 2, is 3"):
         run_study({**STUDY, "repeats": 3}, folder)
     with pytest.raises(BenchError, match="did you mean 'repeats'"):
         run_study({**STUDY, "repeat": 3}, folder)

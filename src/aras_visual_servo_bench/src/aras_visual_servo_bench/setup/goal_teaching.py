@@ -104,7 +104,7 @@ def needs_images(context: SetupContext) -> bool:
 
 def show_goal(
     context: SetupContext, pose: np.ndarray, name: str, joints: np.ndarray | None,
-    postures: Postures | None, arm: Arm | FreeBody, believed: Arm | FreeBody,
+    postures: Postures | None, arm: Arm | FreeBody, calibrated_arm: Arm | FreeBody,
     others: Mapping[str, CameraKinematics | FreeBody],
 ) -> Goal:
     """Teach a goal at a camera pose, with rendered images if the features need them.
@@ -113,7 +113,8 @@ def show_goal(
         pose: world_T_camera (4, 4) of the true control camera.
         name: of the goal.
         joints: (n,) of the arm at the goal; None: not known. postures: of the arm, if any.
-        arm: true kinematics of the control camera. believed: with the controller's calibration.
+        arm: true kinematics of the control camera.
+        calibrated_arm: kinematics with the controller's camera calibration.
         others: calibrated kinematics of the other cameras, by name.
 
     Raises:
@@ -129,8 +130,8 @@ def show_goal(
         )
     positions = {} if joints is None else dict(zip(arm.names, joints.tolist(), strict=True))
     rest, mountings = np.zeros(len(arm.names)), {control: np.eye(4)}
-    if believed is not arm:
-        mountings[control] = inverse(arm.pose(rest)) @ believed.pose(rest)
+    if calibrated_arm is not arm:
+        mountings[control] = inverse(arm.pose(rest)) @ calibrated_arm.pose(rest)
     for camera, other in others.items():
         mountings[camera] = relative_pose(
             context.compute_camera_pose(camera, arm.pose(rest)), other.pose(rest)

@@ -89,7 +89,7 @@ def check_images(study: Study) -> None:
     """
     if study.pictures == "none":
         if study.depth:
-            raise StudyError("depth needs pictures: set pictures: all, or pictures: first")
+            raise StudyError("depth needs pictures: set pictures: all, or first")
         return
     names = _find_cameras(study)
     for trial in study.make_trials():

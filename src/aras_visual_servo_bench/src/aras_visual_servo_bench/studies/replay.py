@@ -108,5 +108,5 @@ def _read_stored_row(folder: StudyFolder, run: int) -> dict[str, Any]:
     if not folder.find_part(run // folder.study.chunk_size).exists():
         return {}
     table = folder.read_results()
-    (stored, *_) = table.filter(np.array(table["run"]) == run).to_pylist()
+    stored = table.filter(np.array(table["run"]) == run).to_pylist()[0]
     return {k: v for k, v in stored.items() if k not in (*rows.LABEL_COLUMNS, "simulated", "seed")}

@@ -63,6 +63,7 @@ def parameter(
     most: float | None = None,
     below: float | None = None,
     choices: Iterable[str] = (),
+    renamed: Mapping[str, str] = types.MappingProxyType({}),
     expected: str = "",
     name: bool = False,
     splits_words: bool = False,
@@ -79,6 +80,7 @@ def parameter(
         unit: for messages and tables: 'm', '1/s'.
         least, above, most, below: bounds of a number, and of each in a list or mapping.
         choices: the texts that there are.
+        renamed: new names of choices by their old names, for the error message.
         wanted: what to say instead of the annotation's words.
         name: a whole number stands for its digits: roslaunch makes one of start:=2016.
         words: a text stands for the list of its words.
@@ -90,7 +92,7 @@ def parameter(
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
-        "choices": tuple(choices), "expected": expected, "name": name, "splits_words": splits_words,
+        "choices": tuple(choices), "renamed": dict(renamed), "expected": expected, "name": name, "splits_words": splits_words,
         "infinite": infinite, "internal": internal, "shorthand": shorthand,
         "importable": importable, "help": help,
     }  # fmt: skip
@@ -144,7 +146,8 @@ def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str
     known, hints, found = _list_fields(cls), list_annotations(cls), {}
     for key, value in values.items():
         if key not in known:
-            raise fault(describe_unknown_key(where, key, known))
+            renamed = getattr(cls, "renamed_keys", {})
+            raise fault(describe_unknown_key(where, key, known, renamed))
         found[key] = convert(value, hints[key], join_path(where, key), fault, known[key].metadata)
     return found
 
@@ -175,10 +178,20 @@ def read(
     return default
 
 
-def describe_unknown_key(where: str, key: Any, known_keys: Iterable[str]) -> str:
-    """What to say of a key that there is not."""
+def describe_unknown_key(
+    where: str,
+    key: Any,
+    known_keys: Iterable[str],
+    renamed: Mapping[str, str] = types.MappingProxyType({}),
+) -> str:
+    """Return the message for an unknown key: its new name after a renaming, or a similar key.
+
+    renamed: new names by old name; a settings class declares them as `renamed_keys`.
+    """
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
+    if key in renamed:
+        return f"{head}{colon}{kind} is now called '{renamed[key]}'"
     return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
 
 
@@ -391,7 +404,8 @@ class KeywordSettings:
             )
         for key in named:
             if key not in known:
-                raise cls.fault(describe_unknown_key("", key, known))
+                renamed = getattr(cls, "renamed_keys", {})
+                raise cls.fault(describe_unknown_key("", key, known, renamed))
         return super().__new__(cls)
 
 

@@ -145,6 +145,8 @@ class CameraSpec:
         and camera are then in this link's frame; '': robot.target_frame.
     """
 
+    renamed_keys = {"believed": "calibration_offset"}
+
     model: str | Mapping[str, Any] = parameter(DEFAULT_PRESET, shorthand=True)
     rate: float | None = parameter(None, "1/s", above=0.0)
     xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")

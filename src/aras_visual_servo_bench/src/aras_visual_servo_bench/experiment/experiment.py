@@ -26,6 +26,12 @@ PLANTS = ("bullet", "chain", "free", "ideal")
 FREE_CAMERA_PLANTS = ("free", "ideal")
 FEATURES = ("auto", "images", "exact")
 COMMANDS = ("joint_states", "images")
+# Keys and values of earlier versions, with their new names, for the error messages.
+RENAMED_KEYS = {
+    "believed": "calibration_offset", "linger": "time_after_convergence",
+    "options": "controller_parameters", "traced": "record_peak_speeds",
+}  # fmt: skip
+RENAMED_FEATURES = {"pictures": "images"}
 # Controller parameters that are keys of the experiment itself.
 SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
 CLASS_HINT = "a name, a class, or 'package.module:Class'"
@@ -132,6 +138,7 @@ class Experiment(KeywordSettings):
     """
 
     fault = ExperimentError
+    renamed_keys = RENAMED_KEYS
 
     plant: str = parameter("bullet", choices=PLANTS)
     ideal: IdealSpec = IdealSpec()
@@ -149,7 +156,7 @@ class Experiment(KeywordSettings):
     hand_eye: HandEyeSpec | None = None
     calibration_offset: CalibrationOffset = CalibrationOffset()
     cameras: Mapping[str, CameraSpec] = parameter({})
-    features: str = parameter("auto", choices=FEATURES)
+    features: str = parameter("auto", choices=FEATURES, renamed=RENAMED_FEATURES)
     noise: float = parameter(0.0, "grey levels", least=0.0)
     jitter: float = parameter(0.0, "px", least=0.0)
     delay: float = parameter(0.015, "s", least=0.0, most=MAX_DELAY)

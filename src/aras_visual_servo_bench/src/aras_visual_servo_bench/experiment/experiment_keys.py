@@ -51,6 +51,10 @@ def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
         known = [f for kind in kinds for f in dataclasses.fields(kind)]
         found = [f for f in known if f.name == part]
         if not found:
+            renamed = {old: new for kind in kinds
+                       for old, new in getattr(kind, "renamed_keys", {}).items()}  # fmt: skip
+            if part in renamed:
+                raise StudyError(f"key '{so_far}{part}' is now called '{so_far}{renamed[part]}'")
             near = suggest(part, [f.name for f in known]).replace("'", "")
             remedy = near.replace("did you mean ", f"did you mean {so_far}")
             raise StudyError(f"an experiment has no '{key}': {remedy}")

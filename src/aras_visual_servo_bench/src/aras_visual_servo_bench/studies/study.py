@@ -22,7 +22,7 @@ from aras_visual_servo_base.settings import KeywordSettings, build, check, conve
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import ExperimentError, StudyError
-from ..experiment.experiment import Experiment
+from ..experiment.experiment import RENAMED_KEYS, Experiment
 from ..experiment.experiment_keys import check_key
 from ..experiment.overrides import with_override, with_overrides
 from ..metrics import metrics as known_metrics
@@ -123,6 +123,9 @@ class Study(KeywordSettings):
             object.__setattr__(self, "experiment", content)
         if "seed" in self.experiment:
             raise StudyError("seed belongs to the study, not to its experiment: every run has one")
+        for key in RENAMED_KEYS:
+            if key in self.experiment:
+                check_key(key)
         for key in self.keys:
             if key not in self.case_axes:
                 check_key(key)

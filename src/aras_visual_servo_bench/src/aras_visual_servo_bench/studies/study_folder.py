@@ -103,6 +103,11 @@ class StudyFolder:
             study = Study.from_mapping(manifest["study"])
         except OSError as error:
             raise StudyError(f"{path} has no study: {MANIFEST}: {error.strerror}") from None
+        except StudyError as error:
+            raise StudyError(
+                f"{path} has a study that this version cannot read: {error}; correct its study.yaml "
+                "and run it again in a new folder"
+            ) from None
         except (ValueError, KeyError, TypeError, RecursionError):
             raise StudyError(
                 f"{path / MANIFEST} is damaged: run the study again in a new folder"

@@ -46,6 +46,11 @@ USED_FIELDS = {
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip
+# Old names of fields in messages of earlier versions.
+OLD_FIELDS = {
+    "remedy": "mend", "desired_twist": "asked", "achieved_twist": "achieved",
+    "infeasible_twist": "lost", "computation_time": "computing",
+}  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
 # ns by which stamps may be out of order without a clock that was put back
 CLOCK_TOLERANCE_NS = 500_000_000
@@ -218,6 +223,10 @@ class BagReader(GraphRecording):
         if not missing:
             return True
         without = f"{topic} is of another version of {name}, without {', '.join(missing)}"
+        renamed = [f"{OLD_FIELDS[field]} is now called {field}" for field in missing
+                   if OLD_FIELDS.get(field) in kind.__slots__]  # fmt: skip
+        if renamed:
+            without += f" ({', '.join(renamed)})"
         if name == STATE:
             raise BenchError(f"{self.path}: {without}; report on it with the version of this "
                              "software that recorded it")  # fmt: skip

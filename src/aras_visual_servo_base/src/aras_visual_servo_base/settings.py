@@ -92,7 +92,8 @@ def parameter(
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
-        "choices": tuple(choices), "renamed": dict(renamed), "expected": expected, "name": name, "splits_words": splits_words,
+        "choices": tuple(choices), "renamed": dict(renamed), "expected": expected, "name": name,
+        "splits_words": splits_words,
         "infinite": infinite, "internal": internal, "shorthand": shorthand,
         "importable": importable, "help": help,
     }  # fmt: skip

@@ -146,7 +146,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch, address):
     ("class: distributed.LocalClutser\n", "no attribute|cannot import"),
     ("clas: x\n", "names no cluster"),
     ("class: x.Y\nworker: 3\n", "unknown key 'worker': did you mean 'workers'"),
-    ("class: x.Y\nworkers: [3]\n", "workers is .3., must be a number, or .least, most."),
+    ("class: x.Y\nworkers: [3]\n", "workers is .3., must be a number, or .minimum, maximum."),
     ("class: x.Y\nworkers: [3, 1]\n", "workers is .3, 1., must be"),
     ("class: x.Y\nworkers: many\n", "workers is 'many', must be"),
 ])  # fmt: skip

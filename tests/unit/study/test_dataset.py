@@ -197,7 +197,7 @@ def test_each_camera_has_columns_of_its_own():
 @pytest.mark.parametrize(("place", "frame", "row"), [
     ({}, "the first camera's frame", "1, 0, 0, -0.01, 0, 1, 0, 0.02, 0, 0, 1, -0.05"),
     ({"pose": [0.1, 0.2, 0.6, 3.141592653589793, 0.0, 0.0]},
-     "the frame in which the first camera's target stands", "1, 0, 0, 0.1, 0, -1, "),
+     "the frame of the first camera's target (world or link)", "1, 0, 0, 0.1, 0, -1, "),
 ])  # fmt: skip
 def test_the_card_says_of_each_camera_what_it_is_and_where(
     tmp_path, monkeypatch, place, frame, row
@@ -247,7 +247,7 @@ def test_first_keeps_a_view_of_each_start():
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "free"}}, "features: images"),
     ({"pictures": "none", "depth": True}, "pictures: all, or first"),
-    ({"pictures": "some"}, "images"),
+    ({"pictures": "some"}, "known are none, first, all"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
      "left, right in one, right in another"),
 ])  # fmt: skip

@@ -332,7 +332,7 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
     made.check_code()
     there = {**made.manifest["versions"], "numpy": "1.0"}
     monkeypatch.setattr(study_folder.versions, "read_versions", lambda: there)
-    with pytest.raises(StudyError, match="begun with other code .numpy 1.0 here and"):
+    with pytest.raises(StudyError, match="started with other code .numpy 1.0 here and"):
         made.check_code()
     with pytest.raises(StudyError, match="another version: numpy"):
         engine.carry_out(made, InProcessPool(), quiet(tiny()))
@@ -350,7 +350,7 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     made = StudyFolder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
     made.check_code()
     mine.write_text(mine.read_text().replace("1.0", "2.0"))
-    with pytest.raises(StudyError, match="begun with other code .my_own_metrics [0-9a-f]{16} here"):
+    with pytest.raises(StudyError, match="started with other code .my_own_metrics [0-9a-f]{16} here"):
         StudyFolder.open(tmp_path / "out").check_code()
     known = tuple(made.manifest["versions"].items())
     task = work.StudyTask(json.dumps(made.study.to_mapping()), 0, versions=known)

@@ -177,7 +177,7 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     for shown in (sure, found):
         *lines, last = compare.describe_differences(found, shown is found).splitlines()
         assert [line.split()[:2] for line in lines] == [[d.verdict, d.metric] for d in shown]
-        assert last.startswith("2 of 4 comparisons")
+        assert last.startswith("2 of 4 differences")
     prompt, late = made([1] * 40, times, delay=0.0), made([1] * 40, faster, "two", delay=0.1)
     assert all(d.comparison.paired and d.comparison.count == 20
                for d in compare.find_differences(prompt, late, by=["gain"]))
@@ -360,7 +360,7 @@ def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
     with pytest.raises(StudyError, match="a study with cases cannot be tuned"):
         searched(cases=[{"delay": 0.0}, {"delay": 0.1}])
     for needed in (-0.1, 1.1):
-        with pytest.raises(StudyError, match=f"must succeed is {needed:g}, must be from 0 to 1"):
+        with pytest.raises(StudyError, match=f"minimum success rate is {needed:g}, must be from 0 to 1"):
             searched(needed=needed)
 
 

@@ -187,7 +187,7 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, "1 to 1, must be low < high"),
     ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must be 0 < low < high"),
     ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown 'unifrom': did you mean 'uniform'"),
-    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "1 is no count"),
+    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "count is 1, must be from 2"),
     ({"vary": {"gain": {"log": [0.0, 2.0, 3]}}}, "above 0"),
     ({"vary": {"gain": {"integers": [1.5, 3]}}}, "whole numbers"),
     ({"vary": {"gain": {"choice": []}}}, "must be a list of values"),

@@ -78,7 +78,7 @@ def test_an_experiment_is_loaded_by_its_file(tmp_path: Path) -> None:
     found, same = load_run(file), run_with_images({**QUICK, "gain": 2.0}, "one")
     assert found.name == same.name == "one"
     assert np.array_equal(found.error, same.error, equal_nan=True)
-    for wrong, said in (("two.yaml", "there is no file"), ("", "holds no run.bag")):
+    for wrong, said in (("two.yaml", "there is no file"), ("", "has no run.bag")):
         with pytest.raises(BenchError, match=said):
             load_run(tmp_path / wrong)
 

@@ -64,7 +64,7 @@ def _find_file(path: Path) -> Path:
         bags = [path / name for name in ("run.bag", "run.bag.active") if (path / name).is_file()]
         if not bags:
             raise BenchError(
-                f"{path} holds no run.bag; a study's run is named as {path}:NUMBER"
+                f"{path} has no run.bag; for a run of a study give {path}:NUMBER"
             )
         path = bags[0]
     active = path.with_name(path.name + ".active")  # left by a recorder that was killed

@@ -130,8 +130,8 @@ class Experiment(KeywordSettings):
     controller_parameters: further parameters of the controller node, by name.
     duration: run time after the first image, s. time_after_convergence: time for which the run
         continues after it has converged, s; None: until `duration` is over.
-    reached: distances (m, rad) within which the goal counts as reached; None: 0.15 % of the
-        target's depth at the goal and 0.3 degrees, the accuracy that 'converged' stands for.
+    reached: distance (m) and angle (rad) within which the goal counts as reached; None: 0.15 % of
+        the target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
     seed: seed of all random numbers. renderer: accepted for compatibility; all names select the
         same renderer.
     record_peak_speeds: record each joint's peak speed over the physics steps (bullet).

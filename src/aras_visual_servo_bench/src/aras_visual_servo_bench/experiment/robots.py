@@ -143,7 +143,10 @@ class Robot:
             self.urdf = with_target(self.urdf, name, target, spec.urdf)
         tree = read_yaml(self.packages.resolve(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
-            raise ExperimentError(f"{spec.config} holds no controllers")
+            raise ExperimentError(
+                f"{spec.config} has no controllers: set robot.config to the YAML file of this "
+                "robot's controllers"
+            )
         for part in filter(None, spec.namespace.split("/")):
             tree = tree.get(part, tree)
         self.parameters: dict[str, Any] = dict(tree)

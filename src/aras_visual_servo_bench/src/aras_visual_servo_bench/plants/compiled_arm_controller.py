@@ -71,8 +71,9 @@ class CompiledArmController:
         self, count: int, time_ns: int, step_ns: int, loops: np.ndarray, handles: np.ndarray,
         drives: np.ndarray, *physics: np.ndarray | float,
     ) -> tuple[int, int, int]:
-        """Run up to `count` cycles with the loop's updates; arguments and result as of
-        `cycle.run_cycles`.
+        """Run up to `count` control cycles, with the loop's updates at the joint states.
+
+        Arguments and result are those of `cycle.run_cycles`.
         """
         ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._joints)
         due = self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns)

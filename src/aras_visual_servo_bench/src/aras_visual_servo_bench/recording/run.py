@@ -52,7 +52,7 @@ class Verdict:
         Args:
             depth: of the target at the goal, m.
             tolerance: distance (m) and angle (rad) within which the goal is reached; None: the
-                accuracy that the outcome 'converged' stands for, proportional to the depth.
+                accuracy of the outcome 'converged', whose distance is proportional to the depth.
         """
         distance, angle = pose_difference(goal, pose)
         limits = (

@@ -183,21 +183,23 @@ def read_goal(context: SetupContext) -> GoalLocation:
     Raises:
         ExperimentError: the goal file gives neither.
     """
-    given, arm = context.experiment.goal, context.arm
-    if isinstance(given, CameraPose):
-        return GoalLocation(matrix_from_xyz_rpy(given.pose[:3], given.pose[3:]), {})
-    if not isinstance(given, str):
+    setting, arm = context.experiment.goal, context.arm
+    if isinstance(setting, CameraPose):
+        return GoalLocation(matrix_from_xyz_rpy(setting.pose[:3], setting.pose[3:]), {})
+    if not isinstance(setting, str):
         joints = _read_goal_joints(context)
-        named = dict(zip(arm.names, joints.tolist(), strict=True))
-        return GoalLocation(arm.pose(joints), {} if context.has_free_camera else named)
-    goal = here = load_named_goal(context.experiment, context.settings)
+        positions = dict(zip(arm.names, joints.tolist(), strict=True))
+        return GoalLocation(arm.pose(joints), {} if context.has_free_camera else positions)
+    goal = completed = load_named_goal(context.experiment, context.settings)
     if not context.has_free_camera or goal.world_T_camera is None:
-        here = goal.for_arm(arm)
-    if here.world_T_camera is None:
-        raise ExperimentError(f"the goal {goal.name} has neither joints nor camera_pose")
+        completed = goal.for_arm(arm)
+    if completed.world_T_camera is None:
+        raise ExperimentError(
+            f"the goal {goal.name} has neither joints nor camera_pose: add one of them to its file"
+        )
     if context.has_free_camera:
-        goal = here = replace(here, joints={})
-    return GoalLocation(np.array(here.world_T_camera), here.joints, goal)
+        goal = completed = replace(completed, joints={})
+    return GoalLocation(np.array(completed.world_T_camera), completed.joints, goal)
 
 
 def _read_goal_joints(context: SetupContext) -> np.ndarray:
@@ -303,11 +305,11 @@ def make_goal(
         arm: true kinematics of the control camera. calibrated_arm: with the controller's
             calibration. calibrated_others: likewise of the other cameras, by name.
     """
-    control, named = context.control_camera.name, location.loaded_goal
+    control, loaded = context.control_camera.name, location.loaded_goal
     goal = (
         None
-        if named is None
-        else compute_goal(context, named, {control: calibrated_arm, **calibrated_others})
+        if loaded is None
+        else compute_goal(context, loaded, {control: calibrated_arm, **calibrated_others})
     )
     if goal is not None:
         if calibrated_others:
@@ -317,8 +319,10 @@ def make_goal(
         return with_calibrated_depths(context, goal), goal.world_T_camera
     from .goal_teaching import show_goal
 
-    goal = show_goal(context, location.pose, named.name if named is not None else "goal", joints,
-                     postures, arm, calibrated_arm, calibrated_others)  # fmt: skip
+    name = "goal" if loaded is None else loaded.name
+    goal = show_goal(
+        context, location.pose, name, joints, postures, arm, calibrated_arm, calibrated_others
+    )
     return with_calibrated_depths(context, goal), location.pose
 
 

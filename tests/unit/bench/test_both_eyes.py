@@ -175,7 +175,7 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
 @pytest.mark.parametrize(
     ("left", "changes", "words"),
     [
-        ({"target": None}, {}, "cameras.left.target_frame is the link that carries the camera's own"),
+        ({"target": None}, {}, "cameras.left.target_frame is the link that carries the"),
         ({"target_frame": "hnd", "target": PLATE}, {}, "did you mean 'hand'"),
         ({"target": {**PLATE, "motion": {"velocity": [0.1] + [0.0] * 5}}}, {},
          "its link moves it"),

@@ -113,7 +113,7 @@ def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
         ({"cases": {"start": [{"name": "a", "set": {"start": {"kind": "turnd"}}}]}}, "turned"),
         ({"cases": {"start": [{"name": "a"}, {"name": "a"}]}}, "two cases are named 'a'"),
         ({"cases": {"start": []}}, "cases.start: it has no case"),
-        ({"cases": {"start": [{"name": "a", "cases": {"strt": []}}]}}, "cases.strt: it has no case"),
+        ({"cases": {"start": [{"name": "a", "cases": {"strt": []}}]}}, "cases.strt: it has no"),
         ({"cases": {"start": [{"name": "a", "cases": {"strt": [{"name": "b"}]}}],
                     "other": [{"name": "c"}]}}, "cases.start.a.cases"),
         ({"cases": {"gain": [{"name": "a"}]}, "vary": {"gain": [1.0]}}, "both under vary and in"),

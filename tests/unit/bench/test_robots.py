@@ -241,7 +241,7 @@ def test_each_joint_has_one_controller_of_one_kind(made):
 def test_files_that_cannot_be_used_are_named(made):
     (made.folder / "bad.yaml").write_text("[1]")
     (made.folder / "bad.urdf").write_text(URDF.replace('<child link="wall"/>', ""))
-    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml holds no controllers"),
+    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml has no controllers"),
                       ({"urdf": str(made.folder / "none.urdf")}, "there is no file .*none.urdf")):
         with pytest.raises(ExperimentError, match=why):
             made(keys)

@@ -193,7 +193,7 @@ def test_a_bound_is_where_it_is(kind, others, key, taken, refused):
     ({"target": {"shape": "square"}}, "chain", ""),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}}, "free", ""),
     ({"target": {"shape": "square"}}, "bullet", "needs a shape other than 'aras', and a pose"),
-    ({"target": {"shape": "aras", "pose": MAT["pose"]}}, "bullet", "needs a shape other than 'aras', and a pose"),
+    ({"target": {"shape": "aras", "pose": MAT["pose"]}}, "bullet", "other than 'aras', and a pose"),
     ({"target": {**MAT, "perturbed": True}}, "free", " and motion: leave out the other keys"),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}, "target_frame": "hand"},
      "chain", "its link moves it"),

@@ -296,7 +296,7 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
          "camera 'right' delivers its first image after 8.33 s, and the run lasts 8 s"),
         ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
          r"behind the camera.*\(camera 'right'\)"),
-        ({"camera": "wide"}, "camera, hand_eye and calibration_offset are for an experiment with one"),
+        ({"camera": "wide"}, "camera, hand_eye and calibration_offset are for an"),
         ({"plant": "ideal"}, "plant 'ideal' has one camera"),
         ({"cameras": two(right={"focal": 2.0})}, "unknown key 'cameras.right.focal'"),
         ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),

@@ -125,7 +125,7 @@ def test_a_run_s_experiment_says_what_differs():
     bad = of({"gain": "high", "start": "2015"})
     with pytest.raises(BenchError, match="the bag's run cannot be repeated as an experiment: "):
         bad.make_mapping()
-    assert bad.make_yaml() == "" and "the bag's run cannot be repeated as an experiment: " in bad.notes[0]
+    assert bad.make_yaml() == "" and "cannot be repeated as an experiment: " in bad.notes[0]
     assert bad.describe_settings() == {"scheme": "points", "start": "2015"}
 
 

@@ -360,7 +360,7 @@ def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
     with pytest.raises(StudyError, match="a study with cases cannot be tuned"):
         searched(cases=[{"delay": 0.0}, {"delay": 0.1}])
     for needed in (-0.1, 1.1):
-        with pytest.raises(StudyError, match=f"minimum success rate is {needed:g}, must be from 0 to 1"):
+        with pytest.raises(StudyError, match=f"success rate is {needed:g}, must be from 0 to 1"):
             searched(needed=needed)
 
 

@@ -203,7 +203,7 @@ def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
     assert lines[0] == headings
     check_printed([[cell.replace("\\|", "|") for cell in line] for line in lines[2:]], expected,
                   r"(\S+) \[(\S+), (\S+)\]$")  # fmt: skip
-    assert text.endswith("Rates with Wilson's 95 % interval, medians with a bootstrap 95 % interval.\n")
+    assert text.endswith("95 % interval, medians with a bootstrap 95 % interval.\n")
 
     text = printed(["table", path / "one", "--format", "tex"], capsys)
     body = text.partition("\\midrule\n")[2].partition("\\bottomrule")[0]

@@ -443,7 +443,7 @@ def find_camera_name(camera: CameraDescription) -> str:
 
 @functools.lru_cache(maxsize=32)
 def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
-    """Parse the cameras of a robot description, cached because all runs of a study share it."""
+    """Parse the cameras of a robot description, cached because the runs of a study share it."""
     from aras_sim_bridge.description import parse_cameras
 
     return parse_cameras(urdf)
@@ -451,7 +451,7 @@ def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
 
 @functools.lru_cache(maxsize=8)
 def parse_robot_description(urdf: str, search: tuple[str, ...]) -> RobotDescription:
-    """Parse a robot description, cached because all runs of a study share it."""
+    """Parse a robot description, cached because the runs of a study share it."""
     from aras_sim_bridge.description import parse_urdf
 
     return parse_urdf(urdf, PackagePath(search).find)

@@ -105,8 +105,8 @@ class StudyFolder:
             raise StudyError(f"{path} has no study: {MANIFEST}: {error.strerror}") from None
         except StudyError as error:
             raise StudyError(
-                f"{path} has a study that this version cannot read: {error}; correct its study.yaml "
-                "and run it again in a new folder"
+                f"{path} has a study that this version cannot read: {error}; correct its "
+                "study.yaml and run it again in a new folder"
             ) from None
         except (ValueError, KeyError, TypeError, RecursionError):
             raise StudyError(

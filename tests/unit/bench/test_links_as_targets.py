@@ -85,7 +85,7 @@ def test_a_link_that_cannot_be_is_refused(asked, link, why):
 
 
 def test_its_shape_is_its_own(asked):
-    with pytest.raises(ExperimentError, match="brings its shape"):
+    with pytest.raises(ExperimentError, match="has the link's shape"):
         asked({"link": "crate", "shape": "square"})
 
 

@@ -126,7 +126,7 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
     ("four_dots", (0.1, 0.1, 0.1), "target 'four_dots' has two lengths"),
     ("aras", (0.1, 0.1), "target 'aras' has one size"),
     ("/nowhere/photo.png", None, "there is no file /nowhere/photo.png"),
-    (__file__, None, "is no readable image"),
+    (__file__, None, "is no picture that can be read"),
 ])  # fmt: skip
 def test_what_is_no_target_is_named(target, tmp_path, name, size, words):
     with pytest.raises(ValueError) as refused:

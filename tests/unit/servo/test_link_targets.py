@@ -96,7 +96,7 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 @pytest.mark.parametrize(("changes", "why"), [
     ({"world": ""}, "target.model needs a world file: set world to its path or name"),
     ({"plant": "free", "world": ""}, "other plants have no world"),
-    ({"target": {"model": "crate", "shape": "square"}}, "brings its shape"),
+    ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
 ])  # fmt: skip
 def test_what_a_link_cannot_be_is_said(world, changes, why):
     with pytest.raises(ExperimentError, match=why):

@@ -184,10 +184,10 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
         ({"target": {"shape": "aras"}}, {}, "cameras.left.target needs a shape"),
         ({"target": {"shape": "marker"}}, {}, "tracked by the tracker 'marker'"),
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
-        (STANDS, {}, "camera 'left' stands in the world"),
+        (STANDS, {}, "camera 'left' is fixed in the world"),
         ({"target_frame": "y"}, {}, "look at what it carries"),
         ({}, {"controller_parameters": {"segmentation": {"method": "label", "label": "target"}}},
-         "camera 'left' looks at one of its own"),
+         "camera 'left' has its own"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_line(left, changes, words):

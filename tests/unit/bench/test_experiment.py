@@ -187,7 +187,7 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
         ({"plant": "free", "noise": 5}, "give jitter"),
         ({"jitter": 1}, "give noise"),
-        ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "needs a frequency"),
+        ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
         (
             {"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},

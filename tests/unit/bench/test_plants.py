@@ -79,7 +79,7 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
         # The pose is the physics', equal to the kinematics at the true joints.
         np.testing.assert_allclose(plant.read_pose(), arm.pose(q), atol=1e-6)
         assert 1.0 < plant.peak_speed[5] < 20.0
-        with pytest.raises(ExperimentError, match="take position commands, not velocity"):
+        with pytest.raises(ExperimentError, match="accept position commands, not velocity"):
             plant.command("velocity", goal)
     finally:
         plant.close()

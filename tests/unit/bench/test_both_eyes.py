@@ -191,7 +191,7 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_line(left, changes, words):
-    scheme = "points@left" if "stands in" in words else ASKED["scheme"]
+    scheme = "points@left" if "fixed in" in words else ASKED["scheme"]
     with pytest.raises(ExperimentError) as error:
         assemble(asked(left=left, scheme=scheme, **changes))
     assert words in str(error.value) and "\n" not in str(error.value)

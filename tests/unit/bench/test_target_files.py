@@ -299,10 +299,10 @@ def test_the_command_s_words_are_explained(capsys):
     assert " ".join(usage.split()) == (
         "usage: target_files [-h] [--size SIZE [SIZE ...]] [--scale SCALE] [--marker MARKER] "
         "[--occluder X0 Y0 X1 Y1] [--name NAME] [--meshes MESHES] --out OUT shape")
-    assert does.startswith("Targets as descriptions") and "l_shape --size 0.1 0.08" in example
+    assert does.startswith("Write the files of a target") and "l_shape --size 0.1 0.08" in example
     told = " ".join(" ".join(told).split())
-    for words in ("a target's name, a picture", "of a solid x, y and z", "white rectangle",
-                  "of the files", "names the folder", "--out OUT folder"):
+    for words in ("name of a target, or path", "of a solid along x, y and z", "white rectangle",
+                  "name of the files", "URL of the folder", "--out OUT folder"):
         assert words in told
 
 

@@ -619,7 +619,7 @@ def test_an_experiments_file_is_run_and_reported(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(("words", "complaint"), [
     (["none.bag"], "there is no file none.bag"),
     (["cut.bag"], "cut.bag.active"),  # what a recorder without a disk leaves is read in its place
-    (["."], "has no run.bag; a study's run is named as .:NUMBER"),
+    (["."], "has no run.bag; for a run of a study give .:NUMBER"),
     (["none.bag", "--formats", "gif"], "unknown format 'gif'"),
     (["none.bag", "--names", "a,b"], "2 names for 1 runs"),
 ])  # fmt: skip

@@ -257,7 +257,7 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert said.count("is left out: that is no file's name") == 7
+    assert said.count("is left out: that is no file name") == 7
     assert "# a goal named '../stolen.yaml' is left out" in said
     assert {p.name for p in out.iterdir()} == {
         "experiment.yaml", "goal_2016.yaml", "launch.txt", "parameters.yaml", "robot.urdf",
@@ -267,7 +267,7 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     told["goals"] = ["no", "names"]
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 1
-    assert "cannot be read: its goals are none" in capsys.readouterr().err
+    assert "cannot be read: its 'goals' is no mapping" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -372,7 +372,7 @@ def test_of_several_runs_the_last_is_told(tmp_path):
             after = time + rospy.Duration.from_sec(10.0)
             bag.write(topic, later(message, 10.0), after)
     record, single = read_bag(path), read_bag(once)
-    assert any("holds 2 runs" in note for note in record.notes)
+    assert any("has 2 runs" in note for note in record.notes)
     assert not any("clock was reset" in note for note in record.notes)
     np.testing.assert_allclose(record.stamp, single.stamp + 10.0)
     found, own = ({q.key: q.value_text for q in summarise(one)} for one in (record, single))

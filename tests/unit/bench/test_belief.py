@@ -231,9 +231,9 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
 def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
     away = posed(GOAL @ matrix_from_xyz_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
     aside = flying(scheme=scheme, features=features, goal=away)
-    words = "the goal is shown where the target is not in the camera's view: give a goal"
+    words = "goal: the target is not in the camera's view: give a goal"
     if scheme == "luminance" and features == "exact":
-        words = "scheme 'luminance' looks at pictures, and there are none with exact features"
+        words = "scheme 'luminance' needs images: set features: images"
     for refuse in (check, assemble):
         with pytest.raises(ExperimentError, match=words) as told:
             refuse(aside)
@@ -242,13 +242,13 @@ def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
 
 def test_a_goal_behind_the_target_is_refused():
     turned = flying(goal=posed(GOAL @ matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0))))
-    with pytest.raises(ExperimentError, match="behind the camera.*give a goal from where"):
+    with pytest.raises(ExperimentError, match="behind the camera.*give a goal from which"):
         check(turned)
 
 
 @pytest.mark.parametrize("plant", ["bullet", "chain", "free", "ideal"])
 def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
-    with pytest.raises(ExperimentError, match="give features: images"):
+    with pytest.raises(ExperimentError, match="set features: images"):
         check(Experiment(plant=plant, scheme="luminance", features="exact"))
 
 

@@ -175,23 +175,23 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
 @pytest.mark.parametrize(
     ("left", "changes", "words"),
     [
-        ({"target": None}, {}, "cameras.left.target_frame carries what the camera looks at"),
+        ({"target": None}, {}, "cameras.left.target_frame is the link that carries the"),
         ({"target_frame": "hnd", "target": PLATE}, {}, "did you mean 'hand'"),
         ({"target": {**PLATE, "motion": {"velocity": [0.1] + [0.0] * 5}}}, {},
-         "moves with its link alone"),
+         "its link moves it"),
         ({"target_frame": "", "target": {**PLATE, "box": {"size": [0.1, 0.1, 0.1]}}}, {},
-         "cameras.left.target has a shape, a size and a pose"),
-        ({"target": {"shape": "aras"}}, {}, "cameras.left.target: give it a shape"),
-        ({"target": {"shape": "marker"}}, {}, "followed by the tracker 'marker'"),
+         "cameras.left.target may only have shape, size, pose"),
+        ({"target": {"shape": "aras"}}, {}, "cameras.left.target needs a shape"),
+        ({"target": {"shape": "marker"}}, {}, "tracked by the tracker 'marker'"),
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
-        (STANDS, {}, "camera 'left' stands in the world"),
+        (STANDS, {}, "camera 'left' is fixed in the world"),
         ({"target_frame": "y"}, {}, "look at what it carries"),
         ({}, {"controller_parameters": {"segmentation": {"method": "label", "label": "target"}}},
-         "camera 'left' looks at one of its own"),
+         "camera 'left' has its own"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_line(left, changes, words):
-    scheme = "points@left" if "stands in" in words else ASKED["scheme"]
+    scheme = "points@left" if "fixed in" in words else ASKED["scheme"]
     with pytest.raises(ExperimentError) as error:
         assemble(asked(left=left, scheme=scheme, **changes))
     assert words in str(error.value) and "\n" not in str(error.value)

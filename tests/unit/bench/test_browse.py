@@ -280,7 +280,7 @@ def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
     assert studies.read_snapshot(is_forced=True).table.num_rows == 60
     bad.find_part(1).write_bytes(b"PAR1 nothing")
     look = studies.read_snapshot(is_forced=True)
-    assert "not as it was written" in look.find_study("bad").note
+    assert "was changed since it was written" in look.find_study("bad").note
     assert look.table.num_rows == 60  # as they were before
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "manifest.json").write_text("{")
@@ -505,7 +505,7 @@ def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(real, m
     page = computed(reports, seen, 1)
     assert page == real.path / "show-1" / "report.html"
     text = page.read_text()
-    assert f"{real.path.name}:1" in text and "not as it was recorded" not in text
+    assert f"{real.path.name}:1" in text and "differs from the stored result" not in text
 
     def none(*_, **__):
         raise AssertionError("computed again")

@@ -139,7 +139,7 @@ def test_a_believed_camera_has_its_own_numbers():
     assert (
         CalibrationOffset(xyz=(0, 0, 0.1)).is_moved and CalibrationOffset(rpy=(0, 0.1, 0)).is_moved
     )
-    with pytest.raises(ExperimentError, match="^believed camera: "):
+    with pytest.raises(ExperimentError, match="^calibration_offset: "):
         CalibrationOffset(distortion=(0.1,) * 3).make_calibrated_camera(true)
 
 
@@ -263,13 +263,13 @@ def eye(name, rate, delay=0.0):
     (eye("a", 32.0), eye("b", 8.0, 0.25), ""),  # 8 of the control camera's 32 are 0.25 s
     (eye("a", 32.0), eye("b", 8.0, 0.2499), None),
     (eye("a", 8.0, 0.3), eye("b", 16.0), None),
-    (eye("a", 8.0, 0.5), eye("b", 16.0), "pictures of cameras 'b' and 'a' never meet: those of 'a' "
-     "come 0.5 s after those of the same time, and the last 8 of 'b' are kept, which are 0.5 s: "
-     "give the two delays that differ by less, or 'b' a lower rate"),
-    (eye("a", 16.0), eye("b", 16.0, 0.5), "pictures of cameras 'a' and 'b' never meet: those of 'b'"
-     " come 0.5 s after"),
+    (eye("a", 8.0, 0.5), eye("b", 16.0), "images of cameras 'b' and 'a' are never available "
+     "together: those of 'a' arrive 0.5 s later, and of 'b' only the last 8 images (0.5 s) are "
+     "stored: give the cameras delays that differ by less, or 'b' a lower rate"),
+    (eye("a", 16.0), eye("b", 16.0, 0.5), "images of cameras 'a' and 'b' are never available "
+     "together: those of 'b' arrive 0.5 s later"),
     (eye("a", 16.0, 0.5), eye("b", 16.0, 0.5), None),
-    (eye("a", 8.0, 0.5), eye("b", 0.5, 1.0), "camera 'b' delivers its first picture after 3 s, and "
+    (eye("a", 8.0, 0.5), eye("b", 0.5, 1.0), "camera 'b' delivers its first image after 3 s, and "
      "the run lasts 3 s"),
     (eye("a", 2.0, 0.5), eye("b", 0.5, 0.99), None),
 ])  # fmt: skip

@@ -77,7 +77,7 @@ def test_a_sun_that_is_gone_by_the_first_image_has_lit_the_goal():
 
 
 def test_times_of_the_sun_that_cannot_be_are_refused():
-    with pytest.raises(ExperimentError, match="sun.shines is from 2 to 1 s"):
+    with pytest.raises(ExperimentError, match="sun.shines has the interval 2 to 1 s"):
         Experiment(sun={"shines": [[2.0, 1.0]]})
     with pytest.raises(ExperimentError, match="the lights are those of the world file"):
         Experiment(world="workbench", sun={"shines": [[1.0, 2.0]]})
@@ -85,8 +85,8 @@ def test_times_of_the_sun_that_cannot_be_are_refused():
 
 @pytest.mark.parametrize(("target", "complaint"), [
     ({"occluded": [[0.1, 0.2]]}, "give target.occluder"),
-    ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "from 0.2 to 0.1 s, must rise"),
-    ({"occluder": OCCLUDER, "occluded": [[-0.2, 0.1]]}, "must rise from 0 on"),
+    ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "the interval 0.2 to 0.1 s, must be"),
+    ({"occluder": OCCLUDER, "occluded": [[-0.2, 0.1]]}, "must be 0 <= start < end"),
 ])  # fmt: skip
 def test_times_that_cannot_be_are_refused(target, complaint):
     with pytest.raises(ExperimentError, match=complaint):

@@ -71,7 +71,7 @@ def test_results_go_into_a_folder(tmp_path, monkeypatch):
     (["--target", "l_shap"], "--target is 'l_shap': did you mean 'l_shape'?"),
     (["--target", "/none.png"], "--target: there is no file /none.png"),
     (["--target", "circle", "--scheme", "points"], "target 'circle' has no corners"),
-    (["--target", "poster", "--target-size", "3 1"], "must be <= 2 m, the table's"),
+    (["--target", "poster", "--target-size", "3 1"], "must be <= 2 m, the size of the table"),
     (["--target-size", "0 1"], "two lengths above 0 m"),
     (["--urdf", "/none.urdf"], "there is no file /none.urdf"),
     (["gain:=2"], "gain:= is set by an option"),

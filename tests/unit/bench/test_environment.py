@@ -272,7 +272,7 @@ class Joints(JointController):
 
 
 @pytest.mark.parametrize(("given", "why"), [
-    ((EXACT.with_changes(scheme=f"{__name__}:Joints"),), "Joints' answers joints itself"),
+    ((EXACT.with_changes(scheme=f"{__name__}:Joints"),), "Joints' commands joints: an environment"),
     ((EXACT, (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)), "six numbers above 0, m/s and rad/s"),
 ])  # fmt: skip
 def test_what_makes_no_environment_is_refused(given, why):

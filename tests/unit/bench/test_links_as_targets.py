@@ -64,19 +64,19 @@ def test_it_is_where_its_description_has_it(asked):
 def test_flat_corners_in_its_place_are_refused(asked, scheme):
     """They would be seen on z = 0: moments' goal was 0.11 m off, and the run said `converged`."""
     asked_for = asked({"shape": corners()}, scheme=scheme)
-    why = r"2\.\d+ times as large in the picture .* {link: NAME}"
+    why = r"area of the target in the image is 2\.\d+ times .* {link: NAME}"
     with pytest.raises(ExperimentError, match=why):
         assemble(asked_for)
 
 
 def test_corners_that_are_larger_than_what_is_drawn_are_refused(asked):
     larger = corners([3.0 * side for side in SIZE])
-    with pytest.raises(ExperimentError, match=r"0\.\d+ times as large in the picture"):
+    with pytest.raises(ExperimentError, match=r"area of the target in the image is 0\.\d+ times"):
         assemble(asked({"shape": larger}))
 
 
 @pytest.mark.parametrize(("link", "why"), [
-    ("crat", "shows no link 'crat': did you mean 'crate'"),
+    ("crat", "has no link 'crat' with visuals: did you mean 'crate'"),
     ("forearm", "a joint of the robot moves 'forearm'"),
 ])  # fmt: skip
 def test_a_link_that_cannot_be_is_refused(asked, link, why):
@@ -85,7 +85,7 @@ def test_a_link_that_cannot_be_is_refused(asked, link, why):
 
 
 def test_its_shape_is_its_own(asked):
-    with pytest.raises(ExperimentError, match="brings its shape"):
+    with pytest.raises(ExperimentError, match="has the link's shape"):
         asked({"link": "crate", "shape": "square"})
 
 
@@ -98,7 +98,7 @@ def test_a_part_of_some_millimetres_in_millimetres_is_said(tmp_path, height):
     lines = [f"v {a} {b} {c}" for a, b, c in corners] + [f"f {side}" for side in sides]
     (tmp_path / "part.obj").write_text("\n".join(lines) + "\n")
     pose = {"pose": [0.1, 0.05, height, np.pi, 0.0, 0.2]}
-    why = "its mesh is 4 m long; where it is in millimetres, set target.scale to 0.001"
+    why = "its mesh is 4 m long; if it is in millimetres, set target.scale to 0.001"
     with pytest.raises(ExperimentError, match=why):
         assemble(Experiment(
             plant="free", target={"shape": str(tmp_path / "part.obj")}, goal=pose, start=pose,

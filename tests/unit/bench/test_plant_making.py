@@ -130,7 +130,7 @@ def test_what_covers_a_target_is_not_there_when_the_goal_is_taught():
     other = seen(made).target
     np.testing.assert_array_equal(other.shape.pixels, made.target.shape.perturb(3).pixels)
     assert isinstance(other.shape, TexturedTarget) and other.pose is made.target.pose
-    with pytest.raises(ExperimentError, match="target 'l_shape' has no picture that could be pert"):
+    with pytest.raises(ExperimentError, match="target 'l_shape' has no texture that could be pert"):
         seen(context_of(**DRAWN, target={**FLAT, "perturbed": True}))
 
 
@@ -296,7 +296,7 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     assert plants[0].given[2] == joints
     assert plants[0].told == [{"gravity": (0.0, 0.0, 0.0)}, *[1_000_000_000] * 3, "closed"]
     Filmed.times = (("left", 0), ("right", 1_250_000_000))
-    with pytest.raises(ExperimentError, match="delivers no picture within 1 s to teach the goal"):
+    with pytest.raises(ExperimentError, match="delivers no image within 1 s to teach it with"):
         take_first_images(made, START)
     assert plants[1].told.count(1_000_000_000) == 4 and plants[1].told[-1] == "closed"
 
@@ -354,8 +354,9 @@ def test_what_a_picture_teaches_is_taught_by_one(needs, keys, shown):
 
 
 @pytest.mark.parametrize(("shift", "why"), [
-    ((9.0, 0.0), ""), ((-9.0, 9.0), ""), ((60.0, 0.0), "is not where the target is"),
-    ((-60.0, 0.0), "is not where"), ((0.0, 60.0), "is not where"), ((0.0, -60.0), "is not where")])
+    ((9.0, 0.0), ""), ((-9.0, 9.0), ""), ((60.0, 0.0), "is not at the"),
+    ((-60.0, 0.0), "is not at the"), ((0.0, 60.0), "is not at the"),
+    ((0.0, -60.0), "is not at the")])
 def test_something_else_of_the_target_s_colour_is_told(shift, why):
     found = views(MOMENTS, label="target")
     if not why:
@@ -370,7 +371,7 @@ def test_a_described_target_has_the_size_of_its_corners():
     for size in (1.04, 0.96):  # 8 % of the area
         taught(found, size=size)
     for size, told in ((1.06, "1.12"), (0.94, "0.88")):
-        with pytest.raises(ExperimentError, match=f"target is {told} times as large in the pict"):
+        with pytest.raises(ExperimentError, match=f"target in the image is {told} times that of"):
             taught(found, size=size)
     # and so are its corners
     seen_larger = views(MOMENTS, target=BENT, calibration_offset={"focal": 0.8})

@@ -79,7 +79,7 @@ def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, pres
         # The pose is the physics', equal to the kinematics at the true joints.
         np.testing.assert_allclose(plant.read_pose(), arm.pose(q), atol=1e-6)
         assert 1.0 < plant.peak_speed[5] < 20.0
-        with pytest.raises(ExperimentError, match="take position commands, not velocity"):
+        with pytest.raises(ExperimentError, match="accept position commands, not velocity"):
             plant.command("velocity", goal)
     finally:
         plant.close()
@@ -231,7 +231,7 @@ def test_a_free_body_answers_what_an_arm_does():
 def test_what_a_plant_cannot_take_is_said_with_numbers(arm, sight):
     chain = KinematicArm(arm, START, sight)
     for kind, values, why in (
-            ("effort", START, "this plant takes position or velocity commands, not effort"),
+            ("effort", START, "this plant accepts position or velocity commands, not effort"),
             ("position", START[:5], "a command of 6 finite numbers is needed, got "),
             ("velocity", np.full(6, np.inf), "a command of 6 finite numbers is needed, got ")):
         with pytest.raises(ExperimentError) as told:

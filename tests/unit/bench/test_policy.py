@@ -52,5 +52,5 @@ def test_a_goal_that_was_not_shown_to_it_is_refused(monkeypatch, tmp_path):
     with pytest.raises(ConfigurationError, match="the policy has no weights at .*learning.policy"):
         Policy()
     monkeypatch.undo()
-    with pytest.raises(ExperimentError, match="looks at pictures"):
+    with pytest.raises(ExperimentError, match="needs images"):
         run(Experiment(plant="free", scheme=SCHEME))

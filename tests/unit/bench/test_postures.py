@@ -153,7 +153,7 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
         result = run(experiment(plant="chain"))
     assert result.converged
     (note,) = result.notes
-    assert "hides" in note and "chain sees through it" in note and note in caplog.messages
+    assert "hides" in note and "arm is transparent" in note and note in caplog.messages
     hidden = of(experiment(plant="chain")).postures.compute_occlusion(result.measured_positions[-1])
     assert float(note.split("hides ")[1].split(" %")[0]) == pytest.approx(100 * hidden, abs=1.0)
     assert not run(experiment(plant="chain", duration=0.1)).notes  # it has not converged

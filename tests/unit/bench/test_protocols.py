@@ -111,9 +111,9 @@ def test_a_published_protocol_says_its_source_and_what_was_chosen(name):
     [
         ({"experiment": {}, "cases": {"start": [{"name": "a", "set": {"strt": 1}}]}}, "start"),
         ({"cases": {"start": [{"name": "a", "set": {"start": {"kind": "turnd"}}}]}}, "turned"),
-        ({"cases": {"start": [{"name": "a"}, {"name": "a"}]}}, "'a' stands there twice"),
-        ({"cases": {"start": []}}, "cases.start: it is empty"),
-        ({"cases": {"start": [{"name": "a", "cases": {"strt": []}}]}}, "cases.strt: it is empty"),
+        ({"cases": {"start": [{"name": "a"}, {"name": "a"}]}}, "two cases are named 'a'"),
+        ({"cases": {"start": []}}, "cases.start: it has no case"),
+        ({"cases": {"start": [{"name": "a", "cases": {"strt": []}}]}}, "cases.strt: it has no"),
         ({"cases": {"start": [{"name": "a", "cases": {"strt": [{"name": "b"}]}}],
                     "other": [{"name": "c"}]}}, "cases.start.a.cases"),
         ({"cases": {"gain": [{"name": "a"}]}, "vary": {"gain": [1.0]}}, "both under vary and in"),
@@ -307,7 +307,7 @@ def test_a_flight_that_measures_nothing_any_more_has_lost_its_target():
 
 def test_controllers_of_joints_have_none(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).parents[3] / "docs" / "examples"))
-    with pytest.raises(ExperimentError, match="answers joints"):
+    with pytest.raises(ExperimentError, match="commands joints"):
         l_shape = {"shape": (*SQUARE[:3], (0.0, 0.0))}
         run(FLIGHT.with_changes(scheme="second_order:SecondOrder", target=l_shape))
 

@@ -44,7 +44,7 @@ def test_a_study_that_is_done_is_read_and_another_is_refused(folder: Path) -> No
     again = run_study(Study.from_mapping(STUDY), folder)
     assert again.table.num_rows == 4
     assert parts == {path: path.stat().st_mtime_ns for path in (folder / "parts").iterdir()}
-    with pytest.raises(BenchError, match="holds another study: repeats was 2, is 3"):
+    with pytest.raises(BenchError, match="has another study: repeats was 2, is 3"):
         run_study({**STUDY, "repeats": 3}, folder)
     with pytest.raises(BenchError, match="did you mean 'repeats'"):
         run_study({**STUDY, "repeat": 3}, folder)
@@ -78,7 +78,7 @@ def test_an_experiment_is_loaded_by_its_file(tmp_path: Path) -> None:
     found, same = load_run(file), run_with_images({**QUICK, "gain": 2.0}, "one")
     assert found.name == same.name == "one"
     assert np.array_equal(found.error, same.error, equal_nan=True)
-    for wrong, said in (("two.yaml", "there is no file"), ("", "holds no run.bag")):
+    for wrong, said in (("two.yaml", "there is no file"), ("", "has no run.bag")):
         with pytest.raises(BenchError, match=said):
             load_run(tmp_path / wrong)
 

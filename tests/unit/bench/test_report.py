@@ -455,9 +455,9 @@ def test_headers_say_settings_in_plain_words_with_units(points):
         target={"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
     )  # fmt: skip
     told = describe_settings(asked)
-    assert told["start"] == "drawn, camera 0.15 to 0.5 m above the target and up to 0.1 m beside " \
-        "it, turned by up to 30°"  # fmt: skip
-    assert told["camera"] == "settings of its own" and told["target"] == "polygon of 3 corners"
+    assert told["start"] == "random, camera 0.15 to 0.5 m above the target and up to 0.1 m to " \
+        "the side, rotated by up to 30°"  # fmt: skip
+    assert told["camera"] == "own settings" and told["target"] == "polygon of 3 corners"
     joints = describe_settings(asked.with_changes(start=[0.1, -0.2]))["start"]
     assert joints == "joints 0.1 -0.2"
     for kind in ("turned", "back", "plane", "looking"):
@@ -600,7 +600,7 @@ def test_a_full_disk_is_one_clear_line(points, tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(BenchError, match=r"cannot write the report into .*: No space left"):
         write_report([points], tmp_path, ("png",))
-    with pytest.raises(BenchError, match="no format 'jpg': there are png, svg, pdf"):
+    with pytest.raises(BenchError, match="unknown format 'jpg': use one of png, svg, pdf"):
         write_report([points], tmp_path, ("jpg",))
 
 
@@ -621,8 +621,8 @@ def test_an_experiments_file_is_run_and_reported(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(("words", "complaint"), [
     (["none.bag"], "there is no file none.bag"),
     (["cut.bag"], "cut.bag.active"),  # what a recorder without a disk leaves is read in its place
-    (["."], "holds no run.bag; a study's run is named as .:NUMBER"),
-    (["none.bag", "--formats", "gif"], "no format 'gif'"),
+    (["."], "has no run.bag; for a run of a study give .:NUMBER"),
+    (["none.bag", "--formats", "gif"], "unknown format 'gif'"),
     (["none.bag", "--names", "a,b"], "2 names for 1 runs"),
 ])  # fmt: skip
 def test_what_cannot_be_analyzed_is_one_line(words, complaint, tmp_path, capsys, monkeypatch):

@@ -241,7 +241,7 @@ def test_each_joint_has_one_controller_of_one_kind(made):
 def test_files_that_cannot_be_used_are_named(made):
     (made.folder / "bad.yaml").write_text("[1]")
     (made.folder / "bad.urdf").write_text(URDF.replace('<child link="wall"/>', ""))
-    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml holds no controllers"),
+    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml has no controllers"),
                       ({"urdf": str(made.folder / "none.urdf")}, "there is no file .*none.urdf")):
         with pytest.raises(ExperimentError, match=why):
             made(keys)
@@ -291,7 +291,7 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
         PackagePath([tmp_path / "a"]).find("none")
     assert str(told.value) == (
         f"package 'none' is not in {tmp_path / 'a'}, {packages._SOURCES} nor in ROS_PACKAGE_PATH: "
-        "name its folder in robot.search")
+        "add its folder to robot.search")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert PackagePath(["~/a"]).find("mine") == str(own)
 

@@ -301,7 +301,7 @@ def test_starts_in_every_form_are_one():
         ({"law": "proportionel"}, "unknown law 'proportionel': did you mean 'proportional'"),
         ({"controller_parameters": {"gian": 2.0}}, "unknown parameter ~gian.*gain"),
         ({"start": "2017"}, "start is '2017'"),
-        ({"start": "none"}, "has to begin somewhere"),
+        ({"start": "none"}, "a plant needs a start"),
         ({"start": [0.0, 0.0]}, "start is .0.0, 0.0.*for each of gantry, J1"),
         ({"start": [9.0, 0, 0, 0, 0, 0]}, "start puts gantry at 9.0000, outside its limits"),
         ({"goal": "/nowhere/goal.yaml"}, "cannot read the goal /nowhere/goal.yaml"),

@@ -166,7 +166,7 @@ def test_why_no_start_was_found_is_counted():
     body, sampler = FreeBody(GOAL), Sampler(height=(0.25, 0.25), side=0.0, attempts=3)
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
     words = r"no start found in 3 attempts \({}\): make start.height, side, turn or tilt smaller"
-    with pytest.raises(ExperimentError, match=words.format("3 in something's way")):
+    with pytest.raises(ExperimentError, match=words.format("3 in collision")):
         draw_start(*given, find_collision=lambda q: "it")
     came = []
     # the second does

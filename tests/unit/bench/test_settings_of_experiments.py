@@ -192,13 +192,13 @@ def test_a_bound_is_where_it_is(kind, others, key, taken, refused):
     ({"target": {"shape": "square"}, "target_frame": "hand"}, "bullet", ""),
     ({"target": {"shape": "square"}}, "chain", ""),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}}, "free", ""),
-    ({"target": {"shape": "square"}}, "bullet", "give it a shape, and a pose"),
-    ({"target": {"shape": "aras", "pose": MAT["pose"]}}, "bullet", "give it a shape, and a pose"),
-    ({"target": {**MAT, "perturbed": True}}, "free", ", and a motion: leave out the rest"),
+    ({"target": {"shape": "square"}}, "bullet", "needs a shape other than 'aras', and a pose"),
+    ({"target": {"shape": "aras", "pose": MAT["pose"]}}, "bullet", "other than 'aras', and a pose"),
+    ({"target": {**MAT, "perturbed": True}}, "free", " and motion: leave out the other keys"),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}, "target_frame": "hand"},
-     "chain", "moves with its link alone"),
+     "chain", "its link moves it"),
     ({"target": MAT, "target_frame": "hand"}, "free", "plant 'free' has no arm: use chain or"),
-    ({"target_frame": "hand"}, "chain", "give its shape, and its pose in that link"),
+    ({"target_frame": "hand"}, "chain", "give the target's shape, and its pose in that link"),
 ])
 def test_what_a_camera_of_its_own_target_may_look_at(camera, plant, why):
     given = {"plant": plant, "cameras": {"a": {}, "b": camera}}

@@ -282,30 +282,31 @@ def test_the_judge_finds_nothing_in_cameras_as_believed():
     [
         ({"scheme": "points@rihgt"}, "reads the camera 'rihgt': did you mean 'right'"),
         ({"cameras": two(right={"rpy": [0.0, 0.0, -0.9]})},
-         "camera 'left' sees the target and it is not in view of camera 'right': their views do "
+         "camera 'left' sees the target, but it is not in view of camera 'right': their views do "
          "not overlap there: turn or move camera 'right'"),
         ({"goal": posed(GOAL @ exponential((0.5, 0.0, 0.0, 0.0, 0.0, 0.0)))},
          "the target is not in view of camera 'left'"),
         ({"cameras": two(right={"delay": 0.3})},
-         "pictures of cameras 'left' and 'right' never meet: those of 'right' come 0.3 s after"),
+         "images of cameras 'left' and 'right' are never available together: those of 'right' "
+         "arrive 0.3 s later"),
         ({"cameras": two(left={"delay": 0.5, "rate": 20}, right={"delay": 0.2})},
-         "never meet: those of 'left' come 0.3 s after .*, and the last 8 of 'right' are kept, "
-         "which are 0.267 s"),
+         "together: those of 'left' arrive 0.3 s later, and of 'right' only the last 8 images "
+         r"\(0.267 s\) are stored"),
         ({"cameras": two(right={"rate": 0.12})},
-         "camera 'right' delivers its first picture after 8.33 s, and the run lasts 8 s"),
+         "camera 'right' delivers its first image after 8.33 s, and the run lasts 8 s"),
         ({"cameras": two(right={"rpy": [0.0, 3.1, 0.0]})},
          r"behind the camera.*\(camera 'right'\)"),
-        ({"camera": "wide"}, "camera, hand_eye and believed are of an experiment with one camera"),
+        ({"camera": "wide"}, "camera, hand_eye and calibration_offset are for an"),
         ({"plant": "ideal"}, "plant 'ideal' has one camera"),
         ({"cameras": two(right={"focal": 2.0})}, "unknown key 'cameras.right.focal'"),
         ({"cameras": two(right={"model": "wdie"})}, "'wdie' is no preset: did you mean 'wide'"),
         ({"cameras": two(right={"pose": [0.0] * 6})}, "a pose in the world, or xyz and rpy in the"),
-        ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no name"),
+        ({"cameras": {"a b": {}}, "scheme": "points"}, "cameras: 'a b' is no valid name"),
         ({"cameras": {"wall": {"pose": [0, 0, 1, 3.14, 0, 0]}}, "scheme": "points"},
-         "camera 'wall' stands in the world, and the arm moves nothing that it sees"),
+         "camera 'wall' is fixed in the world, and the arm does not move its target"),
         ({"cameras": two(wall={"pose": [0, 0, -0.5, 0, 0, 0]}), "scheme": f"{BOTH}+points@wall"},
          "camera 'wall' is fixed, and the arm does not move its target"),
-        ({"scheme": "kernel@left+points@right"}, "looks at pictures, and there are none"),
+        ({"scheme": "kernel@left+points@right"}, "needs images: set features"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_refused_before_the_first_run(changes, words):

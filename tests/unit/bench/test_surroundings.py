@@ -92,10 +92,10 @@ def test_a_link_of_a_world_is_a_solid_at_its_place(world):
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.04, -0.025, 0.02), (0.04, 0.025, 0.08)], atol=1e-9)
     for name, wanted, why in (
-            ("crat", "", f"no model 'crat' stands in world '{world}': did you mean 'crate'"),
-            ("crate", "hid", "model 'crate' shows no link 'hid': "),
-            ("pair", "", "model 'pair' has 2 links that are seen: name one of a, b"),
-            ("bare", "", "model 'bare' has 0 links that are seen: name one of none")):
+            ("crat", "", f"there is no model 'crat' in world '{world}': did you mean 'crate'"),
+            ("crate", "hid", "model 'crate' has no link 'hid' with visuals: "),
+            ("pair", "", "model 'pair' has 2 links with visuals: set it to one of a, b"),
+            ("bare", "", "model 'bare' has 0 links with visuals: set it to one of none")):
         with pytest.raises(ExperimentError, match=why):
             find_world_link(world, PACKAGES, name, wanted)
     made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
@@ -124,8 +124,8 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
     corners = read_solid_target(Path(found.shape)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
-    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': where the arm "),
-                      ("pst", "^target.link: model 'r' shows no link 'pst': did you mean 'post'")):
+    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': for a target "),
+                      ("pst", "^target.link: model 'r' has no link 'pst' with visuals: did")):
         with pytest.raises(ExperimentError, match=why):
             asked(link)
     (tmp_path / "r.urdf").write_text(ARM.replace('type="revolute"', 'type="none"'))
@@ -160,13 +160,13 @@ def test_what_speaks_against_a_posture_is_said_and_weighed():
         of(Told).compute_cost(joints) == 2.37 and of(Told, is_visible=False).compute_cost(joints) == 2.0
     )
     assert of(Told).list_faults(joints, "goal", True) == [
-        "the arm runs into something at the goal, its link 'a' is in 'b': give it other joints",
-        "the arm hides 37 % of the target at the goal: give it other joints"]
+        "the arm is in collision at the goal, its link 'a' is in 'b': give other joints",
+        "the arm hides 37 % of the target at the goal: give other joints"]
     assert of(Told).list_faults(joints, "start", False) == [
-        "the arm runs into something at the start, its link 'a' is in 'b', and clear of all in no "
-        "posture that was found: give another pose",
-        "the arm hides 37 % of the target at the start, and less in no posture that was found: give"
-        " another pose"]
+        "the arm is in collision at the start, its link 'a' is in 'b', and no posture without a "
+        "collision was found: give another pose",
+        "the arm hides 37 % of the target at the start, and no posture that hides less was found: "
+        "give another pose"]
     assert len(of(Told, is_visible=False).list_faults(joints, "goal", True)) == 1
 
 
@@ -423,13 +423,13 @@ LABEL = {"segmentation": {"method": "label", "label": "target"}}
 
 
 @pytest.mark.parametrize(("keys", "why"), [
-    ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "answers joints, the ideal camera has no"),
-    ({"scheme": "luminance"}, "looks at pictures, and there are none with exact features"),
+    ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "commands joints, and the ideal camera"),
+    ({"scheme": "luminance"}, "needs images: set features: images"),
     ({"features": "images", "scheme": "moments", "controller_parameters": {"segmentation": {
         "method": "colour", "colour_low": [0, 0, 0], "colour_high": [9, 9, 9]}}},
-     "segmentation 'colour' needs colours, and the pictures of plant 'free' are grey"),
+     "segmentation 'colour' needs colours, and the images of plant 'free' are grey"),
     ({"target": {"shape": "circle"}}, "target 'circle' has no corners, which scheme 'points' n"),
-    ({"start": "none"}, "start is 'none', but a plant has to begin somewhere"),
+    ({"start": "none"}, "start is 'none', but a plant needs a start"),
     ({"goal": [0.0] * 5, "target": {}}, "goal is .0.0, 0.0"),
     ({"goal": [9.0, 0, 0, 0, 0, 0], "target": {}}, "goal puts gantry at 9.0000"),
     ({"start": [9.0, 0, 0, 0, 0, 0]}, "start puts gantry at 9.0000"),

@@ -144,8 +144,8 @@ def test_the_arm_servoes_on_a_target_that_was_put_there():
     ("changes", "told"),
     [
         ({"shape": "four_dots"}, "its top is at z = 0.59"),
-        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "lies still where that has it"),
-        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the table's"),
+        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "is fixed at the pose given there"),
+        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
     ],
 )
@@ -156,7 +156,7 @@ def test_what_cannot_lie_on_the_table_is_told(changes, told):
 
 def test_a_target_without_a_picture_cannot_be_perturbed():
     spec = TargetSpec("square", (0.1, 0.1), tuple(PLACE))
-    with pytest.raises(ExperimentError, match="no picture that could be perturbed"):
+    with pytest.raises(ExperimentError, match="no texture that could be perturbed"):
         write_description(spec, 3)
     poster = replace(spec, shape="poster")
     one, other = (
@@ -299,10 +299,10 @@ def test_the_command_s_words_are_explained(capsys):
     assert " ".join(usage.split()) == (
         "usage: target_files [-h] [--size SIZE [SIZE ...]] [--scale SCALE] [--marker MARKER] "
         "[--occluder X0 Y0 X1 Y1] [--name NAME] [--meshes MESHES] --out OUT shape")
-    assert does.startswith("Targets as descriptions") and "l_shape --size 0.1 0.08" in example
+    assert does.startswith("Write the files of a target") and "l_shape --size 0.1 0.08" in example
     told = " ".join(" ".join(told).split())
-    for words in ("a target's name, a picture", "of a solid x, y and z", "white rectangle",
-                  "of the files", "names the folder", "--out OUT folder"):
+    for words in ("name of a target, or path", "of a solid along x, y and z", "white rectangle",
+                  "name of the files", "URL of the folder", "--out OUT folder"):
         assert words in told
 
 
@@ -381,7 +381,7 @@ def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
 @pytest.mark.parametrize(
     ("given", "told"),
     [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
-     ("{}/text.png", "no picture that can be read"), ("{}/a.svg", "holds no outline"),
+     ("{}/text.png", "no picture that can be read"), ("{}/a.svg", "has no outline"),
      ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
 def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
@@ -415,7 +415,7 @@ def test_a_motion_by_words():
 
 @pytest.mark.parametrize(
     ("words", "told"),
-    [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "needs a frequency"),
+    [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "need a frequency"),
      ([], "nothing moves"), (["circle"], "key=value"),
      (["hold=-1"], "motion.hold is -1.0, must be >= 0")],
 )  # fmt: skip

@@ -209,7 +209,7 @@ def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(
 
 
 def test_no_files_are_made_of_the_demo_s_plates(tmp_path):
-    with pytest.raises(ExperimentError, match="'aras' is part of the robot's description: no fil"):
+    with pytest.raises(ExperimentError, match="'aras' is part of the robot description and has no fil"):
         write_target(ARAS, tmp_path)
 
 
@@ -299,7 +299,7 @@ def test_an_svg_has_bounds(tmp_path, monkeypatch):
     square = [(-2.0, 1.0), (2.0, 1.0), (2.0, -1.0), (-2.0, -1.0)]
     np.testing.assert_allclose(read_svg(file).corners, square)
     monkeypatch.setattr(target_factory, "MAX_ELEMENTS", 1)
-    with pytest.raises(ExperimentError, match="draws more than 1 elements"):
+    with pytest.raises(ExperimentError, match="has more than 1 elements"):
         read_svg(file)
 
 
@@ -390,7 +390,7 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
                          ({"size": (0.1, 0.1)}, "three lengths")):  # fmt: skip
         with pytest.raises(ExperimentError, match=words):
             make_target(str(path), **given)
-    with pytest.raises(ExperimentError, match="target.scale is a factor on a mesh's lengths"):
+    with pytest.raises(ExperimentError, match="target.scale is for meshes"):
         make_target("square", None, 0.5)
 
 

@@ -523,21 +523,21 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is not understood"),
+        ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is unknown"),
         ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 2'/></svg>", "outline: numbers are missing"),
-        ("a.svg", "<svg><path/></svg>", "wrong outline"),
+        ("a.svg", "<svg><path/></svg>", "invalid outline"),
         ("a.svg", "<svg><rect width='1e400' height='2'/></svg>", "has no area"),
-        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "holds 2 outlines"),
-        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "holds 2 outlines, .* leave one"),
+        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "has 2 outlines"),
+        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "has 2 outlines, .* keep only one"),
         ("a.svg", "<svg><polygon points='0,0 1e400,0 4,4'/></svg>", "has no area"),
         ("a.svg", "<html/>", "is no SVG: its root"),
-        ("a.svg", "<svg><text>hm</text></svg>", "holds no outline"),
+        ("a.svg", "<svg><text>hm</text></svg>", "has no outline"),
         ("a.svg", "no xml", "is no SVG"),
         ("a.svg", LAUGHS + "<svg><path d='M0 0h9v9z' id='&c;'/></svg>", "entity declarations are"),
-        ("a.svg", nested_uses(5), "more than 10000 elements, copies by <use> counted"),
+        ("a.svg", nested_uses(5), "more than 10000 elements, including copies by <use>"),
         ("a.svg", nested_uses(5).replace("href", "xlink:href"), "more than 10000 elements"),
         ("a.svg", "<svg><g id='a'><use href='#a'/></g></svg>", "more than 10000 elements"),
-        ("a.png", "no picture", "no picture that can be read"),
+        ("a.png", "no picture", "no readable image"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
@@ -620,7 +620,7 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
 def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
     file = tmp_path / "cut.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n" + 50 * b"0")
-    with pytest.raises(ExperimentError, match="no picture that can be read"):
+    with pytest.raises(ExperimentError, match="no readable image"):
         make_target(str(file), SIZE)
     assert capfd.readouterr().err == ""
 

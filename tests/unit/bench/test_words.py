@@ -317,7 +317,7 @@ def test_a_word_names_a_bag_however_it_was_left(bags, tmp_path):
                         (tmp_path / "b.bag", tmp_path / "b.bag.active")):
         assert load_run(str(given), parts.append) == f"bag {read}"
     assert parts == [0.25] * 5
-    for given, why in ((none, f"{none} holds no run.bag; a study's run is named as {none}:NUMBER"),
+    for given, why in ((none, f"{none} has no run.bag; for a run of a study give {none}:NUMBER"),
                        (tmp_path / "c.bag", f"there is no file {tmp_path / 'c.bag'}")):
         with pytest.raises(BenchError) as told:
             load_run(str(given), parts.append)

@@ -25,11 +25,11 @@ def of(loop=None, simulator=None, **more):
 
 
 @pytest.mark.parametrize(("text", "why"), [
-    ("", "the bag is of an older version, or of another recorder"), ("{", "cannot be read"),
-    ("[]", "it holds no parameters"), ("{}", "it holds no parameters"),
-    ('{"parameters": {}, "goals": []}', "its goals are none"),
-    ('{"parameters": {}, "versions": []}', "its versions are none"),
-    ('{"parameters": {}, "launch": {}}', "its launch are none"),
+    ("", "the bag is from an older version or from another recorder"), ("{", "cannot be read"),
+    ("[]", "it has no parameters"), ("{}", "it has no parameters"),
+    ('{"parameters": {}, "goals": []}', "its 'goals' is no mapping"),
+    ('{"parameters": {}, "versions": []}', "its 'versions' is no mapping"),
+    ('{"parameters": {}, "launch": {}}', "its 'launch' is no list"),
 ])
 def test_a_description_that_is_none_is_a_note(text, why):
     found = RecordedExperiment.from_text(text)
@@ -84,7 +84,7 @@ def test_units_of_features_are_the_scheme_s():
     units, tolerances = found.read_features("theta_u", 3)
     assert len(units) == len(tolerances) == 3 and set(units) == {"rad"}
     assert found.read_features("theta_u", 4) == ((), ())
-    assert "'theta_u' has others here" in found.notes[-1]
+    assert "'theta_u' has other features" in found.notes[-1]
     assert found.read_features("nonsense", 4) == ((), ())
     assert "units of the features are unknown: unknown scheme" in found.notes[-1]
     taught = of({"desired": "2015", "description": "none"}, goals={"goal_2015.yaml": GOAL})
@@ -123,9 +123,9 @@ def test_a_run_s_experiment_says_what_differs():
     assert of({}, {"cameras": {"labrob": {"camera": wide}}}).make_mapping()["camera"] == "wide"
     assert find_preset({**wide, "width": 5}) == {**wide, "width": 5}
     bad = of({"gain": "high", "start": "2015"})
-    with pytest.raises(BenchError, match="the bag's run is no experiment of the bench: "):
+    with pytest.raises(BenchError, match="the bag's run cannot be repeated as an experiment: "):
         bad.make_mapping()
-    assert bad.make_yaml() == "" and "the bag's run is no experiment of the bench: " in bad.notes[0]
+    assert bad.make_yaml() == "" and "cannot be repeated as an experiment: " in bad.notes[0]
     assert bad.describe_settings() == {"scheme": "points", "start": "2015"}
 
 
@@ -138,5 +138,5 @@ def test_the_files_of_a_run():
     assert files["launch.txt"] == "roslaunch p a.launch x:=1\nroslaunch q\n"
     assert files["versions.txt"] == "numpy 2.1\nros 1\n" and files["robot.urdf"] == ARM
     assert yaml.safe_load(files["parameters.yaml"]) == found.content["parameters"]
-    assert found.notes == [f"a goal named {name!r} is left out: that is no file's name"
+    assert found.notes == [f"the goal {name!r} is left out: that is no file name"
                            for name in ("../evil.yaml", "x/y.yaml", "b.txt")]

@@ -83,9 +83,9 @@ def test_a_course_tells_the_last_pose_before_a_time():
 
 
 @pytest.mark.parametrize(("target", "more", "why"), [
-    ({"model": "crat"}, "", "no model 'crat' stands in world .*did you mean 'crate'"),
-    ({"model": "crate", "link": "bod"}, "", "shows no link 'bod': did you mean 'body'"),
-    ({"model": "crate"}, LID, "has 2 links that are seen: name one of body, lid"),
+    ({"model": "crat"}, "", "there is no model 'crat' in world .*did you mean 'crate'"),
+    ({"model": "crate", "link": "bod"}, "", "has no link 'bod' with visuals: did you mean 'body'"),
+    ({"model": "crate"}, LID, "has 2 links with visuals: set it to one of body, lid"),
     ({"model": "ground_plane"}, "", "target: ground_plane::link is open"),
 ])  # fmt: skip
 def test_a_link_that_is_not_there_is_named(world, target, more, why):
@@ -94,9 +94,9 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 
 
 @pytest.mark.parametrize(("changes", "why"), [
-    ({"world": ""}, "stands in a world file: give its path or name as world"),
-    ({"plant": "free", "world": ""}, "other plants have none"),
-    ({"target": {"model": "crate", "shape": "square"}}, "brings its shape"),
+    ({"world": ""}, "target.model needs a world file: set world to its path or name"),
+    ({"plant": "free", "world": ""}, "other plants have no world"),
+    ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
 ])  # fmt: skip
 def test_what_a_link_cannot_be_is_said(world, changes, why):
     with pytest.raises(ExperimentError, match=why):

@@ -95,7 +95,7 @@ def told(**segmentation):
     (told(component="mask"), "is for the camera node"),
     (told(method="label", label="targt"), "no link has the label 'targt': did you mean 'target'"),
     ({"plant": "free", "features": "images", **told(method="colour")},
-     "pictures of plant 'free' are grey"),
+     "images of plant 'free' are grey"),
     ({"target": {"shape": "box", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0]}},
      "must be three lengths, along x, y and z"),
     ({"target": {"shape": "square", "size": [0.1] * 3, "pose": [0, 0, 0.6, 0, 0, 0]}},

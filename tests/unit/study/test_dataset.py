@@ -199,7 +199,7 @@ def test_each_camera_has_columns_of_its_own():
 @pytest.mark.parametrize(("place", "frame", "row"), [
     ({}, "the first camera's frame", "1, 0, 0, -0.01, 0, 1, 0, 0.02, 0, 0, 1, -0.05"),
     ({"pose": [0.1, 0.2, 0.6, 3.141592653589793, 0.0, 0.0]},
-     "the frame in which the first camera's target stands", "1, 0, 0, 0.1, 0, -1, "),
+     "the frame of the first camera's target (world or link)", "1, 0, 0, 0.1, 0, -1, "),
 ])  # fmt: skip
 def test_the_card_says_of_each_camera_what_it_is_and_where(
     tmp_path, monkeypatch, place, frame, row
@@ -225,7 +225,7 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(
     told = card.make_card(folder)
     assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told and len(closed) == 1
     assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
-    made = re.search(r"## How it was made\n\n```yaml\n(.*?)```", told, re.S).group(1)
+    made = re.search(r"## Study\n\n```yaml\n(.*?)```", told, re.S).group(1)
     assert yaml.safe_load(made) == study.to_mapping()
     first, other = (line for line in told.splitlines() if "pixels, " in line)
     assert first.startswith("- right: 320 x 240 pixels, 15 Hz, K row by row 102.735, 0, 159.5, 0, ")
@@ -249,7 +249,7 @@ def test_first_keeps_a_view_of_each_start():
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"experiment": {"plant": "free"}}, "features: images"),
     ({"pictures": "none", "depth": True}, "pictures: all, or first"),
-    ({"pictures": "some"}, "pictures is 'some'"),
+    ({"pictures": "some"}, "known are none, first, all"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
      "left, right in one, right in another"),
 ])  # fmt: skip
@@ -271,7 +271,7 @@ def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
     assert "up to 62 images" in images.check_room(quick, tmp_path)
     Usage = namedtuple("Usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, int(0.99e6 * size)))
-    with pytest.raises(StudyError, match="would take .* MB at most: 100 runs"):
+    with pytest.raises(StudyError, match="needs .* MB at most: 100 runs"):
         images.check_room(study, tmp_path)
     images.check_room(study, tmp_path, finished_runs=50)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, 0))

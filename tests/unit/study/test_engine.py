@@ -177,7 +177,7 @@ def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_p
         )
     for made, foreign, own in ((whole, 1, 2), (begun, 0, 1)):
         made.find_part(own).write_bytes(made.find_part(foreign).read_bytes())
-        with pytest.raises(StudyError, match=f"00000{own}.parquet is not as it was written"):
+        with pytest.raises(StudyError, match=f"00000{own}.parquet was changed since it was"):
             StudyFolder.open(made.path).read_results()
         again = StudyFolder.open(made.path)
         assert own in again.find_missing_chunks()
@@ -254,7 +254,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
         study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
         table = carried(study, tmp_path / name, pool).read_results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
-        assert table["reason"][1].as_py() == f"not done after {limit:g} s of wall time"
+        assert table["reason"][1].as_py() == f"not finished after {limit:g} s of wall time"
         assert "limit" in table["remedy"][1].as_py()
     assert asked and set(asked.values()) == {660.0} and all(watch.over for watch in asked)
 
@@ -262,7 +262,7 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
 def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path):
     carried(tiny(), tmp_path)
     StudyFolder.create(tmp_path, tiny(), "")
-    with pytest.raises(StudyError, match="holds another study: repeats was 2, is 3"):
+    with pytest.raises(StudyError, match="has another study: repeats was 2, is 3"):
         StudyFolder.create(tmp_path, tiny(repeats=3), "")
     many = {"repeats": 3, "seed": 1, "limit": 5.0, "seeds": "repeats", "chunk": 3}
     assert study_folder.describe_difference(tiny(), tiny(**many)).count(";") == 4
@@ -278,7 +278,7 @@ def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path
 def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
     """A scheduler did not answer, and the study was corrected since."""
     made = StudyFolder.create(tmp_path, tiny(), "one")
-    with made.lock(), pytest.raises(StudyError, match="being written by another bench"):
+    with made.lock(), pytest.raises(StudyError, match="being written by another process"):
         StudyFolder.create(tmp_path, tiny(repeats=3), "two")
     assert StudyFolder.create(tmp_path, tiny(repeats=3), "two").study.repeats == 3
     assert (tmp_path / "study.yaml").read_text() == "two"
@@ -300,9 +300,9 @@ def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
 def test_folders_that_are_none(tiny, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter").write_text("dear")
-    with pytest.raises(StudyError, match="is not empty and holds no study"):
+    with pytest.raises(StudyError, match="is not empty and has no study"):
         StudyFolder.create(tmp_path / "full", tiny(), "")
-    with pytest.raises(StudyError, match="holds no study: manifest.json"):
+    with pytest.raises(StudyError, match="has no study: manifest.json"):
         StudyFolder.open(tmp_path / "nowhere")
     with pytest.raises(StudyError, match="cannot write /dev/null/out"):
         StudyFolder.create(tmp_path / "/dev/null/out", tiny(), "")
@@ -310,7 +310,7 @@ def test_folders_that_are_none(tiny, tmp_path):
     with pytest.raises(StudyError, match="damaged"):
         StudyFolder.open(tmp_path)
     whole = StudyFolder.create(tmp_path / "whole", tiny(), "")
-    for key, told in (("chunk", "was cut into other chunks"), ("format", "in format 3, not")):
+    for key, told in (("chunk", "has chunks of another size"), ("format", "in format 3, not")):
         changed = json.dumps({**whole.manifest, key: 3})
         (whole.path / "manifest.json").write_text(changed)
         with pytest.raises(StudyError, match=told):
@@ -332,12 +332,12 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
     made.check_code()
     there = {**made.manifest["versions"], "numpy": "1.0"}
     monkeypatch.setattr(study_folder.versions, "read_versions", lambda: there)
-    with pytest.raises(StudyError, match="begun with other code .numpy 1.0 here and"):
+    with pytest.raises(StudyError, match="started with other code .numpy 1.0 here and"):
         made.check_code()
     with pytest.raises(StudyError, match="another version: numpy"):
         engine.carry_out(made, InProcessPool(), quiet(tiny()))
     task = work.StudyTask("{}", 0, versions=tuple(made.manifest["versions"].items()))
-    with pytest.raises(StudyError, match="a worker has another version: numpy"):
+    with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         work.carry_out(task)
 
 
@@ -350,11 +350,11 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     made = StudyFolder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
     made.check_code()
     mine.write_text(mine.read_text().replace("1.0", "2.0"))
-    with pytest.raises(StudyError, match="begun with other code .my_own_metrics [0-9a-f]{16} here"):
+    with pytest.raises(StudyError, match="with other code .my_own_metrics [0-9a-f]{16} here"):
         StudyFolder.open(tmp_path / "out").check_code()
     known = tuple(made.manifest["versions"].items())
     task = work.StudyTask(json.dumps(made.study.to_mapping()), 0, versions=known)
-    with pytest.raises(StudyError, match="a worker has another version: my_own_metrics"):
+    with pytest.raises(StudyError, match="a worker has other versions: my_own_metrics"):
         work.carry_out(task)
 
 
@@ -561,7 +561,7 @@ def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monk
     monkeypatch.setattr(work, "subprocess", SimpleNamespace(
         Popen=lambda *given, **keys: ended, PIPE=None))
     done, how = work._run_child("{}", range(3), 60.0)
-    assert not done.values and how == "its process ended by itself with 3"
+    assert not done.values and how == "its process ended with exit code 3"
 
 
 @pytest.mark.parametrize(("children", "begun", "lost"), [
@@ -571,7 +571,7 @@ def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monk
      {3: (rows.DIED, "late")}),
     ([(0, "killed"), (0, "late"), (0, "killed"), (4, "done")], [0, 0, 1, 1],
      {0: (rows.DIED, "late")}),
-    ([(2, None), (2, "done")], [0, 3], {2: (rows.LATE, "not done after 9 s of wall time")}),
+    ([(2, None), (2, "done")], [0, 3], {2: (rows.LATE, "not finished after 9 s of wall time")}),
 ])  # fmt: skip
 def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
     tiny, monkeypatch, children, begun, lost

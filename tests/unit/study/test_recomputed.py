@@ -203,7 +203,7 @@ def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
     assert lines[0] == headings
     check_printed([[cell.replace("\\|", "|") for cell in line] for line in lines[2:]], expected,
                   r"(\S+) \[(\S+), (\S+)\]$")  # fmt: skip
-    assert text.endswith("Rates with Wilson's 95 % interval, medians with the bootstrap's.\n")
+    assert text.endswith("95 % interval, medians with a bootstrap 95 % interval.\n")
 
     text = printed(["table", path / "one", "--format", "tex"], capsys)
     body = text.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
@@ -295,7 +295,7 @@ def test_every_difference_is_recomputed(path, asked, capsys):
     *lines, last = text.splitlines()
     assert len(lines) == len(wanted)
     sure = wanted[wanted.p < 0.05]
-    assert last.startswith(f"{len(sure)} of {len(wanted)} comparisons are more than chance (Holm")
+    assert last.startswith(f"{len(sure)} of {len(wanted)} differences are significant (Holm")
     pattern = r"(\w+) +(\S+) +(\S+) -> (\S+)  p (\S+)  (\d+) (\w+)  (.*)$"
     for line, row in zip(lines, wanted.itertuples(), strict=True):
         verdict, name, before, after, p, count, what, group = re.match(pattern, line).groups()

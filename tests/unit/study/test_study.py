@@ -161,16 +161,16 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
                   Study(experiment=str(tmp_path / "base.yaml"), repeats=2)):
         assert study.make_experiment(1).gain == 3.0
     (tmp_path / "base.yaml").write_text("- 3.0\n")
-    with pytest.raises(StudyError, match="base.yaml holds no keys with values: it is no study"):
+    with pytest.raises(StudyError, match="base.yaml has no keys with values: it is no study"):
         Study.from_yaml(tmp_path / "base.yaml")
-    with pytest.raises(StudyError, match="base.yaml holds no keys with values"):
+    with pytest.raises(StudyError, match="base.yaml has no keys with values"):
         Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"repeats": 0}, "repeats is 0, must be >= 1"),
     ({"samples": 0}, "samples is 0, must be >= 1"),
-    ({"vary": {"gain": []}}, "vary.gain is an empty list: a study of no runs"),
+    ({"vary": {"gain": []}}, "vary.gain is an empty list: give at least one value"),
     ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
     ({"vary": {"gian": [1.0]}}, "no 'gian': did you mean gain"),
     ({"vary": {"start.heigth": [1.0]}}, "no 'start.heigth': did you mean start.height"),
@@ -179,20 +179,20 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
     ({"cases": {"it": [{"name": "a", "set": {"laws": "PI"}}]}, "vary": {}}, "no 'laws': did you"),
     ({"cases": {"lens": [{"name": "a", "sett": {}}]}}, "'cases.lens.0..sett': did you mean 'set'"),
-    ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
+    ({"cases": [{"gain": 2.0}]}, "'gain' is both under vary and in cases"),
     ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, 0.0]}}}, "deviation is 0, must be above 0"),
-    ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must rise"),
-    ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, "1 to 1, must rise"),
-    ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must rise from above 0"),
+    ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must be low < high"),
+    ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, "1 to 1, must be low < high"),
+    ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must be 0 < low < high"),
     ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown 'unifrom': did you mean 'uniform'"),
-    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "1 is no count"),
+    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "count is 1, must be from 2"),
     ({"vary": {"gain": {"log": [0.0, 2.0, 3]}}}, "above 0"),
     ({"vary": {"gain": {"integers": [1.5, 3]}}}, "whole numbers"),
     ({"vary": {"gain": {"choice": []}}}, "must be a list of values"),
-    ({"vary": {"gain": 2.0}}, "what does not vary belongs under experiment"),
-    ({"samples": 2}, "samples is 2, but nothing is drawn"),
+    ({"vary": {"gain": 2.0}}, "put a constant value under experiment"),
+    ({"samples": 2}, "samples is 2, but no key has a distribution"),
     ({"sampling": "sobel"}, "sampling is 'sobel': did you mean 'sobol'"),
     ({"seeds": "run"}, "seeds is 'run': did you mean 'runs'"),
     ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
@@ -219,7 +219,7 @@ def test_a_study_that_was_changed_is_looked_at_again(tiny):
 def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path):
     day = datetime.date(2026, 2, 1)
     study = tiny(vary={}, cases={"a": [{"name": "b", "published": {"outcome": day}}]})
-    told = r"^datetime.date\(2026, 2, 1\) cannot stand in a study: give numbers, texts"
+    told = r"^datetime.date\(2026, 2, 1\) is no value for a study: give numbers, texts"
     with pytest.raises(StudyError, match=told):
         StudyFolder.create(tmp_path / "out", study, "")
 

@@ -77,6 +77,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
         for key, item in value.items():
             check_value(item, join_path(where, key), fault, rules)
     elif isinstance(value, str):
+        if value in (renamed := rules.get("renamed", {})):
+            raise fault(f"{where}: '{value}' is now called '{renamed[value]}'")
         if (known := rules.get("choices")) and value not in known:
             raise fault(f"{where} is {format_value(value)}: {suggest(value, known)}")
     elif isinstance(value, int | float) and not isinstance(value, bool):

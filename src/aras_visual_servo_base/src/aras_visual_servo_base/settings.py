@@ -64,6 +64,7 @@ def parameter(
     most: float | None = None,
     below: float | None = None,
     choices: Iterable[str] = (),
+    renamed: Mapping[str, str] = types.MappingProxyType({}),
     expected: str = "",
     name: bool = False,
     splits_words: bool = False,
@@ -80,6 +81,7 @@ def parameter(
         unit: for messages and tables: 'm', '1/s'.
         least, above, most, below: bounds of a number, or of each number in a list or mapping.
         choices: allowed texts.
+        renamed: new names of choices by their old names, for the error message.
         expected: description of valid values for messages, instead of that of the annotation.
         name: whether a whole number is converted to a text: roslaunch reads start:=2016 as one.
         splits_words: whether a text is converted to the list of its words.
@@ -92,7 +94,8 @@ def parameter(
     """
     rules = {
         "unit": unit, "least": least, "above": above, "most": most, "below": below,
-        "choices": tuple(choices), "expected": expected, "name": name, "splits_words": splits_words,
+        "choices": tuple(choices), "renamed": dict(renamed), "expected": expected, "name": name,
+        "splits_words": splits_words,
         "infinite": infinite, "internal": internal, "shorthand": shorthand,
         "importable": importable, "help": help,
     }  # fmt: skip
@@ -149,7 +152,8 @@ def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str
     known, hints, found = _list_fields(cls), list_annotations(cls), {}
     for key, value in values.items():
         if key not in known:
-            raise fault(describe_unknown_key(where, key, known))
+            renamed = getattr(cls, "renamed_keys", {})
+            raise fault(describe_unknown_key(where, key, known, renamed))
         found[key] = convert(value, hints[key], join_path(where, key), fault, known[key].metadata)
     return found
 
@@ -180,10 +184,20 @@ def read(
     return default
 
 
-def describe_unknown_key(where: str, key: Any, known_keys: Iterable[str]) -> str:
-    """Return the message for an unknown key."""
+def describe_unknown_key(
+    where: str,
+    key: Any,
+    known_keys: Iterable[str],
+    renamed: Mapping[str, str] = types.MappingProxyType({}),
+) -> str:
+    """Return the message for an unknown key: its new name after a renaming, or a similar key.
+
+    renamed: new names by old name; a settings class declares them as `renamed_keys`.
+    """
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
+    if key in renamed:
+        return f"{head}{colon}{kind} is now called '{renamed[key]}'"
     return f"{head}{colon}unknown {kind}: {suggest(key, known_keys)}"
 
 
@@ -397,7 +411,8 @@ class KeywordSettings:
             )
         for key in named:
             if key not in known:
-                raise cls.fault(describe_unknown_key("", key, known))
+                renamed = getattr(cls, "renamed_keys", {})
+                raise cls.fault(describe_unknown_key("", key, known, renamed))
         return super().__new__(cls)
 
 

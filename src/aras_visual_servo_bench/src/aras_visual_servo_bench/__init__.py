@@ -1,7 +1,7 @@
 """Experiments and studies of visual servoing, without ROS.
 
-The names of `__all__` are the public interface; those of `FIRST_PROJECT` come first. Each is
-imported when it is first used.
+`__all__` lists the public interface; `FIRST_PROJECT` lists the names that a first project needs.
+Each name is imported when it is first used.
 """
 
 from typing import TYPE_CHECKING
@@ -48,5 +48,6 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+# A type checker would accept any name of a module that defines __getattr__.
+if not TYPE_CHECKING:
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

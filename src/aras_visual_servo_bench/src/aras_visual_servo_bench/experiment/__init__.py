@@ -1,1 +1,1 @@
-"""What was asked for: experiments, starts, cameras, robots, and the parts made from them."""
+"""Settings of an experiment: plant, robot, cameras, target, start, goal and control loop."""

@@ -1,4 +1,4 @@
-"""Places of cameras that hand-eye calibrations give, as poses."""
+"""Camera poses from the files of hand-eye calibrations."""
 
 from __future__ import annotations
 
@@ -18,10 +18,11 @@ from .robots import Robot
 
 
 def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """The experiment with a pose for each fixed camera that a hand-eye calibration places.
+    """Return the experiment with the pose of each fixed camera that has a hand-eye calibration.
 
     Raises:
-        ExperimentError: a file that cannot be used, or a camera in a hand that the plant has not.
+        ExperimentError: a file cannot be used, or the calibration is of a camera in the hand and
+            the plant has no arm.
     """
     cameras = dict(experiment.cameras)
     for name, spec in experiment.cameras.items():
@@ -40,11 +41,13 @@ def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experim
 
 
 def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
-    """The experiment with how far each camera is believed from its true place, where a hand-eye
-    calibration says where it is believed.
+    """Return the experiment with its calibration offsets as xyz and rpy.
+
+    A `calibration_offset.hand_eye` file gives the calibrated pose of a camera; it is replaced by
+    the offset of this pose from the true pose.
 
     Raises:
-        ExperimentError: a file that cannot be used, or a link that does not carry the camera.
+        ExperimentError: a file cannot be used, or a link does not carry the camera.
     """
     if experiment.cameras:
         return replace(
@@ -77,34 +80,39 @@ def _read_calibration_offset(
     where: str,
     name: str,
 ) -> CalibrationOffset:
+    """Return the calibration offset of camera `name` with its hand-eye file read.
+
+    where: key of the file, for error messages.
+    """
     file = offset.hand_eye
     if file is None:
         return offset
     if spec.pose is not None and file.link in ("", WORLD):
-        true, there = spec.compute_pose(), _read_pose(file, robot.packages, where)
+        true_pose, calibrated_pose = spec.compute_pose(), _read_pose(file, robot.packages, where)
     elif experiment.plant in FREE_CAMERA_PLANTS:
         raise ExperimentError(
             f"{where} says where an arm carries the camera, and plant "
-            f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, off "
-            "the camera's true place"
+            f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, relative to "
+            "the camera's true pose"
         )
     else:
         try:
-            found = file.read(robot.packages)
-            check_optical(found)
-            link = find_camera_link(robot.urdf, found, file.link)
-            true, there = robot.compute_mounting(link, name), found.link_T_camera
+            calibration = file.read(robot.packages)
+            check_optical(calibration)
+            link = find_camera_link(robot.urdf, calibration, file.link)
+            true_pose = robot.compute_mounting(link, name)
+            calibrated_pose = calibration.link_T_camera
         except SimError as error:
             raise ExperimentError(f"{where}: {error}") from None
-    xyz, rpy = xyz_rpy_from_matrix(inverse(true) @ there)
+    xyz, rpy = xyz_rpy_from_matrix(inverse(true_pose) @ calibrated_pose)
     return replace(offset, hand_eye=None, xyz=tuple(map(float, xyz)), rpy=tuple(map(float, rpy)))
 
 
 def _read_pose(spec: HandEyeSpec, packages: PackagePath, where: str) -> np.ndarray:
-    """(4, 4) of the camera's optical frame in the world."""
+    """Read the pose (4, 4) of the camera's optical frame in the world from a calibration."""
     try:
-        found = spec.read(packages)
-        check_optical(found)
+        calibration = spec.read(packages)
+        check_optical(calibration)
     except SimError as error:
         raise ExperimentError(f"{where}: {error}") from None
-    return found.link_T_camera
+    return calibration.link_T_camera

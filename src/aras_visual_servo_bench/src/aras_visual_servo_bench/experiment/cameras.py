@@ -1,4 +1,4 @@
-"""Cameras of an experiment: what they truly are, and what the controller takes them for."""
+"""Settings of an experiment's cameras: the true camera, and the controller's calibration of it."""
 
 from __future__ import annotations
 
@@ -33,21 +33,22 @@ if TYPE_CHECKING:
 HALF_TURN = 3.142  # rad; pi as rounded up in files
 MAX_DELAY = 10.0  # s
 PRESET_FOLDER = "config/cameras"
-# the key that names one, and the one without a word
+# Key that names a preset, and the preset that is used by default.
 PRESET_KEY, DEFAULT_PRESET = "preset", "original"
 NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
-WORLD = "world"  # as the link of a hand-eye calibration: of a fixed camera
-# grey levels of a drawn picture, as the renderer has table and target
+WORLD = "world"  # the link of a hand-eye calibration of a fixed camera
+# Grey levels of table and target, the same as in rendered images.
 WHITE_LEVEL, DARK_LEVEL = 255, 0
 
 
 @dataclass(frozen=True)
 class HandEyeSpec:
-    """A file with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
+    """File with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
 
-    file: its path. units: of its lengths, m, cm or mm; '': as the file says, else metres.
-    link: that carries the camera; '': as the file names it. WORLD: the camera is fixed, and the
-        file says where it is in the world (the arm's base).
+    file: path of the file. units: m, cm or mm, of the lengths in the file; '': as the file says,
+        else metres.
+    link: link that carries the camera; '': the link that the file names. 'world': the camera is
+        fixed, and the file gives its pose in the world (the arm's base).
     """
 
     file: str = parameter(shorthand=True)
@@ -58,7 +59,12 @@ class HandEyeSpec:
         check(self, ExperimentError, "hand_eye")
 
     def read(self, packages: PackagePath) -> HandEyeCalibration:
-        """What the file says; HandEyeError, or ExperimentError for a file that is not there."""
+        """Read the file.
+
+        Raises:
+            HandEyeError: the file holds no calibration.
+            ExperimentError: there is no such file.
+        """
         from aras_visual_servo_base.hand_eye import read_hand_eye
 
         return read_hand_eye(packages.resolve(self.file), self.units)
@@ -66,15 +72,15 @@ class HandEyeSpec:
 
 @dataclass(frozen=True)
 class CalibrationOffset:
-    """How the controller's idea of the camera differs from the camera.
+    """Difference between the camera that the controller assumes and the true camera.
 
-    focal: factor on the focal length. centre: of the principal point, px (right, down).
+    focal: factor on the focal length. centre: offset of the principal point, px (right, down).
     distortion: coefficients that the controller uses; None: the true ones.
-    xyz, rpy: where the camera is believed to sit, off its true place, m and rad: in its own optical
+    xyz, rpy: offset of the assumed camera pose from the true one, m and rad, in the true optical
         frame (z forward, x right, y down), on every plant.
-    hand_eye: file of a hand-eye calibration that says where the camera is believed to be, instead
-        of xyz and rpy.
-    depth: factor on the depth that the controller believes.
+    hand_eye: file of a hand-eye calibration that gives the assumed camera pose, instead of xyz and
+        rpy.
+    depth: factor on the depths that the controller uses.
     """
 
     focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)
@@ -94,11 +100,15 @@ class CalibrationOffset:
 
     @property
     def is_moved(self) -> bool:
-        """Whether the camera is believed elsewhere than it is."""
+        """True if the assumed camera pose differs from the true one."""
         return any(self.xyz) or any(self.rpy)
 
     def make_calibrated_camera(self, true_camera: CameraModel) -> CameraModel:
-        """Intrinsics that the controller uses; ExperimentError where they are none."""
+        """Return the intrinsics that the controller uses.
+
+        Raises:
+            ExperimentError: the result is no valid camera.
+        """
         K = np.array(true_camera.K).reshape(3, 3)
         K[[0, 1], [0, 1]] *= self.focal
         K[:2, 2] += self.centre
@@ -112,28 +122,30 @@ class CalibrationOffset:
                 true_camera.model,
             )
         except CalibrationError as error:
-            raise ExperimentError(f"believed camera: {error}") from None
+            raise ExperimentError(f"calibration_offset: {error}") from None
 
 
 @dataclass(frozen=True)
 class CameraSpec:
     """One of several cameras of an experiment.
 
-    model: name of a preset, path of a YAML file or of a calibration, or the settings: the true one.
-    rate: pictures a second; None: the model's.
-    xyz, rpy: where it sits in the hand, beside the robot's own camera: in camera_link (x forward, y
-        left, z up), m and rad.
-    pose: of its optical frame in the world (the arm's base), x, y, z (m), roll, pitch, yaw (rad):
-        of one that stands there, and not in the hand.
-    frame: its optical frame, where the robot's description has it.
-    hand_eye: file of a hand-eye calibration that says where it is, in the hand or in the world; see
-        HandEyeSpec.
-    delay: s from an exposure to when the loop has the picture.
-    calibration_offset: how the controller's idea of it differs; see CalibrationOffset.
-    target: what it looks at, where that is not the experiment's target: shape, size, pose, motion.
-    target_frame: link that carries what it looks at, where the arm moves that: the target's pose,
-        and the camera's, are in this link's frame; '': robot.target_frame.
+    model: the true camera: name of a preset, path of a YAML file or of a calibration, or settings.
+    rate: images per second; None: the rate of the model.
+    xyz, rpy: pose of a camera in the hand relative to the robot's own camera, in camera_link
+        (x forward, y left, z up), m and rad.
+    pose: pose of the optical frame of a fixed camera in the world (the arm's base): x, y, z (m),
+        roll, pitch, yaw (rad).
+    frame: optical frame of a camera that the robot description contains.
+    hand_eye: file of a hand-eye calibration that gives the pose of the camera, in the hand or in
+        the world; see HandEyeSpec.
+    delay: time from an exposure until the control loop receives the image, s.
+    calibration_offset: errors of the controller's calibration; see CalibrationOffset.
+    target: target that this camera observes instead of the experiment's: shape, size, pose, motion.
+    target_frame: link that carries this camera's target if the arm moves that: the poses of target
+        and camera are then in this link's frame; '': robot.target_frame.
     """
+
+    renamed_keys = {"believed": "calibration_offset"}
 
     model: str | Mapping[str, Any] = parameter(DEFAULT_PRESET, shorthand=True)
     rate: float | None = parameter(None, "1/s", above=0.0)
@@ -151,22 +163,25 @@ class CameraSpec:
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "cameras")
-        seats = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame),
-                 self.hand_eye is not None)  # fmt: skip
+        placements = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame),
+                      self.hand_eye is not None)  # fmt: skip
         require(
-            sum(seats) < 2,
+            sum(placements) < 2,
             "a camera has a pose in the world, or xyz and rpy in the hand, or a frame of the "
             "robot's description, or a hand_eye calibration: one of them",
         )
 
     @property
     def is_in_description(self) -> bool:
-        """Whether the robot's description has its place: that of its own camera, or a frame."""
-        placed = self.pose is not None or self.hand_eye is not None
-        return not placed and not (any(self.xyz) or any(self.rpy))
+        """True if the robot description gives the pose: of the robot's camera, or of `frame`."""
+        has_pose = self.pose is not None or self.hand_eye is not None
+        return not has_pose and not (any(self.xyz) or any(self.rpy))
 
     def compute_pose(self) -> np.ndarray:
-        """(4, 4) of its optical frame: in the world, or in that of the robot's own camera."""
+        """Return the pose (4, 4) of the optical frame.
+
+        It is in the world if `pose` is set, else in the optical frame of the robot's own camera.
+        """
         if self.pose is not None:
             return matrix_from_xyz_rpy(self.pose[:3], self.pose[3:])
         link = optical_pose(np.eye(4))
@@ -175,11 +190,13 @@ class CameraSpec:
 
 @dataclass(frozen=True, eq=False)
 class CameraSetup:
-    """A camera of an experiment, with its files read.
+    """Camera of an experiment, with its files read.
 
-    overrides: keys that the experiment sets, by preset or by itself. settings: all that are known,
-    with those of the robot's description. config: made of these. true: its intrinsics.
-    believed: those that the controller uses.
+    overrides: keys that the experiment sets, itself or by a preset.
+    settings: `overrides` merged over the settings in the robot description.
+    config: configuration made of `settings`.
+    true_camera: intrinsics of the simulated camera.
+    calibrated_camera: intrinsics that the controller uses.
     """
 
     name: str
@@ -195,15 +212,20 @@ class CameraSetup:
         cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str,
         description_settings: Mapping[str, Any] = NO_SETTINGS,
     ) -> CameraSetup:
-        """Read; see `read_preset`. described: settings of the description's camera, to lie below.
+        """Read the camera `name` of an experiment.
+
+        Args:
+            robot: package that holds the presets; see `read_preset`.
+            description_settings: settings of the camera in the robot description, which those of
+                `spec` override.
         """
         overrides = read_preset(spec.model, packages, robot)
         if spec.rate is not None:
             overrides["update_rate"] = spec.rate
         settings = merge(description_settings, overrides)
         config = make_camera_config(settings)
-        told = true = read_camera_model(config.make_intrinsics())
-        if config.legacy_camera_info:  # CameraInfo says Gazebo's formulas
+        published = true = read_camera_model(config.make_intrinsics())
+        if config.legacy_camera_info:  # CameraInfo then has the values of Gazebo's formulas
             true = make_camera_model({**settings, "legacy_camera_info": False})
         return cls(
             name,
@@ -212,62 +234,68 @@ class CameraSetup:
             settings,
             config,
             true,
-            spec.calibration_offset.make_calibrated_camera(told),
+            spec.calibration_offset.make_calibrated_camera(published),
         )
 
     @property
     def rate(self) -> float:
-        """Pictures a second."""
+        """Images per second."""
         return self.config.update_rate
 
     @property
     def delay(self) -> float:
-        """s from an exposure to when the loop has the image: the camera's latency, and `delay`."""
+        """Time from an exposure until the control loop receives the image, s.
+
+        It is the sum of the camera's latency and of the `delay` of the experiment.
+        """
         return self.spec.delay + self.config.latency
 
 
 def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -> None:
-    """ExperimentError where pictures of one instant are never there together.
+    """Check that images of the same instant from all cameras are available at the same time.
 
     Args:
-        eyes: those that the scheme reads, the control camera first.
+        cameras: the cameras that the scheme reads, the control camera first.
         duration: of the run, s.
+
+    Raises:
+        ExperimentError: a camera delivers its first image too late, or the delays of two cameras
+            differ by more than the stored images cover.
     """
     control, *others = cameras
     for other in others:
         first = 1.0 / other.rate + other.delay
         require(
             first < duration,
-            f"camera '{other.name}' delivers its first picture after {first:.3g} s, and the run "
+            f"camera '{other.name}' delivers its first image after {first:.3g} s, and the run "
             f"lasts {duration:g} s: give it a higher rate, a shorter delay, or the run more time",
         )
         late, early = other, control
         if late.delay < early.delay:
             late, early = early, late
-        behind = late.delay - early.delay
-        kept = MAX_WAITING_IMAGES / early.rate
+        difference = late.delay - early.delay
+        stored = MAX_WAITING_IMAGES / early.rate
         require(
-            behind < kept,
-            f"pictures of cameras '{early.name}' and '{late.name}' never meet: those of "
-            f"'{late.name}' come {behind:.3g} s after those of the same time, and the last "
-            f"{MAX_WAITING_IMAGES} "
-            f"of '{early.name}' are kept, which are {kept:.3g} s: give the two delays that differ "
-            f"by less, or '{early.name}' a lower rate",
+            difference < stored,
+            f"images of cameras '{early.name}' and '{late.name}' are never available together: "
+            f"those of '{late.name}' arrive {difference:.3g} s later, and of '{early.name}' only "
+            f"the last {MAX_WAITING_IMAGES} images ({stored:.3g} s) are stored: give the cameras "
+            f"delays that differ by less, or '{early.name}' a lower rate",
         )
 
 
 def read_preset(
     camera: str | Mapping[str, Any], packages: PackagePath, robot: str
 ) -> dict[str, Any]:
-    """Settings that an experiment names for a camera, as the simulator takes them.
+    """Return the camera settings that an experiment gives, as keys of the simulator.
 
     Args:
-        camera: name of a preset of the package `robot`, path of a YAML file or of a calibration
-            (`path#name`: of one of its cameras), or keys of their own, laid over the preset or file
-            that the key `read_preset` among them names.
+        camera: name of a preset of the package `robot`; path of a YAML file or of a calibration
+            (`path#name` for one of its cameras); or keys, which override those of the preset or
+            file that their key `preset` names.
 
     Raises:
-        ExperimentError: no such preset, or a file that cannot be used.
+        ExperimentError: there is no such preset, or a file cannot be used.
     """
     try:
         if isinstance(camera, Mapping):
@@ -278,9 +306,11 @@ def read_preset(
             own = apply_calibration(own)
             if PRESET_KEY not in camera:
                 return own
-            require(isinstance(base, str), f"camera.{PRESET_KEY} is {base!r}, must be the name of "
-                                           "a "
-                                           "preset or the path of a file")  # fmt: skip
+            require(
+                isinstance(base, str),
+                f"camera.{PRESET_KEY} is {base!r}, must be the name of a preset or the path of a "
+                "file",
+            )
             return merge(read_preset(base, packages, robot), own)
         if "/" in camera or Path(camera.partition("#")[0]).suffix:
             return read_camera(_resolve_file(camera, packages))
@@ -293,7 +323,7 @@ def read_preset(
 
 
 def _resolve_file(name: str, packages: PackagePath) -> str:
-    """The absolute path of a camera's file, with the `#name` of the camera in it."""
+    """Return the absolute path of a camera's file, followed by the camera's `#name` if any."""
     path, hash_, camera = name, "", ""
     if "#" in name and not Path(name).expanduser().is_file():
         path, hash_, camera = name.rpartition("#")
@@ -301,7 +331,11 @@ def _resolve_file(name: str, packages: PackagePath) -> str:
 
 
 def make_camera_config(settings: Mapping[str, Any]) -> CameraConfig:
-    """A camera with these settings; ExperimentError where they are impossible."""
+    """Make the configuration of a camera.
+
+    Raises:
+        ExperimentError: the settings are invalid.
+    """
     try:
         return CameraConfig.from_mapping({"name": "camera", **settings})
     except CameraError as error:
@@ -309,18 +343,27 @@ def make_camera_config(settings: Mapping[str, Any]) -> CameraConfig:
 
 
 def make_camera_model(settings: Mapping[str, Any]) -> CameraModel:
-    """Intrinsics of a camera with these settings; ExperimentError where they are impossible."""
+    """Return the intrinsics of a camera with these settings.
+
+    Raises:
+        ExperimentError: the settings are invalid.
+    """
     return read_camera_model(make_camera_config(settings).make_intrinsics())
 
 
 def read_camera_model(info: Any) -> CameraModel:
-    """Intrinsics of a simulated sensor's `info`."""
+    """Convert the intrinsics of a simulated camera into a camera model."""
     K = tuple(float(k) for k in np.ravel(info.K))
     return CameraModel(info.width, info.height, K, tuple(map(float, info.D)), info.model)
 
 
 def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:
-    """Whether an outline (n, 2), normalised, is wholly in the picture, `margin` px inside."""
+    """Return True if an outline lies wholly inside the image.
+
+    Args:
+        outline: corners (n, 2) in normalised coordinates.
+        margin: least distance of the outline from the image border, px.
+    """
     u, v = camera.project(*subdivide(outline).T)
     return bool(
         (u >= margin).all()
@@ -331,30 +374,41 @@ def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) ->
 
 
 def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
-    """Picture (rows, columns) uint8 of a dark outline (n, 2) on white ground; None: the ground.
+    """Draw a dark polygon on a white background.
 
-    A pixel is as dark as the outline covers it; edges are curved as the lens curves them.
+    The grey level of a pixel is proportional to the part of it that the polygon covers. Edges are
+    curved by the distortion of the lens.
+
+    Args:
+        outline: corners (n, 2) of the polygon in normalised coordinates; None: no polygon.
+
+    Returns:
+        Image (rows, columns), uint8.
     """
-    picture = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
+    image = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
     if outline is None:
-        return picture
+        return image
     vertices = subdivide(outline) if camera.is_distorted else outline
     pixels = np.column_stack(camera.project(*vertices.T))
     low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
     high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, (camera.width, camera.height))
     if (high <= low).any():
-        return picture
+        return image
     coverage = _coverage(pixels - low, *(high - low).tolist())
     part = np.round(WHITE_LEVEL + (DARK_LEVEL - WHITE_LEVEL) * coverage).astype(np.uint8)
-    picture[low[1] : high[1], low[0] : high[0]] = part
-    return picture
+    image[low[1] : high[1], low[0] : high[0]] = part
+    return image
 
 
 def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
-    """Part (height, width) of each pixel that a polygon (n, 2), px, covers; centres are whole.
+    """Compute the exact part (height, width) of each pixel that a polygon covers.
 
-    Exact: what of a pixel is left of an edge counts with the sign of the edge's direction. Along a
-    piece of an edge within a row, the part to its left runs linearly between 0 and 1.
+    Each edge adds the area of the pixel to its left, with the sign of its vertical direction.
+    Along the piece of an edge within one row of pixels, the covered width changes linearly
+    between 0 and 1.
+
+    Args:
+        polygon: corners (n, 2), px; pixel centres have integer coordinates.
     """
     ends = np.roll(polygon, -1, axis=0)
     rising = ends[:, 1] != polygon[:, 1]
@@ -382,6 +436,6 @@ def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
 
 
 def _ramp(x: np.ndarray) -> np.ndarray:
-    """Integral from -inf to x of clip(x, 0, 1)."""
+    """Return the integral of clip(t, 0, 1) over t from -inf to x."""
     within = np.clip(x, 0.0, 1.0)
     return 0.5 * within * within + np.maximum(x - 1.0, 0.0)

@@ -1,4 +1,4 @@
-"""An experiment is data: plant, target, cameras, start, goal, scheme, and for how long."""
+"""Settings of one experiment: plant, target, cameras, start, goal, scheme and duration."""
 
 from __future__ import annotations
 
@@ -26,20 +26,28 @@ PLANTS = ("bullet", "chain", "free", "ideal")
 FREE_CAMERA_PLANTS = ("free", "ideal")
 FEATURES = ("auto", "images", "exact")
 COMMANDS = ("joint_states", "images")
-# Parameters of the controller that the experiment has as keys of its own.
+# Keys and values of earlier versions, with their new names, for the error messages.
+RENAMED_KEYS = {
+    "believed": "calibration_offset", "linger": "time_after_convergence",
+    "options": "controller_parameters", "traced": "record_peak_speeds",
+}  # fmt: skip
+RENAMED_FEATURES = {"pictures": "images"}
+# Controller parameters that are keys of the experiment itself.
 SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
 CLASS_HINT = "a name, a class, or 'package.module:Class'"
 
 
 @dataclass(frozen=True)
 class SunSpec:
-    """The sun over the Bullet arm's table; its light is white, and ambient light is there besides.
+    """The sun over the Bullet arm's table: a white directional light in addition to ambient light.
 
-    direction: from the sun to the ground, in the world. diffuse: its part of what a white face
-    square to it gives back; 0.4 more come from around. exposure: 'unclipped': both are scaled so
-    that they are 1 at most; 'gazebo': what is above 1 is white all the same, which moves edges.
-    shines: from when and until when it does, s of simulated time, as often as it comes; ambient
-    light stays, and the goal is taught in the light of the beginning. None: always.
+    direction: from the sun to the ground, in the world frame.
+    diffuse: brightness that the sun gives to a white face perpendicular to its light, 0 to 1;
+        ambient light adds 0.4.
+    exposure: 'unclipped' scales both lights so that their sum is at most 1; 'gazebo' clips
+        brightness above 1 to white, which shifts edges.
+    shines: intervals (start, end) in which the sun shines, s of simulated time; ambient light is
+        always on, and the goal is taught in the light of the start. None: always.
     """
 
     direction: tuple[float, float, float] = SUN.direction
@@ -55,13 +63,15 @@ class SunSpec:
 
 @dataclass(frozen=True)
 class IdealSpec:
-    """How the ideal camera flies, and when its run is over.
+    """Speed limits, image bounds and end of a run on the plant 'ideal'.
 
-    speed: m/s and rad/s; where a component of the twist is beyond, the whole twist is scaled.
-    stop: sum of the squared errors at which the run has converged; None: as every loop.
-    unbounded: what leaves the picture is seen all the same, and behind the camera alone is lost.
-    enough: part of the first distance and angle from the goal that counts as converged, by the
-        truth; it ends the run. farthest: times the first distance at which the run has failed.
+    speed: limits of the twist's components, m/s and rad/s; the whole twist is scaled to respect
+        them. None: no limit.
+    stop: sum of the squared feature errors at which the run has converged; None: the control
+        loop's usual criterion.
+    unbounded: features outside the image are visible; only those behind the camera are lost.
+    enough: fraction of the initial true distance and angle from the goal below which the run has
+        converged and ends. farthest: multiple of the initial distance at which the run has failed.
     """
 
     speed: Vector2 | None = parameter(None, above=0.0)
@@ -76,53 +86,59 @@ class IdealSpec:
 
 @dataclass(frozen=True)
 class Experiment(KeywordSettings):
-    """Everything that decides how a run goes; the same experiment gives the same run.
+    """Settings that determine a run completely: equal experiments give equal runs.
 
-    Immutable: `with_changes(gain=2.0)` returns a copy with other values, `from_yaml(path)` reads a
-    file, and `run(experiment)` carries it out. Values may be those of a YAML file or of Python:
-    paths,
-    NumPy arrays and numbers, classes. A value that is no mapping is that of `target.shape`,
-    `robot.urdf` or a camera's `model`. A wrong key or value raises an ExperimentError with the
-    nearest right one. Lengths are in m, angles in rad, times in s.
+    An experiment is immutable. `with_changes(gain=2.0)` returns a copy with other values,
+    `from_yaml(path)` reads a file, and `run(experiment)` runs it. Values may be those of a YAML
+    file or Python objects: paths, NumPy arrays and numbers, classes. For `target`, `robot` and the
+    entries of `cameras`, a value that is no mapping sets `target.shape`, `robot.urdf` or the
+    camera's `model`. A wrong key or value raises an ExperimentError that suggests a correct one.
+    Lengths are in m, angles in rad, times in s.
 
-    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (flying camera with
-        the servo loop's ticks, limits and delay) or 'ideal' (the scheme's own twist, one exact
-        motion an image: what papers compute).
-    ideal: see Ideal.
-    robot: see RobotSpec. friction: of its joints (bullet). lag: of each joint (chain, free), s.
-    target: see TargetSpec; 'aras' is part of the Bullet arm's description, others are put into the
-        world in its place.
-    sun: see SunSpec (bullet). world: an SDF world file around the arm, by path or as 'workbench' of
-        the shipped ones: its models, lights and scene, in place of the sun and the plain ground
-        (bullet).
-    camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV, Kalibr, ViSP),
-        or the settings: the true one.
-    camera_xyz, camera_rpy: how it is moved in its link, m and rad; all that hangs on it goes along.
-    hand_eye: file of a hand-eye calibration that says where the camera is on the arm, in place of
-        the robot's description; see HandEyeSpec.
-    calibration_offset: how the controller's idea of the camera differs; see CalibrationOffset.
-    cameras: several cameras by name, in place of camera and believed; see CameraSpec. A scheme says
-        which it reads ('points@left+points@right', by default the first); the others only watch.
-    features: 'images', 'exact' (the truth of them, without picture, tracker and noise), 'auto':
-        pictures of the Bullet arm.
-    noise: of grey levels, standard deviation. jitter: of exact features, px.
-    delay: s from an exposure to its answer, computing included.
-    commands: 'joint_states': streamed with each of them, as on a graph in real time; 'images':
-        one an image, as on a graph in lockstep: an answer moves the arm from the first image on
-        that its delay is over, so a delay is rounded up to whole image periods.
+    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera
+        with the control loop's rate, limits and delay) or 'ideal' (camera that executes the
+        scheme's twist exactly, one motion per image, as simulations in papers do).
+    ideal: settings of the plant 'ideal'; see IdealSpec.
+    robot: see RobotSpec. friction: whether its joints have friction (bullet). lag: time constant
+        of each joint (chain, free), s.
+    target: see TargetSpec; 'aras' is part of the Bullet arm's robot description, and other targets
+        are placed in the world instead of it.
+    sun: see SunSpec (bullet). world: path of an SDF world file around the arm, or the name of a
+        shipped one such as 'workbench'; its models, lights and scene replace the sun and the plain
+        ground (bullet).
+    camera: the true camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV,
+        Kalibr, ViSP), or settings.
+    camera_xyz, camera_rpy: displacement of the camera in its link, m and rad; links that the camera
+        link carries move with it.
+    hand_eye: file of a hand-eye calibration that gives the pose of the camera on the arm, instead
+        of the robot description; see HandEyeSpec.
+    calibration_offset: errors of the controller's camera calibration; see CalibrationOffset.
+    cameras: several cameras by name, instead of camera, hand_eye and calibration_offset; see
+        CameraSpec. The scheme selects the cameras that it uses ('points@left+points@right', by
+        default the first one); the others only record.
+    features: 'images' measures features in images; 'exact' computes them from the true poses,
+        without image, tracker and noise; 'auto' is 'images' for the Bullet arm and else 'exact'.
+    noise: standard deviation of the image noise, grey levels. jitter: of exact features, px.
+    delay: time from an exposure until the resulting command takes effect, with computing time, s.
+    commands: 'joint_states' sends a command with each joint state, as a ROS graph does in real
+        time; 'images' sends one command per image, as a ROS graph in lockstep: a command takes
+        effect at the first image after the delay, which rounds the delay up to image periods.
     start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
-    goal: name or path of a goal file, joints, or a CameraPose, at which the goal is taught.
-    scheme: name, class, or 'package.module:Class'. law: its name. gain: 1/s; None: the law's own.
-    options: further parameters of the controller, by name, as its node has them.
-    duration: s after the first image. time_after_convergence: s to go on after it has converged;
-        None: to the end.
-    reached: m and rad within which the goal counts as reached; None: 0.15 % of the target's depth
-        at the goal and 0.3 degrees, which plain 'converged' promises.
-    seed: of all that is random. renderer: of the Bullet arm; all names mean one.
-    traced: note each joint's greatest speed at every step of the physics.
+    goal: name or path of a goal file; or joints or a CameraPose at which the goal is taught.
+    scheme: name, class, or 'package.module:Class'. law: name of the control law. gain: 1/s; None:
+        the default of the law.
+    controller_parameters: further parameters of the controller node, by name.
+    duration: run time after the first image, s. time_after_convergence: time for which the run
+        continues after it has converged, s; None: until `duration` is over.
+    reached: distance (m) and angle (rad) within which the goal counts as reached; None: 0.15 % of
+        the target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
+    seed: seed of all random numbers. renderer: accepted for compatibility; all names select the
+        same renderer.
+    record_peak_speeds: record each joint's peak speed over the physics steps (bullet).
     """
 
     fault = ExperimentError
+    renamed_keys = RENAMED_KEYS
 
     plant: str = parameter("bullet", choices=PLANTS)
     ideal: IdealSpec = IdealSpec()
@@ -140,7 +156,7 @@ class Experiment(KeywordSettings):
     hand_eye: HandEyeSpec | None = None
     calibration_offset: CalibrationOffset = CalibrationOffset()
     cameras: Mapping[str, CameraSpec] = parameter({})
-    features: str = parameter("auto", choices=FEATURES)
+    features: str = parameter("auto", choices=FEATURES, renamed=RENAMED_FEATURES)
     noise: float = parameter(0.0, "grey levels", least=0.0)
     jitter: float = parameter(0.0, "px", least=0.0)
     delay: float = parameter(0.015, "s", least=0.0, most=MAX_DELAY)
@@ -179,52 +195,57 @@ class Experiment(KeywordSettings):
                 "the lights are those of the world file: give sun.exposure alone, or no world",
             )
             require(bool(self.world) or not self.target.model,
-                    "target.model stands in a world file: give its path or name as world")
-            own = not (self.target.motion.is_static and not any(self.target.pose))
+                    "target.model needs a world file: set world to its path or name")
+            has_own_pose = not self.target.motion.is_static or any(self.target.pose)
             require(
-                not (self.target.is_in_description and own),
-                "a target in the Bullet arm's description lies still where that has it: give its "
-                "shape a pose for one that moves",
+                not (self.target.is_in_description and has_own_pose),
+                "a target in the Bullet arm's robot description is fixed at the pose given there: "
+                "for a target with another pose or a motion, set target.shape and target.pose",
             )
             require(
                 self.target.occluder is None
                 or not (self.target.is_in_description or self.target.shape == "aras"),
-                "an occluder on the Bullet arm's table is made for another target.shape, as square",
+                "target.occluder is not available for 'aras' and targets in the robot description: "
+                "set another target.shape, such as square",
             )
             require(
                 self.target.is_in_description
                 or self.target.shape == "aras"
                 or any(self.target.pose),
-                "target.pose says where on the Bullet arm's table the target lies: its top is at "
-                "z = 0.59, so [0, 0, 0.591, 0, 0, 0] is its middle",
+                "target.pose is missing, the pose of the target on the Bullet arm's table: its top "
+                "is at z = 0.59, so its middle is [0, 0, 0.591, 0, 0, 0]",
             )
             require(
                 not self.robot.target_frame or self.target.is_mountable,
-                "a target that the arm moves is carried by one of its links: leave out "
-                "target.motion, occluded and box",
+                "a target on a link of the arm (robot.target_frame) has no motion of its own: "
+                "leave out target.motion, occluded and box",
             )
         else:
             require(not self.target.model,
-                    "target.model is of a world, for the Bullet arm: other plants have none")
+                    "target.model is for the Bullet arm: other plants have no world")
             require(
                 not self.record_peak_speeds,
-                "traced is for the Bullet arm: other plants have no steps",
+                "record_peak_speeds is for the Bullet arm: other plants have no physics steps",
             )
             require(not self.world, "world is for the Bullet arm: other plants have none")
             require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")
         require(
             not self.has_images or not self.jitter,
-            "jitter is for exact features: give noise for pictures",
+            "jitter is for exact features: give noise for images",
         )
-        require(self.has_images or not self.noise, "noise is for pictures: give jitter, in px")
+        require(self.has_images or not self.noise, "noise is for images: give jitter, in px")
 
     def _check_size(self) -> None:
-        """ExperimentError where a target is larger than the shipped robot's table."""
+        """Check that the target fits on the table of the shipped robot.
+
+        Raises:
+            ExperimentError: the target is larger.
+        """
         if self.world or self.robot.urdf != RobotSpec().urdf:
             return
         for i, length in enumerate(self.target.size or ()):
             require(length <= MAX_TARGET_SIZE, f"target.size[{i}] is {length}, must be <= "
-                    f"{MAX_TARGET_SIZE:g} m, the table's: use a world or a robot of your own")
+                    f"{MAX_TARGET_SIZE:g} m, the size of the table: use your own world or robot")
 
     def _check_cameras(self) -> None:
         if not self.cameras:
@@ -233,17 +254,24 @@ class Experiment(KeywordSettings):
             self.camera == "original"
             and self.calibration_offset == CalibrationOffset()
             and self.hand_eye is None,
-            "camera, hand_eye and believed are of an experiment with one camera: cameras has them "
-            "for each",
+            "camera, hand_eye and calibration_offset are for an experiment with one camera: set "
+            "them for each entry of cameras",
         )
         require(self.plant != "ideal", "plant 'ideal' has one camera: use free, chain or bullet")
         for name, camera in self.cameras.items():
-            require(name.isidentifier(), f"cameras: '{name}' is no name: letters, digits and _ are")
+            require(
+                name.isidentifier(),
+                f"cameras: '{name}' is no valid name: use letters, digits and _",
+            )
             if camera.target is not None or camera.target_frame:
                 self._check_own_target(name, camera)
 
     def _check_own_target(self, name: str, camera: CameraSpec) -> None:
-        """ExperimentError where a camera cannot look at a target of its own."""
+        """Check the target that one of the cameras observes instead of the experiment's.
+
+        Raises:
+            ExperimentError: the plant or the settings do not allow this target.
+        """
         target = camera.target
         require(
             not camera.target_frame or self.plant not in FREE_CAMERA_PLANTS,
@@ -252,55 +280,59 @@ class Experiment(KeywordSettings):
         )
         require(
             not camera.target_frame or target is not None,
-            f"cameras.{name}.target_frame carries what the camera looks at: give its shape, and "
-            f"its pose in that link, as cameras.{name}.target",
+            f"cameras.{name}.target_frame is the link that carries the camera's own target: give "
+            f"the target's shape, and its pose in that link, as cameras.{name}.target",
         )
         require(
             target.is_mountable or not camera.target_frame and target.is_plain,
-            f"cameras.{name}.target has a shape, a size and a pose"
-            + (", and moves with its link alone" if camera.target_frame else ", and a motion")
-            + ": leave out the rest",
+            f"cameras.{name}.target may only have shape, size, pose"
+            + (" (its link moves it)" if camera.target_frame else " and motion")
+            + ": leave out the other keys",
         )
         require(
             self.plant != "bullet" or target.shape != "aras" and (
                 bool(camera.target_frame) or any(target.pose)
             ),
-            f"cameras.{name}.target: give it a shape, and a pose that says where it lies",
+            f"cameras.{name}.target needs a shape other than 'aras', and a pose",
         )
 
     @property
     def camera_specs(self) -> Mapping[str, CameraSpec]:
-        """Its cameras by name; `camera` is the only one of them where `cameras` names none."""
+        """The cameras by name; without `cameras`, the one that `camera` describes."""
         if self.cameras:
             return self.cameras
         return {CAMERA: CameraSpec(self.camera, calibration_offset=self.calibration_offset)}
 
     @property
     def has_images(self) -> bool:
-        """Whether the features are taken from pictures."""
+        """True if features are measured in images, False if they are exact."""
         return self.features == "images" or (self.features == "auto" and self.plant == "bullet")
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, Any]) -> Experiment:
-        """An experiment of the keys that are given; the others keep their defaults.
+        """Make an experiment from keys and values; other keys have their defaults.
 
         Raises:
-            ExperimentError: naming the key, what is wrong and what would be right.
+            ExperimentError: a key or value is wrong; the message suggests a correct one.
         """
         return build(cls, values, "", ExperimentError)
 
     @classmethod
     def from_yaml(cls, path: str | Path) -> Experiment:
-        """An experiment of a YAML file; ExperimentError as above."""
+        """Read an experiment from a YAML file.
+
+        Raises:
+            ExperimentError: the file cannot be read, or a key or value is wrong.
+        """
         require(isinstance(path, str | Path), f"{format_value(path)} is no path of a YAML file")
         return cls.from_mapping(read_yaml(path, ExperimentError) or {})
 
     @classmethod
     def load(cls, source: Experiment | Mapping[str, Any] | str | Path | None) -> Experiment:
-        """Return an experiment as it is, or make it of keys with values or of a YAML file.
+        """Return an experiment unchanged, or make one from keys and values or from a YAML file.
 
         Raises:
-            ExperimentError: it is none of these, or its keys are wrong.
+            ExperimentError: the source is none of these, or a key or value is wrong.
         """
         if isinstance(source, cls):
             return source
@@ -310,26 +342,25 @@ class Experiment(KeywordSettings):
             return cls.from_yaml(source)
         raise ExperimentError(
             f"{format_value(source)} is no experiment: give Experiment(...), keys with values, or "
-            "the path "
-            "of a YAML file; for several experiments use a Study"
+            "the path of a YAML file; for several experiments use a Study"
         )
 
     def to_mapping(self) -> dict[str, Any]:
-        """Return the keys that differ from their defaults; `from_mapping` takes them."""
+        """Return the keys whose values differ from the defaults, as input of `from_mapping`."""
         return to_mapping(self)
 
     @property
     def with_absolute_start(self) -> Experiment:
-        """The same with the pose that a start about the goal's comes to.
+        """This experiment with a start relative to the goal replaced by a camera pose.
 
         Raises:
-            ExperimentError: its goal is no pose, to which the start could be relative.
+            ExperimentError: the start is relative to the goal, and the goal is no CameraPose.
         """
         if not isinstance(self.start, RelativeStart):
             return self
         require(
             isinstance(self.goal, CameraPose),
-            f"start.kind '{self.start.kind}' is relative to the goal: give it as a pose",
+            f"start.kind '{self.start.kind}' is relative to the goal: give the goal as a pose",
         )
         poses = (
             matrix_from_xyz_rpy(pose[:3], pose[3:]) for pose in (self.goal.pose, self.target.pose)
@@ -339,13 +370,13 @@ class Experiment(KeywordSettings):
     def with_changes(self, **changes: Any) -> Experiment:
         """Return this experiment with some values changed, and nothing else.
 
-        A mapping changes the keys that it names: `with_changes(target={"size": [0.1, 0.1]})` keeps
-        the target's shape. Keys of a mapping may be dotted:
-        `with_changes(**{"camera.effects.gain":
-        2.0})`. To replace a whole value, give an object, as `TargetSpec(shape="square")`.
+        A mapping changes only the keys that it names: `with_changes(target={"size": [0.1, 0.1]})`
+        keeps the target's shape. Keys may be dotted paths:
+        `with_changes(**{"camera.effects.gain": 2.0})`. To replace a whole value, give an object,
+        such as `TargetSpec(shape="square")`.
 
         Raises:
-            ExperimentError: naming the key, what is wrong and how to correct it.
+            ExperimentError: a key or value is wrong; the message suggests a correct one.
         """
         from .overrides import with_overrides
 

@@ -1,4 +1,4 @@
-"""The keys that an experiment has, by dotted paths: which there are, and their units."""
+"""Dotted keys of an experiment: check that a key exists, and find its unit."""
 
 from __future__ import annotations
 
@@ -16,36 +16,48 @@ from .experiment import Experiment
 
 
 def find_unit(key: str) -> str:
-    """Unit of what stands under a dotted key; '' where it has none, or there is no such key.
+    """Return the unit of the value of a dotted key, such as `start.side`.
 
-    Nor where it depends on the other keys: start.turn is in rad if drawn, in degrees if relative.
+    It is '' if the value has no unit, if there is no such key, or if the unit depends on other
+    keys: start.turn is in rad for a random start, in degrees for a relative one.
     """
     head, _, rest = key.partition(".")
     kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
     try:
         found = _find_fields(path, kind)
-    except StudyError:  # as the name of an axis of cases
+    except StudyError:  # the name of a study's cases, for example
         return ""
     units = {field.metadata.get("unit", "") for field in found}
     return units.pop().partition(", the")[0].replace(", ", " or ") if len(units) == 1 else ""
 
 
 def check_key(key: str) -> None:
-    """StudyError with the nearest known key where an experiment has no such dotted key."""
+    """Check that an experiment has this dotted key.
+
+    Raises:
+        StudyError: it has no such key; the message names the most similar one.
+    """
     _find_fields(key, Experiment)
 
 
 def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
-    """The fields that a dotted key of a dataclass may mean; none where its keys are free."""
+    """Return the fields of dataclass `kind` that a dotted key can refer to.
+
+    The list is empty if the key lies below a mapping whose keys are not fixed.
+    """
     kinds: tuple[type, ...] = (kind,)
     so_far = ""
     for part in key.split("."):
         known = [f for kind in kinds for f in dataclasses.fields(kind)]
         found = [f for f in known if f.name == part]
         if not found:
+            renamed = {old: new for kind in kinds
+                       for old, new in getattr(kind, "renamed_keys", {}).items()}  # fmt: skip
+            if part in renamed:
+                raise StudyError(f"key '{so_far}{part}' is now called '{so_far}{renamed[part]}'")
             near = suggest(part, [f.name for f in known]).replace("'", "")
-            said = near.replace("did you mean ", f"did you mean {so_far}")
-            raise StudyError(f"an experiment has no '{key}': {said}")
+            remedy = near.replace("did you mean ", f"did you mean {so_far}")
+            raise StudyError(f"an experiment has no '{key}': {remedy}")
         so_far += f"{part}."
         hints = [typing.get_type_hints(kind) for kind in kinds]
         hint = next(h[part] for h in hints if part in h)

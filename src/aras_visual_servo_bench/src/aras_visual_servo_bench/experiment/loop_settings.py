@@ -1,4 +1,4 @@
-"""The loop of an experiment, made of the controller node's own Settings: it is the same loop."""
+"""Settings of the control loop of an experiment, as parameters of the controller node."""
 
 from __future__ import annotations
 
@@ -20,9 +20,10 @@ from .experiment import FREE_CAMERA_PLANTS, Experiment
 from .packages import PackagePath
 from .robots import ROBOT, Robot
 
-# A camera without an arm has no limits to keep away from and no elbow.
+# A camera without an arm has no joint limits and no elbow.
 FREE_CAMERA_SETTINGS: dict[str, Any] = {"limit_avoidance": False, "output": "velocity"}
-# The ideal camera does at once what it is told, and its coordinates never wait for it.
+# The ideal camera executes each command without delay, and commands are not limited to stay
+# close to its measured coordinates (lead).
 IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
     "delay": 0.0,
     "lockstep": False,
@@ -32,15 +33,15 @@ IDEAL_CAMERA_SETTINGS: dict[str, Any] = {
 
 
 def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> Settings:
-    """The node's parameters that the experiment stands for.
+    """Return the parameters of the controller node for an experiment.
 
-    The plant stands at its start from the beginning, so the loop's own start is 'none'.
+    The plant is created at its start, so the loop's own `start` is 'none'.
 
     Args:
-        robot: read already; None: only scheme and law matter.
+        robot: robot of the experiment; None if only scheme and law are needed.
 
     Raises:
-        ExperimentError: naming the parameter that is wrong.
+        ExperimentError: a parameter is wrong; the message names it.
     """
     packages = robot.packages if robot is not None else PackagePath(experiment.robot.search)
     package = Path(packages.find("aras_visual_servo_controller"))
@@ -83,29 +84,38 @@ def make_loop_settings(experiment: Experiment, robot: Robot | None = None) -> Se
 
 
 def _check_tracker(name: str, target: TargetSpec, other: TargetSpec) -> None:
-    """ExperimentError where a camera's own target is not followed as the experiment's is."""
-    own, one = find_tracker(other.shape), find_tracker(target.shape)
-    require(own == one, f"cameras.{name}.target is followed by the tracker '{own}' and the "
-            f"experiment's target by '{one}', and a loop has one: give both targets shapes of one "
-            "kind, or controller_parameters.tracker")  # fmt: skip
+    """Check that one tracker can track both a camera's own target and the experiment's.
+
+    Raises:
+        ExperimentError: the targets need different trackers, markers or models.
+    """
+    own_tracker, tracker = find_tracker(other.shape), find_tracker(target.shape)
+    require(own_tracker == tracker,
+            f"cameras.{name}.target is tracked by the tracker '{own_tracker}' and the "
+            f"experiment's target by '{tracker}', but a loop has only one: give both targets "
+            "shapes of one kind, or set controller_parameters.tracker")
     require(other.marker == target.marker,
             f"cameras.{name}.target.marker is {other.marker!r} and target.marker is "
-            f"{target.marker!r}, and a loop follows one marker: give both the same")
+            f"{target.marker!r}, but a loop tracks only one marker: give both the same")
     require(not is_solid(other.shape) or other.shape == target.shape,
-            f"cameras.{name}.target is another solid than the experiment's target, and the tracker "
-            "'model' follows one: give both the same shape, or a flat one")
+            f"cameras.{name}.target is another solid than the experiment's target, but the tracker "
+            "'model' tracks only one: give both the same shape, or a flat one")
 
 
 def _make_tracker_settings(target: TargetSpec) -> dict[str, Any]:
-    """What the tracker of a solid target is told: its mesh, and where it is about."""
+    """Return the tracker settings of a solid target: its mesh and initial pose."""
     if not is_solid(target.shape):
         return {}
-    # It is looked for where it is, or where the options say.
+    # The search starts at the true pose unless controller_parameters set another one.
     mesh = str(target.placed_target.shape.path)
     return {"model": mesh, "model_start": {"pose": list(target.pose)}}
 
 
 def load_named_goal(experiment: Experiment, settings: Settings) -> Goal:
-    """The goal that is given by name or path; ConfigurationError where there is none."""
+    """Load the goal that the experiment gives by name or path.
+
+    Raises:
+        ConfigurationError: there is no such goal.
+    """
     start = experiment.start if isinstance(experiment.start, str) else "none"
     return dataclasses.replace(settings, desired=experiment.goal, start=start).load_goal()

@@ -1,6 +1,4 @@
-"""Keys of an experiment by dotted paths: `gain`, `start.side`,
-`controller_parameters.max_velocity`.
-"""
+"""Change the keys of an experiment by dotted paths such as `start.side`."""
 
 from __future__ import annotations
 
@@ -16,15 +14,15 @@ from .cameras import DEFAULT_PRESET, PRESET_KEY
 from .starts import CameraPose, RelativeStart, Sampler
 
 CAMERAS_KEY = "cameras"
-PLACE_KEYS = ("start", "goal")  # keys of an experiment whose values are of several kinds
+PLACE_KEYS = ("start", "goal")  # keys of an experiment whose values have several types
 PLACE_TYPES = (CameraPose, Sampler, RelativeStart)
 
 
 def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:
-    """Overrides as they are written on a command line, `key=value`, the value being YAML.
+    """Parse the overrides of a command line: `key=value`, with the value in YAML.
 
     Raises:
-        StudyError: a word without '=', or a value that is no YAML.
+        StudyError: an argument has no '=', or its value is no YAML.
     """
     found = {}
     for word in arguments:
@@ -36,15 +34,15 @@ def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:
 
 
 def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
-    """A copy of an experiment's keys with the value laid over them under a dotted key.
+    """Return a copy of an experiment's keys with the value of one dotted key changed.
 
-    Nothing else changes: a value that has keys itself is laid over those that are there, and a key
-    below `camera` or a camera's `model` over the preset that these name. `start` and `goal` are
-    values of several kinds: keys of another kind replace them. So do other `cameras`, whose names
-    say which there are.
+    All other keys stay as they are. A mapping is merged with the present value. A key below
+    `camera` or below a camera's `model` is merged with the preset that these name. There are two
+    exceptions: a `start` or `goal` of another type replaces the present one, and `cameras` replaces
+    all cameras.
 
     Raises:
-        StudyError: on the way is something that has no keys.
+        StudyError: the dotted key leads through a value that has no keys.
     """
     changes, base, path = value, dict(values), key.split(".")
     for part in reversed(path):
@@ -55,7 +53,11 @@ def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, 
 
 
 def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
-    """The same with several, by dotted key: wholes before their parts, else in their order."""
+    """Return a copy of an experiment's keys with the values of several dotted keys changed.
+
+    Shorter paths are applied first, so that `start` precedes `start.side`; otherwise the order of
+    `settings` counts.
+    """
     changed = dict(values)
     for key, value in sorted(settings.items(), key=lambda item: item[0].count(".")):
         changed = with_override(changed, key, value)
@@ -65,7 +67,12 @@ def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> di
 def _expand_presets(
     base: Mapping[str, Any], changes: Mapping[str, Any], key: str, above: str = ""
 ) -> dict[str, Any]:
-    """The base, with the presets that it names below `changes` written as keys."""
+    """Return `base` with names of camera presets replaced by mappings where `changes` adds keys.
+
+    Args:
+        key: the dotted key that is changed, for the error message.
+        above: dotted path of `base`, with a final dot; '' at the root.
+    """
     found = dict(base)
     for name, value in changes.items():
         place = f"{above}{name}"
@@ -85,13 +92,13 @@ def _expand_presets(
 
 
 def is_camera_key(key: str) -> bool:
-    """Whether under this dotted key of an experiment the name of a preset may be written."""
+    """Return True if the value of a dotted key can be the name of a camera preset."""
     parts = key.split(".")
     return parts == ["camera"] or len(parts) == 3 and (parts[0], parts[2]) == ("cameras", "model")
 
 
 def _is_same_kind(current: Any, value: Any) -> bool:
-    """Whether keys of a start or a goal can be of one kind with those that are there."""
+    """Return True if the keys of a new start or goal fit the type of the current one."""
     if not (isinstance(current, Mapping) and isinstance(value, Mapping)):
         return False
     if "kind" in value and value["kind"] != current.get("kind"):

@@ -1,4 +1,4 @@
-"""Where ROS packages are, without ROS: beside this one, or where the environment says."""
+"""Search for ROS packages without ROS: in given folders, next to this package, then as ROS does."""
 
 from __future__ import annotations
 
@@ -17,19 +17,19 @@ _SHARE = Path(os.sys.prefix) / "share"
 
 
 class PackagePath:
-    """Finds packages by name: in given folders first, then beside this package, then as ROS does.
+    """Search path for ROS packages: given folders, the folder of this package, then ROS's own path.
 
-    search: folders that hold packages, or packages themselves.
+    search: folders that contain packages, or package folders themselves.
     """
 
     def __init__(self, search: Sequence[str | Path] = ()) -> None:
         self._search = [Path(folder).expanduser() for folder in search]
 
     def find(self, name: str) -> str:
-        """Directory of a package.
+        """Return the folder of the package `name`.
 
         Raises:
-            ExperimentError: there is none of that name.
+            ExperimentError: there is no package of that name.
         """
         for folder in (*self._search, _SOURCES, _SHARE):
             for place in (folder / name, folder):
@@ -42,12 +42,12 @@ class PackagePath:
         except DescriptionError as error:
             searched = ", ".join(str(folder) for folder in (*self._search, _SOURCES))
             raise ExperimentError(
-                f"package '{name}' is not in {searched} nor in ROS_PACKAGE_PATH: name its folder "
-                "in robot.search"
+                f"package '{name}' is not in {searched} nor in ROS_PACKAGE_PATH: add its folder "
+                "to robot.search"
             ) from error
 
     def resolve(self, text: str) -> Path:
-        """The file meant by `package://name/path` or by a path.
+        """Return the file that `package://name/path` or a path refers to.
 
         Raises:
             ExperimentError: there is no such package or file.
@@ -63,8 +63,8 @@ class PackagePath:
                 "the file's path"
             )
         if not path.is_file():
-            beside = [file.name for file in path.parent.glob(f"*{path.suffix}") if path.suffix]
-            near = find_nearest(path.name, beside)
+            siblings = [file.name for file in path.parent.glob(f"*{path.suffix}") if path.suffix]
+            near = find_nearest(path.name, siblings)
             raise ExperimentError(
                 f"there is no file {path}" + ("" if str(path) == text else f" (given as {text})")
                 + (f": did you mean '{near}'?" if near else "")

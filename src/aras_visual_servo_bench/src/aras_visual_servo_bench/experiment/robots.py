@@ -1,4 +1,4 @@
-"""A robot as the bench knows it: description, controllers' settings, frames; no ROS needed."""
+"""Robot of an experiment: description, settings of its controllers, and frames, without ROS."""
 
 from __future__ import annotations
 
@@ -40,15 +40,16 @@ if TYPE_CHECKING:
 
     from .added_links import MountedTarget
 
-ROBOT = "robot"  # its model in the simulated world
-# of a camera that the robot's own description has not, by its name
+ROBOT = "robot"  # name of the robot's model in the simulated world
+# Prefix of the optical frame of a camera that the robot description does not contain.
 CAMERA_FRAME_PREFIX = "camera_frame_of_"
-# frames of one that is not where that has it
+# Prefixes of the frames of a displaced camera and of a camera at its calibrated pose.
 MOVED_FRAME_PREFIX, CALIBRATED_FRAME_PREFIX = "moved_", "believed_"
-CAMERA_LINK = "camera_link"  # the one that the launch files move
-TARGET_LINK_PREFIX = "target_of_"  # of what a camera looks at, by its name
+CAMERA_LINK = "camera_link"  # the link that the launch files move
+TARGET_LINK_PREFIX = "target_of_"  # prefix of the link of a camera's own target
 NO_CAMERAS: Mapping[str, CameraSpec] = {}
-# Keys of a described camera that say how it takes images; the others say where, and for whom.
+# Keys of a camera in a robot description that affect its images; the others concern its pose and
+# its topics.
 IMAGING_SETTINGS = frozenset((
     "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
     "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
@@ -58,17 +59,18 @@ NO_TARGETS: Mapping[str, MountedTarget] = {}
 
 @dataclass(frozen=True)
 class RobotSpec:
-    """Which robot; the shipped one where nothing is said.
+    """Settings of the robot; the defaults describe the shipped one.
 
-    urdf: path or package:// of the description. config: of the controllers' YAML.
-    namespace: the robot's, below which the YAML may keep its controllers.
-    camera_frame: the optical frame. camera: its name in the description; '' the first.
-    target_frame: the link that carries the target where the arm moves that (eye-to-hand): poses
-        of target and goal are then in this link's frame; '': the target stands in the world.
-    controllers: names of the joint controllers to use; empty: every one for a single joint.
-    joint_states: name of the controller that publishes them.
-    cameras: package whose config/cameras holds the presets.
-    search: folders that hold packages, for package://.
+    urdf: path or package:// URL of the robot description. config: of the controllers' YAML file.
+    namespace: namespace of the robot, below which the YAML file may have its controllers.
+    camera_frame: optical frame of the robot's camera. camera: name of this camera in the
+        description; '': the first camera.
+    target_frame: link that carries the target (eye-to-hand): the poses of target and goal are then
+        in this link's frame; '': the target is fixed in the world.
+    controllers: names of the joint controllers to use; empty: all controllers of a single joint.
+    joint_states: name of the controller that publishes the joint states.
+    cameras: package whose folder config/cameras contains the camera presets.
+    search: folders that contain packages, for package:// URLs.
     """
 
     urdf: str = parameter(
@@ -88,17 +90,20 @@ class RobotSpec:
         check(self, ExperimentError, "robot")
 
     def find_carrier(self, camera: CameraSpec | None) -> str:
-        """The link that carries what a camera looks at, None: the robot's own; '': the world."""
+        """Return the link that carries the target of a camera; '' if the world does.
+
+        camera: None for the robot's own camera.
+        """
         own = "" if camera is None else camera.target_frame
         return own or self.target_frame
 
 
 class Robot:
-    """A RobotSpec with its files read.
+    """Robot with its files read.
 
     Attributes:
-        spec: what it was made of. packages: where its packages are. urdf: the description's text.
-        parameters: of the controllers.
+        spec: settings of the robot. packages: search path for its packages. urdf: text of the robot
+            description, with added cameras and targets. parameters: of its controllers, by name.
     """
 
     def __init__(
@@ -114,14 +119,14 @@ class Robot:
         """Read the files.
 
         Args:
-            xyz, rpy: the camera moved in its link, m and rad.
-            friction: False takes the joints' dry friction out of the description.
-            cameras: that it has, by name: each that is not its own gets a frame in the description.
-            carried: targets on its links, by the names of the links that they become.
-            hand_eye: where its camera is; None: where the description has it.
+            xyz, rpy: displacement of the camera in its link, m and rad.
+            friction: False removes the joints' dry friction from the description.
+            cameras: the cameras by name; a camera that is missing in the description is added.
+            mounted_targets: targets on links of the robot, by the names of their new links.
+            hand_eye: calibration with the camera's pose; None: the pose in the description.
 
         Raises:
-            ExperimentError: a file that is missing or cannot be used.
+            ExperimentError: a file is missing or cannot be used.
         """
         self.spec, self._cameras = spec, cameras
         self.packages = PackagePath(spec.search)
@@ -134,45 +139,52 @@ class Robot:
         self.urdf = self._add_camera_frames(self._move_camera(matrix_from_xyz_rpy(xyz, rpy)))
         if mounted_targets:
             from .added_links import with_target
-        for name, one in mounted_targets.items():
-            self.urdf = with_target(self.urdf, name, one, spec.urdf)
+        for name, target in mounted_targets.items():
+            self.urdf = with_target(self.urdf, name, target, spec.urdf)
         tree = read_yaml(self.packages.resolve(spec.config), ExperimentError)
         if not isinstance(tree, Mapping):
-            raise ExperimentError(f"{spec.config} holds no controllers")
+            raise ExperimentError(
+                f"{spec.config} has no controllers: set robot.config to the YAML file of this "
+                "robot's controllers"
+            )
         for part in filter(None, spec.namespace.split("/")):
             tree = tree.get(part, tree)
         self.parameters: dict[str, Any] = dict(tree)
 
     def parse_description(self) -> RobotDescription:
-        """As the simulator takes it; ExperimentError naming what is wrong."""
+        """Return the robot description in the form that the simulator uses.
+
+        Raises:
+            ExperimentError: the description is invalid.
+        """
         try:
             return parse_robot_description(self.urdf, self.spec.search)
         except DescriptionError as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
 
     def read_camera_settings(self) -> dict[str, Any]:
-        """How its camera takes images, as the description has it; empty where it has none.
+        """Return the imaging settings of the robot's camera in the description, {} without one.
 
         Raises:
-            ExperimentError: the description says something impossible of it.
+            ExperimentError: the description has invalid settings of the camera.
         """
         try:
-            found = [one for one in parse_camera_descriptions(self.urdf)
-                     if self.spec.camera in ("", find_camera_name(one))]
+            found = [camera for camera in parse_camera_descriptions(self.urdf)
+                     if self.spec.camera in ("", find_camera_name(camera))]
             settings = sensor_settings(found[0]) if found else {}
         except (DescriptionError, CameraError) as error:
             raise ExperimentError(f"{self.spec.urdf}: {error}") from None
         return {key: value for key, value in settings.items() if key in IMAGING_SETTINGS}
 
     def find_optical_frame(self, camera: str) -> str:
-        """The optical frame of a camera, in the description."""
+        """Return the name of a camera's optical frame in the description."""
         spec = self._cameras.get(camera)
         if spec is None or spec.is_in_description:
             return self._own_frame if spec is None or not spec.frame else spec.frame
         return f"{CAMERA_FRAME_PREFIX}{camera}"
 
     def has_camera_on(self, link: str) -> bool:
-        """Whether the optical frame of its own camera is a link, or fixed to it."""
+        """Return True if the optical frame of the robot's camera is this link or fixed to it."""
         for joint in reversed(_find_joint_path(self.urdf, self._own_frame, self.spec.urdf)):
             if joint.child == link or joint.kind == "fixed" and joint.parent == link:
                 return True
@@ -181,78 +193,92 @@ class Robot:
         return False
 
     def find_target_frame(self, camera: str) -> str:
-        """The link that carries what a camera looks at; '': that stands in the world."""
+        """Return the link that carries the target of a camera; '' if the target is in the world."""
         return self.spec.find_carrier(self._cameras.get(camera))
 
     def find_fixed_pose(self, camera: str) -> np.ndarray | None:
-        """(4, 4) in the world of a camera that no joint moves, nor the target; None: one does."""
+        """Return the pose (4, 4) of a fixed camera in the world.
+
+        None means that a joint moves the camera or its target.
+        """
         if self.find_target_frame(camera):
             return None
         return Arm.find_fixed_pose(self.urdf, self.find_optical_frame(camera))
 
     def compute_mounting(self, link: str, camera: str = "") -> np.ndarray:
-        """(4, 4) of a camera's optical frame in a link that carries it.
+        """Return the pose (4, 4) of a camera's optical frame in a link that carries the camera.
 
         Raises:
-            ExperimentError: a link that does not carry it, or in which joints move it.
+            ExperimentError: the link does not carry the camera, or a joint between them moves.
         """
-        place = None
+        pose = None
         for joint in _find_joint_path(self.urdf, self.find_optical_frame(camera), self.spec.urdf):
             if joint.parent == link:
-                place = np.eye(4)
-            if place is None:
+                pose = np.eye(4)
+            if pose is None:
                 continue
             if joint.kind != "fixed":
-                raise ExperimentError(f"joint '{joint.name}' moves the camera in link '{link}': a "
-                                      "hand-eye calibration is of a link that carries it")
-            place = place @ joint.pose.matrix()
-        if place is None:
+                raise ExperimentError(f"joint '{joint.name}' moves the camera relative to link "
+                                      f"'{link}': a hand-eye calibration needs a link to which the "
+                                      "camera is fixed")
+            pose = pose @ joint.pose.matrix()
+        if pose is None:
             raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
                                   "one that does")
-        return place
+        return pose
 
     def make_arm(self, camera: str = "") -> Arm:
-        """Its true kinematics, of a camera; '': its own."""
+        """Return the true kinematics of the arm up to a camera; '' for the robot's own camera."""
         return self._read_arm(self.urdf, camera)
 
     def make_camera_kinematics(
         self, camera: str, control: Arm, is_calibrated: bool = False
     ) -> CameraKinematics:
-        """What moves another camera than the control camera; `is_calibrated`: as the controller has
-        it.
+        """Return the kinematics of a camera other than the control camera.
+
+        Args:
+            control: kinematics of the control camera.
+            is_calibrated: include the offset of the controller's calibration.
 
         Raises:
-            ConfigurationError: see `beside`.
+            ConfigurationError: the joints that move both cameras do not fit together, see
+                `camera_rig.make_camera_kinematics`.
         """
-        belief, place = self._cameras[camera].calibration_offset, self.find_fixed_pose(camera)
-        if place is not None:
-            off = matrix_from_xyz_rpy(belief.xyz, belief.rpy)
-            return FixedCameraKinematics(place @ off if is_calibrated else place)
+        offset, pose = self._cameras[camera].calibration_offset, self.find_fixed_pose(camera)
+        if pose is not None:
+            true_T_calibrated = matrix_from_xyz_rpy(offset.xyz, offset.rpy)
+            return FixedCameraKinematics(pose @ true_T_calibrated if is_calibrated else pose)
         urdf, frame = self.urdf, self.find_optical_frame(camera)
         if is_calibrated:
-            urdf, frame = self._add_calibrated_frame(belief.xyz, belief.rpy, camera)
+            urdf, frame = self._add_calibrated_frame(offset.xyz, offset.rpy, camera)
         return make_camera_kinematics(urdf, control, self._read_arm(urdf, camera, frame), camera)
 
     def make_calibrated_arm(
         self, xyz: Sequence[float], rpy: Sequence[float], camera: str = ""
     ) -> Arm:
-        """Its kinematics with a camera believed elsewhere: off its place in its own optical frame
-        (z forward, x right, y down), m, rad."""
+        """Return the kinematics of the arm up to a camera with a calibration error.
+
+        Args:
+            xyz, rpy: offset of the calibrated camera pose in the true optical frame (z forward,
+                x right, y down), m and rad.
+            camera: name of the camera; '' for the robot's own.
+        """
         urdf, frame = self._add_calibrated_frame(xyz, rpy, camera)
         return self._read_arm(urdf, camera, frame)
 
     def _add_calibrated_frame(
         self, xyz: Sequence[float], rpy: Sequence[float], camera: str
     ) -> tuple[str, str]:
-        """The description with a camera where it is believed, and the optical frame there."""
+        """Return the description with a camera at its calibrated pose, and its optical frame."""
         frame = self.find_optical_frame(camera)
         if not (any(xyz) or any(rpy)):
             return self.urdf, frame
-        believed = f"{CALIBRATED_FRAME_PREFIX}{frame}"
-        return self._with_frame(self.urdf, believed, frame, matrix_from_xyz_rpy(xyz, rpy)), believed
+        calibrated = f"{CALIBRATED_FRAME_PREFIX}{frame}"
+        urdf = self._with_frame(self.urdf, calibrated, frame, matrix_from_xyz_rpy(xyz, rpy))
+        return urdf, calibrated
 
     def _add_camera_frames(self, urdf: str) -> str:
-        """The description with the frames of all cameras that the experiment puts somewhere."""
+        """Return the description with an optical frame for each camera that it does not contain."""
         if self._cameras:
             from .added_links import with_link
         for name, camera in self._cameras.items():
@@ -272,29 +298,33 @@ class Robot:
         return urdf
 
     def find_controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
-        """Controller of each of these joints, and the kind of command they take.
+        """Find the controller of each joint.
+
+        Returns:
+            The controllers by joint, and the kind of command that they receive.
 
         Raises:
-            ExperimentError: a joint without a controller, or controllers of different kinds.
+            ExperimentError: a joint has no controller, or the controllers are of different kinds.
         """
         from aras_visual_servo_controller.kinematics.joint_controllers import find_joint_controllers
 
-        wanted = self.spec.controllers or tuple(self.parameters)
+        names = self.spec.controllers or tuple(self.parameters)
         known = {
-            one.name: one for one in find_joint_controllers(self.parameters) if not one.is_group
-        }
+            controller.name: controller
+            for controller in find_joint_controllers(self.parameters) if not controller.is_group
+        }  # fmt: skip
         found: dict[str, str] = {}
         kinds = set()
-        for name in wanted:
+        for name in names:
             if name not in self.parameters:
                 raise ExperimentError(
                     f"controller '{name}' is not in {self.spec.config}: "
                     + suggest(name, self.parameters)
                 )
-            one = known.get(name)
-            if one is not None and one.joints[0] in joints:
-                found.setdefault(one.joints[0], name)
-                kinds.add(one.kind)
+            controller = known.get(name)
+            if controller is not None and controller.joints[0] in joints:
+                found.setdefault(controller.joints[0], name)
+                kinds.add(controller.kind)
         missing = [joint for joint in joints if joint not in found]
         if missing:
             raise ExperimentError(
@@ -306,7 +336,7 @@ class Robot:
         if len(kinds) > 1:
             raise ExperimentError(
                 f"{self.spec.config} has controllers of several kinds ({', '.join(sorted(kinds))}):"
-                " name one kind in robot.controllers"
+                " list controllers of one kind in robot.controllers"
             )
         return {joint: found[joint] for joint in joints}, kinds.pop()
 
@@ -321,8 +351,11 @@ class Robot:
     def _with_frame(
         self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
     ) -> str:
-        """The description with one more link, fixed to an optical frame, which need not be
-        described itself."""
+        """Return the description with one more link, fixed to an optical frame.
+
+        The description need not contain the link of the optical frame: the new link is then fixed
+        to the parent of that link.
+        """
         last = _find_joint_path(urdf, frame, self.spec.urdf)[-1]
         if last.child not in parse_tree(urdf).links:
             frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
@@ -331,35 +364,40 @@ class Robot:
         return with_link(urdf, name, frame, frame_T_child)
 
     def _read_calibrated_mounting(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
-        """The link of a camera whose place is a hand-eye calibration's, and link_T_optical."""
+        """Read a camera's hand-eye calibration: the link that carries it, and link_T_camera."""
         from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
 
         camera = self._cameras[name]
         try:
-            found = camera.hand_eye.read(self.packages)
-            check_optical(found)
-            link = find_camera_link(urdf, found, camera.hand_eye.link)
+            calibration = camera.hand_eye.read(self.packages)
+            check_optical(calibration)
+            link = find_camera_link(urdf, calibration, camera.hand_eye.link)
         except SimError as error:
             raise ExperimentError(f"cameras.{name}.hand_eye: {error}") from None
-        return link, found.link_T_camera
+        return link, calibration.link_T_camera
 
     def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
-        """The description with its camera where a hand-eye calibration found it."""
+        """Return the description with the robot's camera at the pose of a hand-eye calibration."""
         from aras_visual_servo_base.camera_mounting import mount_camera
 
         try:
-            found = spec.read(self.packages)
-            return mount_camera(self._original_urdf, found, spec.link, self.spec.camera_frame)
+            calibration = spec.read(self.packages)
+            return mount_camera(
+                self._original_urdf, calibration, spec.link, self.spec.camera_frame
+            )
         except SimError as error:
             raise ExperimentError(f"hand_eye: {error}") from None
 
     def _move_camera(self, link_T_link: np.ndarray) -> str:
-        """The description with its camera moved in its link: as the launch files do it where
-        camera_link carries the optical frame, else by a frame of its own."""
+        """Return the description with the robot's camera displaced in its link.
+
+        If camera_link carries the optical frame, camera_link is moved as in the launch files;
+        otherwise a new frame is added.
+        """
         if np.array_equal(link_T_link, np.eye(4)):
             return self._original_urdf
-        carried = _find_joint_path(self._original_urdf, self._own_frame, self.spec.urdf)
-        if not any(joint.child == CAMERA_LINK for joint in carried):
+        path = _find_joint_path(self._original_urdf, self._own_frame, self.spec.urdf)
+        if not any(joint.child == CAMERA_LINK for joint in path):
             link = optical_pose(np.eye(4))  # the axes of a camera's link: x forward, y left, z up
             frame, self._own_frame = self._own_frame, f"{MOVED_FRAME_PREFIX}{self._own_frame}"
             moved = inverse(link) @ link_T_link @ link
@@ -371,14 +409,17 @@ class Robot:
             raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
 
     def _adapt(self, function: str, *texts: str) -> str:
-        """The description as a function of the launch files' own script makes it."""
+        """Return the description after a function of the script that the launch files use."""
         script = self.packages.resolve("package://aras_visual_servo_gazebo/scripts/adapt_description")
         return _load_functions(script)[function](*texts)
 
 
 def _find_joint_path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
-    """The joints from the root to an optical frame; ExperimentError, with the description's name,
-    where there is no such frame."""
+    """Return the joints from the root link to an optical frame.
+
+    Raises:
+        ExperimentError: there is no such frame; the message starts with the description's `name`.
+    """
     try:
         return find_camera_path(parse_tree(urdf), "", camera_frame)
     except DescriptionError as error:
@@ -390,19 +431,19 @@ _load_functions = functools.cache(runpy.run_path)
 
 @functools.lru_cache(maxsize=32)
 def read_arm(urdf: str, camera_frame: str, target_frame: str) -> Arm:
-    """Read once a process, as `parse_robot_description`."""
+    """Return the kinematics of an arm, cached because all runs of a study share it."""
     return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
 
 
 def find_camera_name(camera: CameraDescription) -> str:
-    """A described camera's name, below which its topics are."""
-    named = camera.plugin.camera_name if camera.plugin is not None else ""
-    return (named or camera.name).strip("/")
+    """Return the name of a camera in the robot description, which is its topics' namespace."""
+    plugin_name = camera.plugin.camera_name if camera.plugin is not None else ""
+    return (plugin_name or camera.name).strip("/")
 
 
 @functools.lru_cache(maxsize=32)
 def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
-    """Read once a process, as `parse_robot_description`."""
+    """Parse the cameras of a robot description, cached because the runs of a study share it."""
     from aras_sim_bridge.description import parse_cameras
 
     return parse_cameras(urdf)
@@ -410,7 +451,7 @@ def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
 
 @functools.lru_cache(maxsize=8)
 def parse_robot_description(urdf: str, search: tuple[str, ...]) -> RobotDescription:
-    """Parsed once a process: all runs of a study have the same, which is frozen."""
+    """Parse a robot description, cached because the runs of a study share it."""
     from aras_sim_bridge.description import parse_urdf
 
     return parse_urdf(urdf, PackagePath(search).find)

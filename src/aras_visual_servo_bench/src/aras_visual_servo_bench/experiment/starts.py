@@ -1,4 +1,4 @@
-"""Where a run starts: a pose of the camera, one drawn at random, or one relative to the goal's."""
+"""Start of a run: a camera pose, a random camera pose, or one relative to the goal."""
 
 from __future__ import annotations
 
@@ -14,19 +14,20 @@ from ..errors import ExperimentError, require
 from ..targets.target_spec import PoseValues, Vector2
 from .cameras import HALF_TURN
 
-# Of a RelativeStart.
 KINDS = ("turned", "back", "plane", "looking")
 Vector3 = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class Sampler:
-    """Draws starts from which the target is wholly in view, with the experiment's seed.
+    """Random start from which the whole target is in view, drawn with the experiment's seed.
 
-    height: of the camera above the target, least and greatest, m. side: greatest offset along
-    the world's x and y, m. turn: greatest turn about the vertical from the goal's heading, rad.
-    tilt: greatest lean from the goal's attitude, rad. margin: of the view, px from each border.
-    attempts: after which the sampler gives up.
+    height: minimum and maximum height of the camera above the target, m.
+    side: maximum offset along the world's x and y, m.
+    turn: maximum rotation about the vertical, from the camera's orientation at the goal, rad.
+    tilt: maximum tilt from the camera's orientation at the goal, rad.
+    margin: minimum distance of the target from the image border, px.
+    attempts: number of draws after which the search fails.
     """
 
     height: Vector2 = parameter((0.15, 0.5), "m")
@@ -39,19 +40,22 @@ class Sampler:
     def __post_init__(self) -> None:
         check(self, ExperimentError, "start")
         low, high = self.height
-        require(0.0 < low <= high, f"start.height is {low:g} to {high:g}, must rise from above 0 m")
+        require(
+            0.0 < low <= high,
+            f"start.height is {low:g} to {high:g} m, must be 0 < minimum <= maximum",
+        )
 
     def __str__(self) -> str:
         low, high = self.height
-        turns = f"turned by up to {math.degrees(self.turn):.3g}°"
+        turns = f"rotated by up to {math.degrees(self.turn):.3g}°"
         tilts = f", tilted by up to {math.degrees(self.tilt):.3g}°" if self.tilt else ""
-        return (f"drawn, camera {low:g} to {high:g} m above the target and up to {self.side:g} m "
-                f"beside it, {turns}{tilts}")  # fmt: skip
+        return (f"random, camera {low:g} to {high:g} m above the target and up to {self.side:g} m "
+                f"to the side, {turns}{tilts}")  # fmt: skip
 
 
 @dataclass(frozen=True)
 class CameraPose:
-    """A pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
+    """Pose of the camera's optical frame in the world: x, y, z (m), roll, pitch, yaw (rad)."""
 
     pose: PoseValues
 
@@ -63,14 +67,17 @@ class CameraPose:
 
 @dataclass(frozen=True)
 class RelativeStart:
-    """How a start is found from the goal's pose; angles in degrees, lengths in m.
+    """Start relative to the camera pose at the goal; angles in degrees, lengths in m.
 
-    kind: 'turned' (about an axis of its own), 'back' (along the optical axis), 'plane' (gone round
-        the target: its plane is turned about its x axis) or 'looking' (see `_draw_looking_pose`).
-    angle: of turned and plane. axis: in the camera's frame, of turned. distance: of back.
-    box, radii, turn: of looking: greatest offset, circles of the points looked at, turn about the
-        optical axis, which is spaced evenly over `of` seeds.
-    scatter: greatest additional offset (m) and turn about each axis, drawn by the seed.
+    kind: 'turned' (rotated about an axis of the camera frame), 'back' (moved back along the optical
+        axis), 'plane' (rotated about the x axis of the target) or 'looking' (random position in a
+        box, with the camera pointed at a random point near the target).
+    angle: rotation, for 'turned' and 'plane'. axis: in the camera frame, for 'turned'.
+    distance: for 'back'.
+    box, radii, turn: for 'looking': maximum offset of the camera; radii of the circles around the
+        target that contain the fixation point; maximum rotation about the optical axis, which
+        varies linearly from -turn to turn over `of` consecutive seeds.
+    scatter: maximum additional random offset (m) and rotation about each axis (degrees).
     """
 
     kind: str = parameter(choices=KINDS)
@@ -88,14 +95,22 @@ class RelativeStart:
 
     def __str__(self) -> str:
         return "the goal's pose, " + {
-            "turned": f"turned by {self.angle:g}° about ({', '.join(f'{v:g}' for v in self.axis)})",
+            "turned": (
+                f"rotated by {self.angle:g}° about ({', '.join(f'{v:g}' for v in self.axis)})"
+            ),
             "back": f"{self.distance:g} m back along the optical axis",
-            "plane": f"gone round the target by {self.angle:g}°",
-            "looking": "moved in a box, looking at a point near the target",
+            "plane": f"rotated around the target by {self.angle:g}°",
+            "looking": "moved within a box and pointed at a point near the target",
         }[self.kind]
 
     def compute_pose(self, goal: np.ndarray, target: np.ndarray, seed: int) -> tuple[float, ...]:
-        """x, y, z (m), roll, pitch, yaw (rad) in the world, of the goal's and target's (4, 4)."""
+        """Compute the camera pose at the start: x, y, z (m), roll, pitch, yaw (rad) in the world.
+
+        Args:
+            goal: world_T_camera (4, 4) at the goal.
+            target: world_T_target (4, 4).
+            seed: of the random numbers.
+        """
         random = np.random.default_rng((seed, 7919))
         angle = np.radians(self.angle)
         if self.kind == "turned":
@@ -119,23 +134,23 @@ class RelativeStart:
     def _draw_looking_pose(
         self, goal: np.ndarray, target: np.ndarray, seed: int, random: np.random.Generator
     ) -> np.ndarray:
-        """In a box about the goal, looking at a point of a circle on the target, turned.
+        """Draw world_T_camera (4, 4) of a camera in a box around the goal that fixates the target.
 
-        The protocol of Felton and others: the point lies on one of the circles, the turn about the
-        optical axis runs linearly over the seeds.
+        The protocol follows Felton et al.: the fixation point lies on one of the circles around
+        the target's origin, and the rotation about the optical axis varies linearly with the seed.
         """
         offset = random.uniform(-1.0, 1.0, 3) * self.box
         radius = random.choice(self.radii)
-        around = random.uniform(-np.pi, np.pi)
-        on_circle = (radius * np.cos(around), radius * np.sin(around), 0.0)
+        azimuth = random.uniform(-np.pi, np.pi)
+        on_circle = (radius * np.cos(azimuth), radius * np.sin(azimuth), 0.0)
         point = target[:3, 3] + target[:3, :3] @ on_circle
-        place = goal[:3, 3] + goal[:3, :3] @ offset
-        forward = (point - place) / np.linalg.norm(point - place)
+        position = goal[:3, 3] + goal[:3, :3] @ offset
+        forward = (point - position) / np.linalg.norm(point - position)
         right = goal[:3, 0] - (goal[:3, 0] @ forward) * forward
         right /= np.linalg.norm(right)
         pose = np.eye(4)
         pose[:3, :3] = np.stack([right, np.cross(forward, right), forward], axis=1)
-        pose[:3, 3] = place
+        pose[:3, 3] = position
         part = (seed % self.of) / max(self.of - 1, 1)
         turn = np.radians(self.turn * (2.0 * part - 1.0))
         return pose @ exponential((0.0, 0.0, 0.0, 0.0, 0.0, turn))

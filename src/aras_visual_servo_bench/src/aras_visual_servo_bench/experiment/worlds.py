@@ -1,4 +1,4 @@
-"""What is around the arm, and a link of it as the target."""
+"""World around the arm: world files, the sun, and targets that are links of models."""
 
 from __future__ import annotations
 
@@ -26,58 +26,59 @@ from .packages import PackagePath
 
 log = logging.getLogger(__name__)
 
-FIRST_STEP = 1e-3  # s: the first step of the physics
+FIRST_STEP = 1e-3  # s: duration of the first physics step
 WORLD_FILE = "package://aras_visual_servo_gazebo/world/{}.world"
 
 
 def read_surroundings(
     experiment: Experiment, packages: PackagePath, is_teaching: bool = False
 ) -> WorldFile:
-    """A world file's content, or the sun over Gazebo's ground.
+    """Read the world file of an experiment; without one, return the sun over Gazebo's ground plane.
 
-    exactly: lights that come and go stay as they are at the beginning.
+    Args:
+        is_teaching: keep all lights in their initial state, because a goal is taught with it.
 
     Raises:
-        ExperimentError: for a bad file.
+        ExperimentError: the world file is invalid.
     """
-    found = WorldFile(lights=(_make_sun(experiment.sun),))
+    world = WorldFile(lights=(_make_sun(experiment.sun),))
     if experiment.world:
-        found = read_world(find_world_path(experiment, packages), packages)
+        world = read_world(find_world_path(experiment, packages), packages)
     if not is_teaching:
-        return found
-    return replace(found, lights=tuple(
+        return world
+    return replace(world, lights=tuple(
         replace(light, lit_intervals=None if is_present(light.lit_intervals, FIRST_STEP) else ())
-        for light in found.lights
+        for light in world.lights
     ))  # fmt: skip
 
 
 def read_world(path: str, packages: PackagePath) -> WorldFile:
-    """The content of a world file; '': Gazebo's ground plane.
+    """Read a world file; an empty path gives a world with Gazebo's ground plane only.
 
     Raises:
-        ExperimentError: for a bad file.
+        ExperimentError: the world file is invalid.
     """
     try:
-        found = world_file.load_world(path, packages.find) if path else WorldFile()
+        world = world_file.load_world(path, packages.find) if path else WorldFile()
     except SimError as error:
         raise ExperimentError(str(error)) from error
-    for text in found.warnings:
+    for text in world.warnings:
         _warn(path, text)
-    return found
+    return world
 
 
 @lru_cache(maxsize=1024)
 def _warn(path: str, text: str) -> None:
-    """Log once in a process what a world file holds in vain."""
+    """Log a warning about unused content of a world file, only once per process."""
     log.warning("world file %s: %s", path, text)
 
 
 def with_target_link(experiment: Experiment, packages: PackagePath) -> Experiment:
-    """The same with the mesh and the pose of the link that its target is.
+    """Return the experiment with the mesh and pose of the link that is its target.
 
     Raises:
-        ExperimentError: there is no such model or link, it is no closed solid, or it is a link of
-            the robot's that moves.
+        ExperimentError: there is no such model or link, its visuals are no closed solid, or it is
+            a link of the robot that moves.
     """
     target = experiment.target
     if not target.model:
@@ -92,43 +93,46 @@ def with_target_link(experiment: Experiment, packages: PackagePath) -> Experimen
 def find_world_link(
     path: str, packages: PackagePath, name: str, link_name: str
 ) -> tuple[str, tuple[float, ...], str]:
-    """Path of the mesh of a link's visuals, where it is at first (m, rad), and its name.
+    """Find a link of a model in a world file.
 
     Args:
-        path: of the world file. name: of the model. wanted: its link; '': the only one that is
-            seen.
+        path: of the world file. name: of the model. link_name: of the link; '': the only link with
+            visuals.
+
+    Returns:
+        Path of the mesh of the link's visuals, its initial pose (m, rad) and its name.
 
     Raises:
-        ExperimentError: there is no such model or link, or it is no closed solid.
+        ExperimentError: there is no such model or link, or its visuals are no closed solid.
     """
     models = {model.name: model for model in read_world(path, packages).models}
-    require(name in models, f"target.model: no model '{name}' stands in world '{path}': "
+    require(name in models, f"target.model: there is no model '{name}' in world '{path}': "
             f"{suggest(name, models)}")  # fmt: skip
     link = _find_link_name(models[name], link_name)
     return *_read_world_link(path, packages, name, link), link
 
 
 def find_world_path(experiment: Experiment, packages: PackagePath) -> str:
-    """The path of an experiment's world file; '': it names none."""
-    named = experiment.world
-    if not named:
+    """Return the path of an experiment's world file; '' if it has none."""
+    path = experiment.world
+    if not path:
         return ""
-    if "/" not in named and not named.endswith(".world"):
-        named = WORLD_FILE.format(named)
-    return str(packages.resolve(named))
+    if "/" not in path and not path.endswith(".world"):
+        path = WORLD_FILE.format(path)
+    return str(packages.resolve(path))
 
 
 def _find_link_name(model: RobotDescription, link_name: str) -> str:
-    """Name of the link; that of the only one that is seen where none is wanted."""
-    seen = [name for name, link in model.links.items() if link.visuals]
+    """Check the name of a link with visuals; for '', return the only such link of the model."""
+    visible = [name for name, link in model.links.items() if link.visuals]
     if not link_name:
-        require(len(seen) == 1, f"target.link: model '{model.name}' has {len(seen)} links that are "
-                f"seen: name one of {', '.join(seen) or 'none'}")  # fmt: skip
-        return seen[0]
+        require(len(visible) == 1, f"target.link: model '{model.name}' has {len(visible)} links "
+                f"with visuals: set it to one of {', '.join(visible) or 'none'}")  # fmt: skip
+        return visible[0]
     require(
-        link_name in seen,
-        f"target.link: model '{model.name}' shows no link '{link_name}': "
-        f"{suggest(link_name, seen)}",
+        link_name in visible,
+        f"target.link: model '{model.name}' has no link '{link_name}' with visuals: "
+        f"{suggest(link_name, visible)}",
     )
     return link_name
 
@@ -137,15 +141,15 @@ def _find_link_name(model: RobotDescription, link_name: str) -> str:
 def _read_world_link(
     world: str, packages: PackagePath, model: str, link: str
 ) -> tuple[str, tuple[float, ...]]:
-    """Path of the mesh of a link's visuals, and where it is at first: m, rad."""
+    """Return the path of the mesh of a world link's visuals, and its initial pose (m, rad)."""
     try:
         content = world_file.load_world(world, packages.find)
         simulation = Simulation(SimulationConfig(ground_plane=content.ground_plane))
         try:
             world_file.populate(simulation.spawn, content)
-            placed = simulation.world.models[model]
-            pose = placed.link_pose(link).matrix()
-            corners = _read_triangles(placed.description.links[link])
+            spawned = simulation.world.models[model]
+            pose = spawned.link_pose(link).matrix()
+            corners = _read_triangles(spawned.description.links[link])
         finally:
             simulation.close()
     except SimError as error:
@@ -157,20 +161,20 @@ def _read_world_link(
 def _read_robot_link(
     urdf: str, packages: PackagePath, link: str
 ) -> tuple[str, tuple[float, ...]]:
-    """The same of a link of the robot's, which stands at the world's origin."""
+    """Return the path of the mesh of a robot link's visuals, and its pose in the world (m, rad)."""
     try:
         robot = parse_urdf(urdf, packages.find)
         link = _find_link_name(robot, link)
         pose = Arm.find_fixed_pose(urdf, link)
     except (SimError, ConfigurationError) as error:
         raise ExperimentError(f"target.link: {error}") from error
-    require(pose is not None, f"target.link: a joint of the robot moves '{link}': where the arm "
-            "carries the target, give its shape, and the link as robot.target_frame")
+    require(pose is not None, f"target.link: a joint of the robot moves '{link}': for a target "
+            "that the arm carries, set target.shape, and robot.target_frame to the link")
     return _write_solid(_read_triangles(robot.links[link]), pose, f"{robot.name}::{link}")
 
 
 def _write_solid(corners: np.ndarray, pose: np.ndarray, name: str) -> tuple[str, tuple[float, ...]]:
-    """Path of a mesh of triangles (n, 3, 3), m, and its pose (4, 4) as m and rad."""
+    """Write a mesh of triangles (n, 3, 3), m; return its path, and `pose` (4, 4) as m and rad."""
     from ..targets.solids import make_solid
 
     path = make_solid(corners, name).path
@@ -179,7 +183,7 @@ def _write_solid(corners: np.ndarray, pose: np.ndarray, name: str) -> tuple[str,
 
 
 def _read_triangles(link: Link) -> np.ndarray:
-    """Triangles (n, 3, 3) of a link's visuals, in its frame, m."""
+    """Return the triangles (n, 3, 3) of a link's visuals in the link frame, m."""
     parts = [
         part.transform(visual.pose.matrix())
         for visual in link.visuals for part in make_meshes(visual.geometry)
@@ -188,7 +192,7 @@ def _read_triangles(link: Link) -> np.ndarray:
 
 
 def _make_sun(spec: SunSpec) -> Light:
-    """The world's sun, of that direction and strength."""
+    """Make the sun of the world from the settings of an experiment."""
     strength = (spec.diffuse,) * 3
     return replace(
         SUN, direction=spec.direction, diffuse=(*strength, 1.0), lit_intervals=spec.shines

@@ -1,4 +1,4 @@
-"""The arm's control cycles and the loop's ticks between two images, all compiled, joined."""
+"""Compiled control of the simulated arm between two images: control cycles and loop updates."""
 
 from __future__ import annotations
 
@@ -27,7 +27,10 @@ if TYPE_CHECKING:
 
 
 class CompiledArmController:
-    """A loop's answers to an arm's joint states: see simulation.Answers."""
+    """Control loop of an arm, run inside the compiled cycles of the simulation.
+
+    It implements `simulation.CompiledController`.
+    """
 
     def __init__(
         self,
@@ -39,35 +42,44 @@ class CompiledArmController:
         send: Callable[[np.ndarray], None],
         last_ns: Callable[[], float],
     ) -> None:
-        """Args:
-            sampler: the controller of the joint states. joints: (n,) as they are commanded.
-            send: takes commands (n,). last_ns: until when the run goes on, as known by then, ns.
+        """Prepare the compiled updates of a loop.
+
+        Args:
+            sampler: name of the joint state controller. joints: n names, in the order of commands.
+            send: function that sends a command (n,) to the controllers.
+            last_ns: returns the end of the run as known at that time, ns.
         """
         self._listener, self._robot, self._send = listener, robot, send
         self._last_ns, self._sampler = last_ns, robot.manager.get(sampler)
-        self._ticks = CompiledUpdates(driver) if driver.servo.arm.names == tuple(joints) else None
+        self._updates = CompiledUpdates(driver) if driver.servo.arm.names == tuple(joints) else None
         handles = list(robot.hardware.handles)
-        places = np.array([handles.index(name) for name in joints]) * HANDLE_COLUMNS
-        self._measured = np.array([places + Q, places + V])
+        offsets = np.array([handles.index(name) for name in joints]) * HANDLE_COLUMNS
+        self._measured = np.array([offsets + Q, offsets + V])
         self._command = np.full(len(joints) + 1, nan)
         self._joints = {name: k for k, name in enumerate(joints)}
 
     def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
-        """The joint states' controller while the loop does nothing but go after its task."""
-        due = self._ticks is not None and -inf < self._sampler.idle_until(time_ns) < until_ns
-        self._state = self._ticks.make_arguments() if due else None
+        """Return the joint state controller if the loop's next updates can be compiled.
+
+        None means that Python has to process the next joint states.
+        """
+        due = self._updates is not None and -inf < self._sampler.idle_until(time_ns) < until_ns
+        self._state = self._updates.make_arguments() if due else None
         return None if self._state is None else self._sampler
 
     def run_cycles(
         self, count: int, time_ns: int, step_ns: int, loops: np.ndarray, handles: np.ndarray,
         drives: np.ndarray, *physics: np.ndarray | float,
     ) -> tuple[int, int, int]:
-        """As cycle.cycles."""
+        """Run up to `count` control cycles, with the loop's updates at the joint states.
+
+        Arguments and result are those of `cycle.run_cycles`.
+        """
         ends_ns, last_ns, n = time_ns + count * step_ns, self._last_ns(), len(self._joints)
         due = self._sampler.list_due_cycles(time_ns + step_ns, ends_ns, step_ns)
         samples, commands = np.empty((len(due), 2, n)), np.empty((len(due), n))
-        began_ns, stamps, end, bad = time_ns, [], ALL_MADE, -1
-        places = [self._joints.get(name, n) for name in self._robot.loop.joint_names]
+        start_ns, stamps, end, bad = time_ns, [], ALL_MADE, -1
+        columns = [self._joints.get(name, n) for name in self._robot.loop.joint_names]
         while time_ns < ends_ns:
             k = len(stamps)
             next_ns = due[k] if k < len(due) else ends_ns
@@ -78,18 +90,18 @@ class CompiledArmController:
             if end != ALL_MADE or k == len(due) or time_ns > last_ns:
                 break
             stamp, (q, v) = to_seconds(time_ns), handles.take(self._measured, out=samples[k])
-            answer = process_joint_state(q, v, stamp, *self._state)
-            if answer == NEEDS_PYTHON:
+            result = process_joint_state(q, v, stamp, *self._state)
+            if result == NEEDS_PYTHON:
                 break
             command = commands[k]
-            command[:] = self._command[:n] = self._ticks.command
+            command[:] = self._command[:n] = self._updates.command
             stamps.append(stamp)
             self._listener.on_command(command)
             self._listener.on_joints(stamp, q, v)
-            if answer == NEW_COMMAND and time_ns < ends_ns:
-                self._robot.loop.set_commands(self._command.take(places), time_ns + step_ns)
-            elif answer == NEW_COMMAND:
+            if result == NEW_COMMAND and time_ns < ends_ns:
+                self._robot.loop.set_commands(self._command.take(columns), time_ns + step_ns)
+            elif result == NEW_COMMAND:
                 self._send(command)
         self._sampler.count_samples(len(stamps))
-        self._ticks.apply_results(stamps, samples, commands)
-        return (time_ns - began_ns) // step_ns, end, bad
+        self._updates.apply_results(stamps, samples, commands)
+        return (time_ns - start_ns) // step_ns, end, bad

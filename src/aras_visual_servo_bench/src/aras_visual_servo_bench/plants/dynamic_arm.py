@@ -1,4 +1,4 @@
-"""The simulated arm: Bullet's physics, ros_control's controllers, rendered pictures."""
+"""Simulated arm with Bullet physics, ros_control controllers and rendered images."""
 
 from __future__ import annotations
 
@@ -56,11 +56,12 @@ NO_CAMERAS: Mapping[str, Mapping[str, Any]] = {}
 
 @dataclass(frozen=True, eq=False)
 class TargetModel:
-    """A target that is a model of its own in the simulated world, or what lies on it.
+    """Target, or occluder on a target, as a separate model in the simulated world.
 
-    placed: where it lies. urdf: what is drawn of it.
-    lies_at: x, y, z (m) of the model's origin in the target's frame.
-    times: from when and until when it is there, s; None: always. name: of the model.
+    target: the target with its motion. urdf: file with the visuals.
+    offset: x, y, z (m) of the model's origin in the target frame.
+    visible_times: intervals (start, end) in which the model is visible, s; None: always.
+    name: of the model.
     """
 
     target: PlacedTarget
@@ -71,11 +72,12 @@ class TargetModel:
 
     @property
     def is_static(self) -> bool:
-        """Whether it is always there, in one place."""
+        """True if the model is always visible and does not move."""
         return self.visible_times is None and self.target.motion.is_static
 
     def compute_pose(self, time: float) -> Pose:
-        """The model's in the world at `time` (s); out of sight while it is not there."""
+        """Compute the pose of the model in the world at `time` (s), far away while it is invisible.
+        """
         if not is_present(self.visible_times, time):
             return HIDDEN_POSE
         world_T_target = self.target.world_T_target(time)
@@ -84,7 +86,7 @@ class TargetModel:
 
 @dataclass(frozen=True, eq=False)
 class TrackedLink:
-    """A link of a model of the world that is the target; its poses are noted in `course`."""
+    """Link of a model in the world that is the target; its poses are added to `pose_history`."""
 
     model: str
     link: str
@@ -92,7 +94,7 @@ class TrackedLink:
 
 
 class DynamicArm(Plant):
-    """The robot in the bridge's Simulation, spawned at its start; one thousand steps a second."""
+    """Robot arm in the bridge's Simulation, with 1 000 physics steps per second."""
 
     def __init__(
         self,
@@ -111,45 +113,47 @@ class DynamicArm(Plant):
         labelled_link: str = "",
         tracked_link: TrackedLink | None = None,
     ) -> None:
-        """Spawn the robot at these joints, controllers and camera running.
+        """Spawn the robot and start its controllers and cameras.
 
         Args:
-            camera: settings of the control camera, laid over the description's camera.
-            joints: positions by name, rad or m.
-            traced: keep every step's joint velocities, for `peak_speed`.
-            shown: what is put into the world: the target, unless the robot brings its own, and what
-                lies on it.
-            sights: see in place of the cameras, the control camera first, from where the physics
-                has that at each exposure; nothing is drawn then. None: the cameras.
-            around: what stands and shines around the robot.
-            name: of the control camera; '': the robot's own, the only one.
-            others: settings of the other cameras, by name; `robot` says where they sit.
-            exposure: how the light becomes grey levels, one of EXPOSURES.
-            label: model, or 'model::link', of which the label images tell the pixels; '': none do.
-            followed: the target, where it is a link of the world's.
+            camera: settings of the control camera, which override those in the description.
+            joints: initial positions by name, rad or m.
+            record_peak_speeds: record each joint's maximum speed over the steps, for `peak_speed`.
+            target_models: targets and occluders that are spawned in the world.
+            imaging_settings: exact features that replace the rendered images, for the control
+                camera first; empty: images are rendered.
+            surroundings: world around the robot: models, lights and scene.
+            name: of the control camera; '': the only camera of the robot description.
+            other_cameras: settings of the other cameras, by name; `robot` has their frames.
+            exposure: conversion of light into grey levels, one of EXPOSURES.
+            labelled_link: model, or 'model::link', that label images mark as the target; '': none.
+            tracked_link: the target, if it is a link of a model in the world.
 
         Raises:
-            ExperimentError: what of it is impossible.
+            ExperimentError: the robot, its cameras or the world cannot be simulated.
         """
         description = robot.parse_description()
         mounted = [c for c in description.cameras if robot.spec.camera in ("", find_camera_name(c))]
         if robot.spec.camera and not mounted:
             known = ", ".join(map(find_camera_name, description.cameras)) or "none"
-            raise ExperimentError(f"the robot has no camera '{robot.spec.camera}'; it has: {known}")
+            raise ExperimentError(
+                f"robot.camera: the robot has no camera '{robot.spec.camera}'; it has: {known}"
+            )
         self._name, self._other_cameras = name or CAMERA, other_cameras
         self.control_camera_name = self._name
         first = mounted[0] if mounted else _make_default_camera(robot.find_optical_frame(""))
         if not (name or mounted and robot.has_camera_on(first.link)):
-            name = CAMERA  # it sits at a frame of the description that has no sensor there
+            name = CAMERA  # the description has no sensor at the optical frame
         self._link = first.link
         own: dict[str, Any] = {}
         for part in reversed(find_camera_name(first).split("/")):
             own = {part: own or dict(camera)}
         for settings in (camera, *other_cameras.values()):
-            # the simulator would go on without an impossible camera
+            # Raise an error for invalid settings, with which the simulator only leaves the camera
+            # out.
             cameras.make_camera_model(settings)
         if name:
-            described = [_rename_camera(first, eye, robot) for eye in (name, *other_cameras)]
+            described = [_rename_camera(first, new, robot) for new in (name, *other_cameras)]
             own, self._link = {name: dict(camera), **other_cameras}, described[0].link
             description = replace(description, cameras=tuple(described))
         else:
@@ -175,8 +179,8 @@ class DynamicArm(Plant):
         try:
             world_file.populate(self._simulation.spawn, surroundings)
             self._spawn(robot, description, name, own, joints)
-            for one in target_models:
-                self._place_target(one)
+            for target_model in target_models:
+                self._place_target(target_model)
             self._tracked_link = tracked_link
             self._record_target_pose()
             self._labels = None
@@ -205,26 +209,27 @@ class DynamicArm(Plant):
         self._model = self._robot.model
         self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
         self._robot.start([spec.joint_states, *self._controllers])
-        # As the switching service does while time stands still: so controllers run, and commands
-        # count, from the first step on, and joint states come in the graph's rhythm.
+        # Switch the controllers before the first step, as the switching service does at time 0:
+        # they then accept commands from the first step, and joint states have the same stamps as
+        # on a ROS graph.
         self._robot.hardware.read()
         self._robot.manager.carry_out_switches(simulation.time_ns)
         self._joint_states, self._compiled_controller = spec.joint_states, None
         self._robot.manager.get(spec.joint_states).on_state = self._on_joints
         self._command_kind = [self._robot.manager.get(name) for name in self._controllers]
         mounted = simulation.camera(f"/{camera}")
-        for name, one in {self._name: mounted, **{
+        for name, spawned in {self._name: mounted, **{
             name: simulation.camera(f"/{name}") for name in self._other_cameras
         }}.items():
-            one.on_frame, one.enabled = partial(self._on_frame, name), not self._exposures
-            if one.sensor.vibration is not None and not self._exposures:
-                self.vibrations = {**self.vibrations, name: one.sensor.vibration}
+            spawned.on_frame, spawned.enabled = partial(self._on_frame, name), not self._exposures
+            if spawned.sensor.vibration is not None and not self._exposures:
+                self.vibrations = {**self.vibrations, name: spawned.sensor.vibration}
         self._link_T_camera = np.array(mounted.parent_T_optical)
         self._carrier = robot.find_target_frame(self._name)
         self.camera = cameras.read_camera_model(mounted.sensor.info)
 
     def _place_target(self, target: TargetModel) -> None:
-        """Put a target into the world; one that moves is where it belongs at every step."""
+        """Spawn a target; the pose of a moving one is set at every step."""
         described = _parse_target(target.urdf)
         model = self._simulation.spawn(described, target.name, target.compute_pose(0.0))
         if not target.is_static:
@@ -237,12 +242,12 @@ class DynamicArm(Plant):
 
     @property
     def simulation(self) -> Simulation:
-        """The simulated world, with the models `robot` and `target`: for grippers and whatever an
-        experiment does not do itself."""
+        """The simulation, with the models `robot` and `target`, for grippers and other extensions.
+        """
         return self._simulation
 
     def advance(self, until_ns: int) -> list[Reading]:
-        """Step until something was measured or `until_ns` is reached."""
+        """Simulate until the next measurement, or until `until_ns`; see Plant.advance."""
         simulation, readings = self._simulation, self._readings
         step = partial(simulation.step, compiled_controller=self._compiled_controller)
         if self._peak_speed is not None:
@@ -258,10 +263,10 @@ class DynamicArm(Plant):
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:
-        """Command all joints."""
+        """Command all joints; see Plant.command."""
         if kind not in self.outputs:
             raise ExperimentError(
-                f"the robot's controllers take {', '.join(self.outputs)} commands, not {kind}"
+                f"the robot's controllers accept {', '.join(self.outputs)} commands, not {kind}"
             )
         for controller, value in zip(self._command_kind, values, strict=True):
             controller.set_command(value)
@@ -269,10 +274,9 @@ class DynamicArm(Plant):
     def attach_loop(
         self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
     ) -> None:
-        """See Plant.join."""
-        from .compiled_arm_controller import (
-            CompiledArmController,  # here, because many plants are no arms
-        )
+        """Process joint states in compiled code; see Plant.attach_loop."""
+        # Imported here because most plants do not need it.
+        from .compiled_arm_controller import CompiledArmController
 
         (kind,) = self.outputs
         self._compiled_controller = CompiledArmController(
@@ -281,44 +285,46 @@ class DynamicArm(Plant):
         )  # fmt: skip
 
     def read_rest_pose(self) -> np.ndarray:
-        """world_T_camera (4, 4) from the physics; in the target's link where the arm moves that."""
+        """Return world_T_camera (4, 4) from the physics, without vibration.
+
+        If the arm carries the target, the pose is in the link that carries it.
+        """
         pose = self._model.link_pose(self._link).matrix() @ self._link_T_camera
         if not self._carrier:
             return pose
         return relative_pose(self._model.link_pose(self._carrier).matrix(), pose)
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
-        """See Plant.poses; by the true robot's description, which spares Bullet being asked in
-        between."""
+        """Compute camera poses from the robot description; see Plant.compute_rest_poses."""
         return self._model.pose().matrix() @ self._arm.poses(positions)
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
-        """See Plant.places."""
+        """Compute the joint origins from the robot description; see Plant.joint_origins."""
         world_T_base = self._model.pose().matrix()
         return self._arm.joint_origins(positions) @ world_T_base[:3, :3].T + world_T_base[:3, 3]
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities from the physics."""
+        """Return positions and velocities (n,) from the physics."""
         positions, velocities = self._model.read_joints()[:2]
         return np.array(positions)[self._rows], np.array(velocities)[self._rows]
 
     def find_collision(self) -> tuple[str, str] | None:
-        """See Plant.touched; at the last step."""
-        for found in find_overlaps(self._simulation.world, self._model):
-            return found.link, found.model
+        """Return a link of the arm in collision at the last step, and the other model."""
+        for overlap in find_overlaps(self._simulation.world, self._model):
+            return overlap.link, overlap.model
         return None
 
     @property
     def peak_speed(self) -> np.ndarray | None:
-        """Greatest speed (n,) of each joint at any step; None where it is not traced."""
+        """Maximum speed (n,) of each joint over all steps; None if it is not recorded."""
         return self._peak_speed
 
     def close(self) -> None:
-        """End the simulation."""
+        """Close the simulation."""
         self._simulation.close()
 
     def _record_target_pose(self) -> None:
-        """Note where the target is that the simulation moves."""
+        """Record the pose of a target that is a link of a model in the world."""
         if self._tracked_link is None:
             return
         pose = self._simulation.world.models[self._tracked_link.model].link_pose(
@@ -331,7 +337,7 @@ class DynamicArm(Plant):
         np.maximum(self._peak_speed, np.abs(self.read_joints()[1]), out=self._peak_speed)
 
     def _step_moving_targets(self, step: Callable[[int], None], until_ns: int) -> None:
-        """A step that ends with the target, and what lies on it, where they belong then."""
+        """Make a step at whose end moving targets and occluders are at their current poses."""
         simulation = self._simulation
         time_ns = simulation.time_ns + simulation.step_ns
         for target, model in self._moving_models:
@@ -339,22 +345,22 @@ class DynamicArm(Plant):
         step(time_ns)
 
     def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:
-        """A step in whose course `imaging_settings` may look: from between the poses at its ends.
-        """
-        due, simulation = min(one.due_ns for one in self._exposures), self._simulation
-        began = simulation.time_ns
-        ended = began + simulation.step_ns
-        if ended < due:
+        """Make a step with exposures of exact features at camera poses interpolated within it."""
+        due, simulation = min(e.due_ns for e in self._exposures), self._simulation
+        start = simulation.time_ns
+        end = start + simulation.step_ns
+        if end < due:
             step(min(until_ns, due - simulation.step_ns))
             return
         before = self.read_rest_pose()
-        step(ended)
-        moved = logarithm(relative_pose(before, self.read_rest_pose()))
-        for one in self._exposures:
-            while one.due_ns <= ended:
-                pose = before @ exponential((one.due_ns - began) / simulation.step_ns * moved)
-                if (seen := one.expose(pose)) is not None:
-                    self._readings.append(seen)
+        step(end)
+        motion = logarithm(relative_pose(before, self.read_rest_pose()))
+        for exposure in self._exposures:
+            while exposure.due_ns <= end:
+                fraction = (exposure.due_ns - start) / simulation.step_ns
+                pose = before @ exponential(fraction * motion)
+                if (frame := exposure.expose(pose)) is not None:
+                    self._readings.append(frame)
 
     def _on_joints(self, state: Any) -> None:
         self._readings.append(
@@ -362,12 +368,12 @@ class DynamicArm(Plant):
         )
 
     def _on_frame(self, camera: str, frame: Any) -> None:
-        labelled = None
+        mask = None
         if self._labels is not None and frame.segmentation is not None:
-            labelled = self._labels.make_mask(frame.segmentation)
+            mask = self._labels.make_mask(frame.segmentation)
         self._readings.append(Frame(
             frame.stamp_ns, frame.image, frame.encoding, frame.depth, name=camera,
-            target_mask=labelled,
+            target_mask=mask,
         ))  # fmt: skip
 
 
@@ -377,25 +383,26 @@ def _parse_target(urdf: Path) -> RobotDescription:
 
 
 def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
-    """The described camera under another name, where that one sits."""
+    """Copy the robot description's camera under another name, at the optical frame of that name."""
     plugin = None if camera.plugin is None else replace(
         camera.plugin, camera_name=name, robot_namespace="", trigger_topic=""
     )
-    seated = replace(camera, name=name, plugin=plugin, shutter="")
+    renamed = replace(camera, name=name, plugin=plugin, shutter="")
     frame = robot.find_optical_frame(name)
     if frame == robot.find_optical_frame("") and robot.has_camera_on(camera.link):
-        return seated
-    return replace(seated, link=frame, pose=_compute_sensor_pose())
+        return renamed
+    return replace(renamed, link=frame, pose=_compute_sensor_pose())
 
 
 def _make_default_camera(frame: str) -> CameraDescription:
-    """A camera at an optical frame of a robot without a camera, as SDF has it by default."""
+    """Make a camera with SDF's default settings, for a robot description without a camera."""
     return CameraDescription(
         CAMERA, frame, _compute_sensor_pose(), "camera", 0.0, 1.047, 320, 240, "R8G8B8", 0.1, 100.0
     )
 
 
 def _compute_sensor_pose() -> tuple[tuple[float, ...], tuple[float, ...]]:
-    """xyz (m) and rpy (rad) in an optical frame of a sensor, which looks along its +x, z up."""
+    """Return the pose of a sensor frame (x forward, z up) in its optical frame: xyz (m), rpy (rad).
+    """
     xyz, rpy = xyz_rpy_from_matrix(inverse(optical_pose(np.eye(4))))
     return tuple(xyz), tuple(rpy)

@@ -1,7 +1,7 @@
-"""The ideal plant: a camera that flies as the scheme's twist says, one exact motion an image.
+"""Ideal plant: a free camera that executes the scheme's twist exactly until the next image.
 
-What papers and tutorials compute: no arm, no limits of joints, no delay; the twist of one image
-moves the camera by its exponential until the next.
+It has no arm, no joint limits and no delay, as simulations in papers and tutorials. The exponential
+of the twist gives the motion of the camera.
 """
 
 from __future__ import annotations
@@ -24,7 +24,10 @@ ZERO_TWIST = np.zeros(6)
 
 
 class IdealCamera(FreeCamera):
-    """Takes the twist (6,) of the believed camera; the first image is at 0 s."""
+    """Free camera that is commanded by the twist (6,) of the calibrated camera.
+
+    The first image is at 0 s.
+    """
 
     outputs = frozenset(("twist",))
     has_exact_plane = True
@@ -37,15 +40,16 @@ class IdealCamera(FreeCamera):
         imaging: ImagingSettings,
         seed: int = 0,
     ) -> None:
-        """Stand at coordinates q (6,); `calibrated_body`: the same body with the camera as
-        believed.
+        """Place the camera at coordinates q (6,).
+
+        calibrated_body: the body with the camera pose that the controller assumes.
         """
         super().__init__(arm, q, imaging, seed=seed)
         self._calibrated_body, self._twist = calibrated_body, ZERO_TWIST
         self._exposures = [ExposureSchedule(imaging, self._random, first=0)]
 
     def advance(self, until_ns: int) -> list[Reading]:
-        """Go to the next image, or to `until_ns` if it does not come before."""
+        """Advance to the next image, or to `until_ns` if that is earlier; see Plant.advance."""
         (exposure,) = self._exposures
         image_ns = exposure.due_ns
         time_ns = min(image_ns, until_ns)
@@ -64,7 +68,7 @@ class IdealCamera(FreeCamera):
         ]
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and their rates now."""
+        """Return the coordinates and their rates."""
         q = self.arm.coordinates(self._pose)
         return q, np.linalg.solve(self._calibrated_body.jacobian(q), self._twist)
 
@@ -73,15 +77,19 @@ class IdealCamera(FreeCamera):
 
 
 class ExactIK(DifferentialIK):
-    """Answers a task's own twist, slowed as a whole to the greatest speed.
+    """Inverse kinematics of the ideal camera: the task's twist, scaled to the speed limits.
 
-    The coordinates' velocities are those that reach, at the next image, what the twist reaches.
+    The velocities of the coordinates lead to the pose that the twist reaches at the next image.
     """
 
     def __init__(
         self, body: FreeBody, rate: float, max_speed: Sequence[float] | None = None
     ) -> None:
-        """`rate`: images a second; `max_speed`: greatest m/s and rad/s of each component, or none.
+        """Set the limits.
+
+        Args:
+            rate: images per second.
+            max_speed: limits of each component, m/s and rad/s; None: no limits.
         """
         super().__init__(body)
         self._period = 1.0 / rate
@@ -90,7 +98,10 @@ class ExactIK(DifferentialIK):
     def solve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
     ) -> IKSolution:
-        """See Resolver.resolve; the same whatever `dt` and `previous`."""
+        """Return the scaled twist of the task; see DifferentialIK.solve.
+
+        `dt` and `previous` have no effect.
+        """
         twist = task.twist / max(1.0, float((np.abs(task.twist) / self._max_speed).max()))
         moved = self.arm.pose(q) @ exponential(twist * self._period)
         velocities = (self.arm.coordinates(moved) - q) / self._period

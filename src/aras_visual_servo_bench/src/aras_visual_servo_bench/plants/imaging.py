@@ -1,4 +1,4 @@
-"""How a plant without a renderer sees its target: exact features, or drawn images."""
+"""Imaging without a renderer: exact features of the target, or drawn images."""
 
 from __future__ import annotations
 
@@ -25,30 +25,33 @@ from ..targets.geometry import PlacedTarget, Target, project
 from .base import CAMERA, CameraPlacement
 
 NS = 1_000_000_000
-OCCLUSION_LEVEL = 128  # grey level of the cover's own drawing from which on it hides
-MAX_TRIES = 100  # draws of an outline's noise
+OCCLUSION_LEVEL = 128  # grey level below which a pixel counts as covered by a dark outline
+MAX_TRIES = 100  # draws of the noise of an outline without crossing edges
 
 
 @dataclass(frozen=True)
 class ImagingSettings:
-    """How a plant without a renderer sees its target.
+    """Settings of a camera that observes its target without a renderer.
 
-    What becomes of its images is the affair of `ExposureSchedule`: effects and lost frames.
+    `ExposureSchedule` applies camera effects and drops frames.
 
-    camera: the true one. target: in the world. rate: pictures a second.
-    pictures: draw them; otherwise outlines and corners are exact.
-    effects: of the camera; on exact features those of light do nothing. seed: of their chance.
+    camera: the true intrinsics. target: in the world. rate: images per second.
+    has_images: draw images; otherwise outlines and corners are exact.
+    effects: of the camera; those that change grey levels do not act on exact features.
+    seed: of the random effects.
     encoding: of drawn images, which are grey: mono8, mono16 or a Bayer pattern.
-    jitter: standard deviation of exact points, px.
-    depth: deliver a depth image too. labelled: and which pixels are the target's.
-    occluder: corners (x, y), m, of a white rectangle on the target. occluded: from when and until
-        when it lies there, s; None: always.
-    unbounded: exact features have no picture's border, and are lost behind the camera alone.
-    name: of the camera. place: of another camera than the control camera.
-    parts: the exposures of an image, in the order of time; empty: all of it at the stamp.
-    vibration: how it shakes about its place; None: it does not.
-    blind: (rows, columns) where its lens shows nothing; None: nowhere.
-    clip: least and greatest depth, m, at which the whole target is seen; None: there are none.
+    jitter: standard deviation of the noise of exact points, px.
+    has_depth: also deliver a depth image. has_labels: also deliver a mask of the target.
+    occluder: corners (x, y), m, of a white rectangle on the target. occlusion_times: intervals
+        (start, end) in which it is present, s; None: always.
+    is_unbounded: exact features are visible outside the image; only those behind the camera are
+        lost.
+    name: of the camera. placement: relative to the control camera; None: it is that camera.
+    row_bands: exposures of an image with a rolling shutter or motion blur, in the order of time;
+        empty: the whole image is exposed at its stamp.
+    vibration: of the camera about its pose; None: it does not shake.
+    blind_mask: (rows, columns) True outside the lens's image circle; None: nowhere.
+    depth_range: minimum and maximum depth, m, at which the target is visible; None: no limits.
     """
 
     camera: CameraModel
@@ -73,21 +76,21 @@ class ImagingSettings:
 
     @cached_property
     def exposure_bands(self) -> tuple[RowBand, ...]:
-        """`parts`, at least one."""
+        """The exposures of an image, at least one."""
         return self.row_bands or (RowBand(0, 0, self.camera.height),)
 
     @cached_property
     def band_settings(self) -> tuple[ImagingSettings, ...]:
-        """The same with a camera of the rows of each of `exposures`."""
+        """Copies of these settings with cameras that are cropped to the rows of each exposure."""
         return tuple(self.crop_rows(part) for part in self.exposure_bands)
 
     def make_pipeline(self) -> ImagePipeline:
-        """What becomes of its images, from the first one on."""
+        """Make the pipeline that applies the camera effects to the images of a run."""
         shape = (self.camera.height, self.camera.width)
         return ImagePipeline(self.effects, shape, self.seed, self.exposure_bands)
 
     def crop_rows(self, band: RowBand) -> ImagingSettings:
-        """The same with a camera of these rows alone."""
+        """Return a copy of these settings with a camera that is cropped to the rows of a band."""
         if band.last - band.first == self.camera.height:
             return self
         K = np.reshape(self.camera.K, (3, 3)) - [[0, 0, 0], [0, 0, band.first], [0, 0, 0]]
@@ -100,26 +103,30 @@ class ImagingSettings:
     def compute_exact_features(
         self, pose: np.ndarray, stamp_ns: int
     ) -> tuple[np.ndarray, np.ndarray] | None:
-        """Outline (n, 2) and points (m, 2), px, at one instant; None: the target is not in view.
+        """Project outline (n, 2) and points (m, 2) of the target at one instant, px.
 
-        pose: world_T_camera (4, 4) of the control camera at rest.
+        The result is None if the target is not in view.
+
+        pose: world_T_camera (4, 4) of the control camera without vibration.
         """
-        seen_from = self.target_T_camera(pose, stamp_ns)
+        target_T_camera = self.target_T_camera(pose, stamp_ns)
         try:
-            outline = self.target.shape.outline(seen_from)
-            points = self.target.shape.points(seen_from)
+            outline = self.target.shape.outline(target_T_camera)
+            points = self.target.shape.points(target_T_camera)
         except ViewError:
             return None
         in_view = self.is_unbounded or cameras.is_in_view(outline, self.camera, 0.0)
-        if not in_view or self.depth_range is not None and self.is_clipped(outline, seen_from):
+        if not in_view or self.depth_range is not None and self.is_clipped(
+            outline, target_T_camera
+        ):
             return None
-        found = self.to_pixels(outline)
-        if self.blind_mask is not None and self.is_blind_at(found):
+        pixels = self.to_pixels(outline)
+        if self.blind_mask is not None and self.is_blind_at(pixels):
             return None
-        return found, self.to_pixels(points)
+        return pixels, self.to_pixels(points)
 
     def is_clipped(self, outline: np.ndarray, target_T_camera: np.ndarray) -> bool:
-        """Whether a point of the outline (n, 2), normalised, is nearer or farther than is seen."""
+        """Return True if a point of the outline (n, 2), normalised, is outside `depth_range`."""
         if self.depth_range is None:
             return False
         a, b, c = self.target.shape.plane(target_T_camera)
@@ -127,7 +134,7 @@ class ImagingSettings:
         return bool(depth.min() < self.depth_range[0] or depth.max() > self.depth_range[1])
 
     def is_blind_at(self, pixels: np.ndarray) -> bool:
-        """Whether the lens shows nothing at one of pixels (n, 2) of the picture."""
+        """Return True if one of the pixels (n, 2) is outside the lens's image circle."""
         if self.blind_mask is None:
             return False
         last = np.array([self.camera.width, self.camera.height]) - 1
@@ -135,18 +142,19 @@ class ImagingSettings:
         return bool(self.blind_mask[v, u].any())
 
     def draw_image(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """The image (rows, columns) uint8 at one instant, before effects; `pose`: as of
-        `compute_exact_features`.
+        """Draw the image (rows, columns), uint8, at one instant, before camera effects.
+
+        pose: world_T_camera (4, 4) of the control camera without vibration.
         """
-        seen_from = self.target_T_camera(pose, stamp_ns)
+        target_T_camera = self.target_T_camera(pose, stamp_ns)
         try:
-            outline = self.target.shape.outline(seen_from)
+            outline = self.target.shape.outline(target_T_camera)
         except ViewError:
             outline = None
-        if outline is not None and self.is_clipped(outline, seen_from):
+        if outline is not None and self.is_clipped(outline, target_T_camera):
             return np.full((self.camera.height, self.camera.width), cameras.WHITE_LEVEL, np.uint8)
         image = self._draw_outline(
-            outline, seen_from, is_present(self.occlusion_times, stamp_ns / NS)
+            outline, target_T_camera, is_present(self.occlusion_times, stamp_ns / NS)
         )
         return (
             image
@@ -157,31 +165,37 @@ class ImagingSettings:
     def add_jitter(
         self, pixels: np.ndarray | None, random: np.random.Generator, is_closed: bool = False
     ) -> np.ndarray | None:
-        """Pixels (n, 2) with their noise; that of an outline, closed, is drawn anew where edges
-        cross, as no picture's do."""
+        """Add noise to pixels (n, 2).
+
+        is_closed: the pixels are a closed outline. Its noise is drawn again if edges cross, because
+            outlines detected in images never cross.
+        """
         if pixels is None:
             return None
         for _ in range(MAX_TRIES):
-            found = pixels + random.normal(0.0, self.jitter, pixels.shape)
-            if not is_closed or find_crossing(found) is None:
+            noisy = pixels + random.normal(0.0, self.jitter, pixels.shape)
+            if not is_closed or find_crossing(noisy) is None:
                 break
-        return found
+        return noisy
 
     def target_T_camera(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """target_T_camera (4, 4) where the control camera, at rest, is at world_T_camera (4, 4)."""
-        at = pose if self.placement is None else self.placement.compute_pose(pose)
+        """Compute target_T_camera (4, 4) of this camera at one instant, with vibration.
+
+        pose: world_T_camera (4, 4) of the control camera without vibration.
+        """
+        camera_pose = pose if self.placement is None else self.placement.compute_pose(pose)
         if self.vibration is not None:
-            at = at @ self.vibration.compute_pose(stamp_ns)
-        return self.target.target_T_camera(at, stamp_ns / NS)
+            camera_pose = camera_pose @ self.vibration.compute_pose(stamp_ns)
+        return self.target.target_T_camera(camera_pose, stamp_ns / NS)
 
     def to_pixels(self, points: np.ndarray | None) -> np.ndarray | None:
-        """Where normalised points (n, 2) are in the picture, px."""
+        """Convert normalised points (n, 2) to pixels."""
         return None if points is None else np.column_stack(self.camera.project(*points.T))
 
     def _draw_outline(
         self, outline: np.ndarray | None, target_T_camera: np.ndarray, is_occluded: bool
     ) -> np.ndarray:
-        """The picture (rows, columns) uint8; `occluded`: with what lies on the target."""
+        """Draw the image (rows, columns), uint8, of the target, with its occluder if occluded."""
         shape, occluder = self.target.shape, self.occluder if is_occluded else None
         if shape.is_textured or shape.is_solid:
             from ..targets.rendering import render_target
@@ -198,8 +212,12 @@ class ImagingSettings:
         return image
 
     def draw_labels(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray | None:
-        """(rows, columns) 255 where a solid target is, at one instant; None of a flat black one,
-        which is where the image without effects is dark. `pose`: as of `compute_exact_features`."""
+        """Draw the mask (rows, columns) of a solid target at one instant, 255 on the target.
+
+        The result is None for a flat target, whose mask follows from the dark pixels of its image.
+
+        pose: world_T_camera (4, 4) of the control camera without vibration.
+        """
         if not self.target.shape.is_solid:
             return None
         from ..targets.rendering import render_mask
@@ -207,15 +225,19 @@ class ImagingSettings:
         return render_mask(self.target.shape, self.camera, self.target_T_camera(pose, stamp_ns))
 
     def draw_depth_image(self, pose: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """(rows, columns) m of the plane that the target lies in; inf where it is not before.
-        `pose`: as of `compute_exact_features`."""
+        """Draw the depth image (rows, columns), m, of the target's plane at one instant.
+
+        Pixels whose ray does not meet the plane in front of the camera are inf.
+
+        pose: world_T_camera (4, 4) of the control camera without vibration.
+        """
         a, b, c = self.target.shape.plane(self.target_T_camera(pose, stamp_ns))
         u, v = np.meshgrid(np.arange(self.camera.width), np.arange(self.camera.height))
         x, y, valid = self.camera.normalise(u.ravel(), v.ravel())
-        nearness = a * x + b * y + c
-        depth = np.full(nearness.shape, np.inf, np.float32)
-        before = valid & (nearness > 0.0)
-        depth[before] = 1.0 / nearness[before]
+        inverse_depth = a * x + b * y + c
+        depth = np.full(inverse_depth.shape, np.inf, np.float32)
+        in_front = valid & (inverse_depth > 0.0)
+        depth[in_front] = 1.0 / inverse_depth[in_front]
         return depth.reshape(self.camera.height, self.camera.width)
 
 
@@ -226,32 +248,32 @@ def capture(
     random: np.random.Generator | None = None,
     pipeline: ImagePipeline | None = None,
 ) -> Frame:
-    """Image or exact features of the target that a camera delivers.
+    """Capture the image or the exact features of the target with one camera.
 
     Args:
-        camera: the true one, with the target in the world.
-        world_T_camera: (4, 4) of the control camera at rest; of an image with several exposures
-            one for each.
+        imaging: settings of the camera and its target.
+        world_T_camera: (4, 4) of the control camera without vibration; one for each exposure of
+            the image, or one for all.
         stamp_ns: of the exposure, ns.
-        random: draws the noise of exact features; None: from seed 0.
-        pipeline: sensor effects, which follow the earlier images; None: this is the first one.
+        random: generator of the noise of exact features; None: one with seed 0.
+        pipeline: camera effects with the state of earlier images; None: this is the first image.
 
     Returns:
-        The frame; without features where the target is not in view.
+        The frame, without features if the target is not in view.
     """
-    parts = imaging.exposure_bands
-    poses = [world_T_camera] * len(parts) if np.ndim(world_T_camera) == 2 else world_T_camera
+    bands = imaging.exposure_bands
+    poses = [world_T_camera] * len(bands) if np.ndim(world_T_camera) == 2 else world_T_camera
     random = np.random.default_rng(0) if random is None else random
-    if imaging.has_images or len(parts) > 1:
+    if imaging.has_images or len(bands) > 1:
         pipeline = imaging.make_pipeline() if pipeline is None else pipeline
         if imaging.has_images:
             return _draw_image(imaging, poses, stamp_ns, pipeline)
-        found = _project_rolling_shutter(imaging, poses, stamp_ns, pipeline.middle_part)
+        features = _project_rolling_shutter(imaging, poses, stamp_ns, pipeline.middle_part)
     else:
-        found = imaging.compute_exact_features(poses[0], stamp_ns)
-    if found is None:
+        features = imaging.compute_exact_features(poses[0], stamp_ns)
+    if features is None:
         return Frame(stamp_ns, name=imaging.name, camera=imaging.camera)
-    outline, points = found
+    outline, points = features
     if imaging.jitter:
         outline = imaging.add_jitter(outline, random, is_closed=True)
         points = imaging.add_jitter(points, random)
@@ -262,7 +284,7 @@ def capture(
 def _draw_image(
     imaging: ImagingSettings, poses: Sequence[np.ndarray], stamp_ns: int, pipeline: ImagePipeline
 ) -> Frame:
-    """The drawn image, after the effects of the sensor."""
+    """Draw the frame of a camera: image with camera effects, target mask and depth image."""
     labels = ExposureMean(imaging.exposure_bands, imaging.camera.height)
     is_solid = False
     for index, (band, pose) in enumerate(zip(imaging.band_settings, poses, strict=True)):
@@ -272,61 +294,70 @@ def _draw_image(
             labels.add(index, label)
             is_solid = True
     light = pipeline.exposure.take()
-    labelled = depth = None
+    mask = depth = None
     if imaging.has_labels:
-        # Of a solid where it is for the greater part of the exposure.
-        found = labels.take() >= OCCLUSION_LEVEL if is_solid else light < OCCLUSION_LEVEL
-        labelled = found.view(np.uint8) * 255
+        # A pixel belongs to a solid that covers it for more than half of the exposure.
+        on_target = labels.take() >= OCCLUSION_LEVEL if is_solid else light < OCCLUSION_LEVEL
+        mask = on_target.view(np.uint8) * 255
     if imaging.has_depth:
         depth = imaging.draw_depth_image(poses[pipeline.middle_part], stamp_ns)
     image = formats.widen(pipeline.read_out(light, stamp_ns), imaging.encoding)
-    return Frame(stamp_ns, image, imaging.encoding, depth, name=imaging.name, target_mask=labelled,
+    return Frame(stamp_ns, image, imaging.encoding, depth, name=imaging.name, target_mask=mask,
                  camera=imaging.camera)  # fmt: skip
 
 
 def _project_rolling_shutter(
     imaging: ImagingSettings, poses: Sequence[np.ndarray], stamp_ns: int, middle: int
 ) -> tuple[np.ndarray, np.ndarray | None] | None:
-    """As `ImagingSettings.compute_exact_features`, of an image whose rows are exposed one after the
-    other.
+    """Project outline (n, 2) and points (m, 2) of the target with a rolling shutter, px.
+
+    The result is None if the target is not in view.
+
+    Args:
+        poses: world_T_camera (4, 4) of the control camera without vibration, for each exposure.
+        middle: index of the exposure in the middle of the image.
     """
-    parts, shape = imaging.exposure_bands, imaging.target.shape
-    looks = [imaging.target_T_camera(pose, stamp_ns + part.offset_ns)
-             for pose, part in zip(poses, parts, strict=True)]  # fmt: skip
+    bands, shape = imaging.exposure_bands, imaging.target.shape
+    views = [imaging.target_T_camera(pose, stamp_ns + band.offset_ns)
+             for pose, band in zip(poses, bands, strict=True)]  # fmt: skip
     try:
-        outlines = _project_outlines(shape, looks, middle)
-        places = [shape.points(look) for look in looks]
+        outlines = _project_outlines(shape, views, middle)
+        points = [shape.points(view) for view in views]
     except ViewError:
         return None
     outline = _interpolate_rolling_shutter(
-        np.array([imaging.to_pixels(one) for one in outlines]), parts
+        np.array([imaging.to_pixels(one) for one in outlines]), bands
     )
     last = np.array([imaging.camera.width, imaging.camera.height]) - 1
     if not imaging.is_unbounded and not ((outline >= 0.0) & (outline <= last)).all():
         return None
-    seen = shape.outline(looks[middle])
-    if imaging.is_blind_at(outline) or imaging.is_clipped(seen, looks[middle]):
+    if imaging.is_blind_at(outline) or imaging.is_clipped(
+        shape.outline(views[middle]), views[middle]
+    ):
         return None
-    if places[0] is None:
+    if points[0] is None:
         return outline, None
     return outline, _interpolate_rolling_shutter(
-        np.array([imaging.to_pixels(one) for one in places]), parts
+        np.array([imaging.to_pixels(one) for one in points]), bands
     )
 
 
 class ExposureSchedule:
-    """The images of one camera: when it exposes, and what it sees then.
-
-    Poses are those of the control camera at rest: a `ImagingSettings` knows how its camera shakes.
+    """Exposure times and frames of one camera.
 
     Attributes:
-        due_ns: simulated time at which it has to be asked next: of an exposure, or of its part.
+        due_ns: simulated time of the next call of `expose`, at the next exposure.
     """
 
     def __init__(
         self, imaging: ImagingSettings, random: np.random.Generator, first: int = 1
     ) -> None:
-        """`random`: draws the jitter of exact points. `first`: period with the first image."""
+        """Schedule the exposures of a camera.
+
+        Args:
+            random: generator of the noise of exact features.
+            first: index of the first image; image k has the stamp k / rate.
+        """
         self._imaging, self._random, self._count = imaging, random, first
         self._period = NS / imaging.rate
         self._pipeline = imaging.make_pipeline()
@@ -335,14 +366,18 @@ class ExposureSchedule:
         self.due_ns = self._stamp_ns + imaging.exposure_bands[0].offset_ns
 
     def expose(self, pose: np.ndarray) -> Frame | None:
-        """Where the control camera is at world_T_camera (4, 4); None: the image is lost, or not
-        whole yet."""
-        stamp_ns, poses, parts = self._stamp_ns, [*self._poses, pose], self._imaging.exposure_bands
-        is_whole = len(poses) == len(parts)
-        self._poses, self._count = [] if is_whole else poses, self._count + is_whole
+        """Make the exposure that is due; return the frame after the last exposure of an image.
+
+        The result is None before the last exposure, and for a dropped image.
+
+        pose: world_T_camera (4, 4) of the control camera without vibration.
+        """
+        stamp_ns, poses, bands = self._stamp_ns, [*self._poses, pose], self._imaging.exposure_bands
+        is_complete = len(poses) == len(bands)
+        self._poses, self._count = [] if is_complete else poses, self._count + is_complete
         self._stamp_ns = round(self._count * self._period)
-        self.due_ns = self._stamp_ns + parts[len(self._poses)].offset_ns
-        if not is_whole or self._pipeline.is_lost(stamp_ns):
+        self.due_ns = self._stamp_ns + bands[len(self._poses)].offset_ns
+        if not is_complete or self._pipeline.is_lost(stamp_ns):
             return None
         return capture(self._imaging, poses, stamp_ns, self._random, self._pipeline)
 
@@ -353,43 +388,57 @@ def make_exposure_schedules(
     random: np.random.Generator,
     seed: int,
 ) -> list[ExposureSchedule]:
-    """Those of the control camera, whose jitter `random` draws, and of the other cameras."""
-    # From 1 on: (seed, 0) draws as `seed` alone does, which is the control camera's.
+    """Make the exposure schedules of the control camera, which comes first, and other cameras.
+
+    random: generator of the control camera's noise; `seed` seeds those of the other cameras.
+    """
+    # The other cameras count from 1, because (seed, 0) gives the same numbers as `seed`, which the
+    # control camera uses.
     return [ExposureSchedule(imaging, random)] + [
         ExposureSchedule(other, np.random.default_rng((seed, i)))
         for i, other in enumerate(other_imaging, 1)
     ]
 
 
-def collect_vibrations(*sights: ImagingSettings) -> dict[str, Vibration]:
-    """Of those that shake, by the names of their cameras."""
-    return {sight.name: sight.vibration for sight in sights if sight.vibration is not None}
+def collect_vibrations(*settings: ImagingSettings) -> dict[str, Vibration]:
+    """Return the vibrations of the cameras that shake, by name of the camera."""
+    return {one.name: one.vibration for one in settings if one.vibration is not None}
 
 
 def _project_outlines(
     shape: Target, poses: Sequence[np.ndarray], middle: int
 ) -> list[np.ndarray]:
-    """Where the corners (n, 2) of the outline seen at one of target_T_camera (4, 4) are at each,
-    normalised: as if they lay in the target's plane, for an outline may have others meanwhile.
+    """Project the outline of a target at several camera poses.
+
+    All results have the corners of the outline that is visible at `poses[middle]`, as points in the
+    plane of the target, because the outline of a solid may have other corners at other poses.
+
+    Args:
+        poses: target_T_camera (4, 4).
+
+    Returns:
+        Corners (n, 2), normalised, for each pose.
 
     Raises:
-        ViewError: it is behind the camera.
+        ViewError: the target is behind the camera.
     """
     x, y = shape.outline(poses[middle]).T
     A, B, C = shape.plane(poses[middle])
-    places = np.column_stack([x, y, np.ones_like(x)]) / (A * x + B * y + C)[:, None]
-    in_target = places @ poses[middle][:3, :3].T + poses[middle][:3, 3]
-    return [project(in_target, look) for look in poses]
+    points = np.column_stack([x, y, np.ones_like(x)]) / (A * x + B * y + C)[:, None]
+    in_target = points @ poses[middle][:3, :3].T + poses[middle][:3, 3]
+    return [project(in_target, pose) for pose in poses]
 
 
 def _interpolate_rolling_shutter(pixels: np.ndarray, bands: Sequence[RowBand]) -> np.ndarray:
-    """Pixels (n, 2) where points were when their own rows were exposed.
+    """Compute the pixels (n, 2) of points at the time when their own row is exposed.
 
-    pixels: (parts, n, 2), px, of a camera that stands still at each part. Between two parts a point
-    moves evenly; what lies above or below the picture is of its first or last rows.
+    Between two exposures a point moves at constant velocity. Points above or below the image have
+    the time of its first or last rows.
+
+    pixels: (b, n, 2), px, of the n points at the times of the b exposures.
     """
-    rows = np.array([0.5 * (part.first + part.last - 1) for part in bands])
-    ahead = pixels[..., 1] - rows[:, None]  # rows that the shutter still has to go
+    rows = np.array([0.5 * (band.first + band.last - 1) for band in bands])
+    ahead = pixels[..., 1] - rows[:, None]  # number of rows until the shutter reaches the point
     after = np.maximum(np.argmax(ahead <= 0.0, axis=0), 1)
     after = np.where((ahead > 0.0).all(axis=0), len(bands) - 1, after)
     n = np.arange(pixels.shape[1])

@@ -1,6 +1,6 @@
-"""Plants without physics: a chain of joints that lags, a camera that flies.
+"""Plants without physics: an arm whose joints lag behind their commands, and a free camera.
 
-Time goes from one measurement to the next in a single exact step, however long it is.
+One exact step leads from one measurement to the next, independent of its duration.
 """
 
 from __future__ import annotations
@@ -18,11 +18,12 @@ from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
 from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
 
-JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
+# Joint states have stamps 1 ms after each period, the same as in the simulation with physics.
+JOINT_PHASE_NS = 1_000_000
 
 
 class KinematicPlant(Plant):
-    """Coordinates that follow their commands; what chain and free camera share."""
+    """Base class of plants whose coordinates follow their commands with a lag."""
 
     outputs = frozenset(("position", "velocity"))
     time_ns = 0
@@ -37,11 +38,11 @@ class KinematicPlant(Plant):
         seed: int = 0,
         other_imaging: Sequence[ImagingSettings] = (),
     ) -> None:
-        """Stand at joints q (n,).
+        """Place the arm or camera at coordinates q (n,).
 
         Args:
-            sight: of the control camera. others: of the other cameras.
-            joint_rate: joint states a second. lag: time constant of every joint, s.
+            imaging: settings of the control camera. other_imaging: of the other cameras.
+            joint_rate: joint states per second. lag: time constant of every joint, s.
         """
         self.arm, self.imaging, self.camera = arm, imaging, imaging.camera
         self.joint_names = tuple(arm.names)
@@ -51,7 +52,7 @@ class KinematicPlant(Plant):
             imaging.name,
             collect_vibrations(imaging, *other_imaging),
         )
-        self._image_ns = min(one.due_ns for one in self._exposures)
+        self._image_ns = min(exposure.due_ns for exposure in self._exposures)
         self._lag = lag
         self.time_ns = 0
         self._q = np.array(q, float)
@@ -60,7 +61,8 @@ class KinematicPlant(Plant):
         self._joint_period, self._samples = NS / joint_rate, 0
 
     def advance(self, until_ns: int) -> list[Reading]:
-        """Go to the next measurement, or to `until_ns` if none comes before."""
+        """Advance to the next measurement, or to `until_ns` if that is earlier; see Plant.advance.
+        """
         joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
         time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self.time_ns:
@@ -72,21 +74,21 @@ class KinematicPlant(Plant):
             q, speed = self.read_joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
-            for one in self._exposures:
+            for exposure in self._exposures:
                 if (
-                    one.due_ns == time_ns
-                    and (seen := one.expose(self.read_rest_pose())) is not None
+                    exposure.due_ns == time_ns
+                    and (frame := exposure.expose(self.read_rest_pose())) is not None
                 ):
-                    readings.append(seen)
-            self._image_ns = min(one.due_ns for one in self._exposures)
+                    readings.append(frame)
+            self._image_ns = min(exposure.due_ns for exposure in self._exposures)
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:
-        """Command positions or velocities of all joints."""
+        """Command positions or velocities of all joints; see Plant.command."""
         values = np.array(values, float)
         if kind not in self.outputs:
             raise ExperimentError(
-                f"this plant takes {' or '.join(sorted(self.outputs))} commands, not {kind}"
+                f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
         if values.shape != self._q.shape or not np.isfinite(values).all():
             raise ExperimentError(
@@ -95,15 +97,15 @@ class KinematicPlant(Plant):
         self._set_command(kind, values)
 
     def read_rest_pose(self) -> np.ndarray:
-        """See Plant.at_rest."""
+        """Return world_T_camera (4, 4) without vibration."""
         return self.arm.pose(self._q)
 
     def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
-        """See Plant.poses."""
+        """Compute world_T_camera (m, 4, 4) at joint positions (m, n)."""
         return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
     def joint_origins(self, positions: np.ndarray) -> np.ndarray:
-        """See Plant.places."""
+        """Compute the origins of the arm's joint frames; see Plant.joint_origins."""
         arm = self.arm
         return (
             arm.joint_origins(positions)
@@ -112,40 +114,40 @@ class KinematicPlant(Plant):
         )
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities now."""
+        """Return the current positions and velocities (n,)."""
         return self._q.copy(), self._speed.copy()
 
     def _set_command(self, kind: str, values: np.ndarray) -> None:
-        """Follow a command (n,) from now on."""
+        """Set the command (n,) to follow."""
         self._kind, self._command = kind, values if kind == "position" else self._to_motion(values)
 
     def _move(self, dt: float) -> None:
-        """Solve the lag over dt (s), exactly."""
-        rest = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
+        """Advance the coordinates by dt (s) with the exact solution of the first-order lag."""
+        decay = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
         before = self._q
         if self._kind == "position":
-            self._q = self._clamp(self._command + rest * (before - self._command))
+            self._q = self._clamp(self._command + decay * (before - self._command))
             self._speed = self._to_motion((self._q - before) / dt)
             return
-        moved = self._command * dt + (self._speed - self._command) * self._lag * (1.0 - rest)
-        self._speed = self._command + rest * (self._speed - self._command)
-        self._displace(moved)
+        motion = self._command * dt + (self._speed - self._command) * self._lag * (1.0 - decay)
+        self._speed = self._command + decay * (self._speed - self._command)
+        self._displace(motion)
 
     def _to_motion(self, rates: np.ndarray) -> np.ndarray:
-        """What is kept of coordinate rates (n,): that which a lag acts on."""
+        """Convert coordinate rates (n,) into the velocity on which the lag acts."""
         return rates
 
     @abstractmethod
     def _clamp(self, q: np.ndarray) -> np.ndarray:
-        """The coordinates nearest to q that the plant can have."""
+        """Limit coordinates q (n,) to those that the plant can reach."""
 
     @abstractmethod
     def _displace(self, motion: np.ndarray) -> None:
-        """Add a motion, what `_to_motion` gives times seconds, to the coordinates."""
+        """Move the coordinates by a motion: a velocity as of `_to_motion` times a duration."""
 
 
 class KinematicArm(KinematicPlant):
-    """An arm without dynamics: each joint lags behind its command, within its limits."""
+    """Arm without dynamics: each joint lags behind its command, within its limits."""
 
     arm: Arm
 
@@ -159,9 +161,9 @@ class KinematicArm(KinematicPlant):
 
 
 class FreeCamera(KinematicPlant):
-    """A camera that flies as it is told: velocities are a twist, which moves it by its exponential.
+    """Free camera whose velocity command is a twist, which moves it by its exponential.
 
-    So a constant twist takes it to the same pose in one step as in a thousand.
+    A constant twist leads to the same pose in one step as in a thousand.
     """
 
     arm: FreeBody
@@ -169,16 +171,16 @@ class FreeCamera(KinematicPlant):
     def __init__(
         self, arm: FreeBody, q: np.ndarray, imaging: ImagingSettings, **further: float | int
     ) -> None:
-        """Stand at coordinates q (6,); `further`: see KinematicPlant."""
+        """Place the camera at coordinates q (6,); `further`: see KinematicPlant."""
         super().__init__(arm, q, imaging, **further)
         self._pose = arm.pose(self._q)
 
     def read_rest_pose(self) -> np.ndarray:
-        """See Plant.at_rest."""
+        """Return world_T_camera (4, 4) without vibration."""
         return self._pose.copy()
 
     def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and their rates now."""
+        """Return the current coordinates and their rates (6,)."""
         return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
 
     def _to_motion(self, rates: np.ndarray) -> np.ndarray:

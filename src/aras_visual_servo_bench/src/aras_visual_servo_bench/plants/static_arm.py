@@ -1,4 +1,4 @@
-"""The arm at any posture: how much of a target it hides, and what it runs into."""
+"""Occlusion of the target and collisions of an arm at given postures."""
 
 from __future__ import annotations
 
@@ -19,18 +19,20 @@ from aras_visual_servo_base.poses import relative_pose, skew
 from ..errors import ViewError
 from ..targets.geometry import PlacedTarget, Target
 
-VIEW_SIZE = 32  # px of the view that the target just fills
-# m before the target's face within which something is taken for the target itself
+VIEW_SIZE = 32  # px, side of the square view that the target fills
+# m; surfaces within this distance in front of the target's face belong to the target
 FACE_MARGIN = 5e-3
-DEFAULT_NEAR = 0.1  # m, where the description has no camera
-# m from which on links are in each other: Bullet's own margin about a link's shapes
+DEFAULT_NEAR = 0.1  # m, near clipping distance if the description has no camera
+# m; a smaller penetration is no collision, because Bullet's shapes have a margin of this size
 MIN_PENETRATION = 1e-3
-PLATE_THICKNESS = 1e-3  # m, of a flat target that is run into
+PLATE_THICKNESS = 1e-3  # m, minimum thickness of a flat target as a collision shape
 
 
 class StaticArm:
-    """The robot in a world in which no time goes by: what its visuals cover, and what its links run
-    into. Of all else in that world only what can be touched is there."""
+    """Robot in a static world, to compute occlusions of the target and collisions of its links.
+
+    The surroundings have collision shapes only, so that just the robot hides the target.
+    """
 
     def __init__(
         self,
@@ -39,16 +41,16 @@ class StaticArm:
         surroundings: WorldFile | None = None,
         target: PlacedTarget | None = None,
     ) -> None:
-        """Put the robot there.
+        """Spawn the robot and its surroundings.
 
         Args:
-            carrier: the link that carries the target; '': the target stands in the world.
-            around: what stands around the robot; None: nothing.
-            target: what it must not run into, unless it is of the robot or the world; where it is
-                at first.
+            carrier: link that carries the target; '': the target is in the world.
+            surroundings: world around the robot; None: an empty one.
+            target: target as an obstacle at its initial pose; None if the robot or the world
+                contains it.
 
         Raises:
-            SimError: the robot, or what stands around it, cannot be put there.
+            SimError: the robot or its surroundings cannot be simulated.
         """
         self._near = description.cameras[0].near if description.cameras else DEFAULT_NEAR
         self._world, self._carrier = World(), carrier
@@ -57,8 +59,8 @@ class StaticArm:
             if surroundings.ground_plane:
                 ground = _make_invisible_model("ground_plane", Geometry("plane"))
                 self._world.spawn(ground, "ground_plane")
-            unseen = tuple(without_visuals(model, *model.links) for model in surroundings.models)
-            world_file.populate(self._world.spawn, replace(surroundings, models=unseen))
+            invisible = tuple(without_visuals(model, *model.links) for model in surroundings.models)
+            world_file.populate(self._world.spawn, replace(surroundings, models=invisible))
         if target is not None:
             shape, middle = _make_collision_shape(target.shape)
             pose = Pose.from_matrix(target.world_T_target(0.0))
@@ -66,29 +68,31 @@ class StaticArm:
         self._renderer = create_renderer("auto", self._world)
 
     def close(self) -> None:
-        """Give the world back; safe to call twice."""
+        """Close the world; safe to call twice."""
         self._renderer.close()
         self._world.close()
 
     def find_collision(self, joints: Mapping[str, float]) -> str:
-        """What the arm runs into at these positions (rad or m, by name), in words; '': nothing."""
+        """Describe a collision at joint positions (rad or m, by name); '' if there is none."""
         self._model.set_joint_positions(joints)
-        for found in find_overlaps(self._world, self._model, before_step=True):
-            if found.depth > MIN_PENETRATION:
-                return f"its link '{found.link}' is in '{found.model}'"
+        for overlap in find_overlaps(self._world, self._model, before_step=True):
+            if overlap.depth > MIN_PENETRATION:
+                return f"its link '{overlap.link}' is in '{overlap.model}'"
         return ""
 
     def compute_occlusion(
         self, joints: Mapping[str, float], pose: np.ndarray, target: Target,
         target_pose: np.ndarray, near: float | None = None,
     ) -> float:
-        """Part of a target that the arm hides, 0 to 1; 0 where the target is behind the camera.
+        """Compute the part of a target, 0 to 1, that the arm hides from a camera.
+
+        The result is 0 if the target is behind the camera.
 
         Args:
             joints: positions by name, rad or m.
             pose: of the camera (4, 4), in the world, or in the link that carries the target.
-            placed: of the target (4, 4), in the same frame. near: m before the camera within which
-                nothing is drawn; None: as the description has it.
+            target_pose: of the target (4, 4), in the same frame.
+            near: near clipping distance of the camera, m; None: the one in the description.
         """
         aimed = self._aim_at_target(pose, target, target_pose)
         if aimed is None:
@@ -112,9 +116,13 @@ class StaticArm:
     def _aim_at_target(
         pose: np.ndarray, target: Target, target_pose: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray] | None:
-        """A camera at the same place that looks at the target, whatever the lens: its pose (4, 4),
-        the outline (n, 2), normalised, and K (3, 3) with which that fills the view; None: the
-        target is behind the camera."""
+        """Point a virtual camera at the target, from the position of the real camera.
+
+        Returns:
+            Pose (4, 4) of the virtual camera, outline (n, 2) of the target in its normalised image,
+            and the camera matrix K (3, 3) with which the target fills the view. None if the target
+            is behind the camera.
+        """
         try:
             outline = target.outline(relative_pose(target_pose, pose))
             middle = np.append(0.5 * (outline.min(axis=0) + outline.max(axis=0)), 1.0)
@@ -137,21 +145,22 @@ class StaticArm:
 def _make_invisible_model(
     name: str, shape: Geometry, xyz: tuple[float, float, float] = (0.0, 0.0, 0.0)
 ) -> RobotDescription:
-    """A model without mass, which stands still, of one shape that is not seen; xyz: its middle,
-    m."""
+    """Make a fixed model with one collision shape and no visuals; xyz: centre of the shape, m."""
     link = Link("link", None, (), (Collision("collision", xyz, (0.0, 0.0, 0.0), shape),))
     return RobotDescription(name, "link", {"link": link}, {})
 
 
 def without_visuals(model: RobotDescription, *links: str) -> RobotDescription:
-    """The same model, of some of whose links nothing is drawn."""
-    bare = {name: replace(model.links[name], visuals=()) for name in links}
-    return replace(model, links={**model.links, **bare})
+    """Return a copy of a model without the visuals of some links."""
+    changed = {name: replace(model.links[name], visuals=()) for name in links}
+    return replace(model, links={**model.links, **changed})
 
 
 def _make_collision_shape(target: Target) -> tuple[Geometry, tuple[float, float, float]]:
-    """The shape of a target, and its middle in the target's frame, m; of a flat one the thin box
-    about it."""
+    """Return the collision shape of a target, and its centre in the target frame, m.
+
+    The collision shape of a flat target is a thin box around it.
+    """
     if target.is_solid:
         return Geometry("mesh", filename=str(target.path)), (0.0, 0.0, 0.0)
     corners = target.vertices()

@@ -1,4 +1,4 @@
-"""What is heard of a run on a graph or in a bag; from_bag.Messages makes a Run of it."""
+"""Messages of a run from a ROS graph or a bag, from which a MessageRunBuilder builds a Run."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ import numpy as np
 
 
 class GraphRecording:
-    """Messages of one run, as they came.
+    """Messages of one run, in the order of arrival.
 
     Attributes:
-        path: where they are from, for messages.
-        states, joints: messages. reports, moments: the same by stamp, ns. info: of the camera.
-        pace: stamp, s, and real-time factor. stamps: exposure and arrival of each image, s.
-        poses: stamp, s, and base_T_optical by tf. described: the experiment's text.
+        path: of the bag, for messages.
+        states, joints: state messages of the loop, and joint states.
+        reports, moments: reports of the loop and measured moments, by stamp (ns).
+        info: last CameraInfo, or None.
+        real_time_factors: stamp (s) and real-time factor.
+        stamps: exposure and arrival of each image (s), and where the bag has it.
+        poses: stamp (s) and base_T_optical (4, 4) from tf.
+        experiment_text: description of the experiment. notes: problems of the recording.
     """
 
     def __init__(self, path: Path) -> None:
@@ -33,14 +37,14 @@ class GraphRecording:
         self.notes: list[str] = []
 
     def add_report(self, message: Any) -> None:
-        """One report of the controller."""
+        """Add a report of the controller."""
         self.reports[message.header.stamp.to_nsec()] = message
 
     def add_moments(self, message: Any) -> None:
-        """One measurement of the camera node."""
+        """Add a measurement of the camera node, if it is valid."""
         if message.valid:
             self.moments[message.header.stamp.to_nsec()] = message
 
     def read_images(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
-        """The pictures that are next to these exposures, as rgb; none were kept."""
+        """Read the images nearest to these stamps (s), as rgb; here there are none."""
         yield from ()

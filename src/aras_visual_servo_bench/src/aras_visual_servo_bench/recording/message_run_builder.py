@@ -1,4 +1,4 @@
-"""A run of messages, of a bag or heard on a graph: parsed into the loop's own records."""
+"""Build a Run from the messages of a bag or of a ROS graph."""
 
 from __future__ import annotations
 
@@ -30,96 +30,104 @@ SERVOING_PHASES = ("servoing", "converged", "holding", "stopped")
 
 
 class MessageRunBuilder:
-    """Messages as a run."""
+    """Builder of a Run from recorded messages."""
 
     def __init__(self, recording: GraphRecording) -> None:
         self._recording = recording
 
     def build_run(self, name: str) -> Run:
-        """The run; BenchError where nothing was servoed on."""
-        read = self._recording
-        every = [read_state(m, read.reports.get(m.header.stamp.to_nsec())) for m in read.states]
-        runs = _split_runs(every)
+        """Build the last run of the recording.
+
+        Raises:
+            BenchError: the controller has not processed any image.
+        """
+        recording = self._recording
+        all_states = [
+            read_state(m, recording.reports.get(m.header.stamp.to_nsec()))
+            for m in recording.states
+        ]
+        runs = _split_runs(all_states)
         if not runs:
             raise BenchError(
-                f"{read.path} holds no image that was servoed on: the controller was "
-                + (f"{every[-1].phase}: {every[-1].reason}".rstrip(": ") if every
-                   else "never heard")
+                f"{recording.path} has no image that the controller processed: "
+                + (f"its last phase is {all_states[-1].phase}: {all_states[-1].reason}".rstrip(": ")
+                   if all_states else "there are no messages of the controller")
             )  # fmt: skip
         states = runs[-1]
-        told = RecordedExperiment.from_text(read.experiment_text)
-        notes, arm, goal = told.notes, told.arm, told.goal
-        notes += read.notes
+        recorded = RecordedExperiment.from_text(recording.experiment_text)
+        notes, arm, goal = recorded.notes, recorded.arm, recorded.goal
+        notes += recording.notes
         if len(runs) > 1:
-            notes.append(f"the bag holds {len(runs)} runs: the arm went to its start, or another "
-                         "scheme began, between them; this is the last")  # fmt: skip
+            notes.append(f"the bag has {len(runs)} runs, separated by motions to the start or "
+                         "changes of the scheme; this is the last one")  # fmt: skip
         if not any(state.outcome for state in states):
-            notes.append("the bag holds no diagnosis: outcome and achieved twist are unknown")
-        joint_names = tuple(read.states[-1].joint_names)
+            notes.append("the bag has no diagnosis: outcome and achieved twist are unknown")
+        joint_names = tuple(recording.states[-1].joint_names)
         joint_stamp, measured, speed = self._read_joint_states(joint_names)
         if not len(joint_stamp):
-            notes.append(f"the bag holds no joint states of {', '.join(joint_names)}")
+            notes.append(f"the bag has no joint states of {', '.join(joint_names)}")
         poses = self._compute_camera_poses(joint_stamp, measured, arm, joint_names, notes)
         stamp = np.array([state.stamp for state in states])
-        at = np.searchsorted(joint_stamp, stamp).clip(0, max(len(joint_stamp) - 1, 0))
+        indices = np.searchsorted(joint_stamp, stamp).clip(0, max(len(joint_stamp) - 1, 0))
         goal_pose = np.full((4, 4), np.nan)
         if goal is not None and goal.world_T_camera is not None:
             goal_pose = np.array(goal.world_T_camera)
         last = next((s for s in reversed(states) if s.outcome), states[-1])
-        lower, upper, greatest = told.read_limits()
-        if not read.stamps:
-            notes.append("the bag holds no pictures")
-        exposed, arrived = (np.array([row[i] for row in read.stamps]) for i in range(2))
+        lower, upper, max_speed = recorded.read_limits()
+        if not recording.stamps:
+            notes.append("the bag has no images")
+        exposed, arrived = (np.array([row[i] for row in recording.stamps]) for i in range(2))
         run = Run(
-            name=name, source=str(read.path), states=tuple(states),
-            pose=poses[at] if len(poses) else np.full((len(stamp), 4, 4), np.nan),
+            name=name, source=str(recording.path), states=tuple(states),
+            pose=poses[indices] if len(poses) else np.full((len(stamp), 4, 4), np.nan),
             joint_names=joint_names, joint_stamp=joint_stamp, measured_positions=measured,
             measured_velocities=speed,
             joint_commands=_find_commands(states, joint_stamp, len(joint_names)), true_pose=poses,
             goal_pose=goal_pose, outcome=last.outcome or last.phase, reason=last.reason,
             remedy=last.remedy, verdict=_compute_verdict(goal, poses),
             position_limits=(lower, upper),
-            speed_limits=greatest, joint_units=find_joint_units(arm) if arm is not None else (),
+            speed_limits=max_speed, joint_units=find_joint_units(arm) if arm is not None else (),
             cameras={CAMERA: CameraRecord(self._find_camera(), exposed, arrived)},
             target=_make_target(goal), goal=goal,
-            real_time_factors=np.array(read.real_time_factors).reshape(-1, 2),
-            settings={"scheme": states[0].scheme, **told.describe_settings()},
-            versions=told.content.get("versions", {}), notes=notes, yaml=told.make_yaml(),
+            real_time_factors=np.array(recording.real_time_factors).reshape(-1, 2),
+            settings={"scheme": states[0].scheme, **recorded.describe_settings()},
+            versions=recorded.content.get("versions", {}), notes=notes, yaml=recorded.make_yaml(),
         )  # fmt: skip
-        units, tolerances = told.read_features(states[0].scheme, len(run.names))
+        units, tolerances = recorded.read_features(states[0].scheme, len(run.names))
         if arm is not None and arm.names == joint_names:
             run.joint_origins = arm.joint_origins(measured)
         run = replace(run, units=units, tolerances=tolerances, centres=self._read_centres(stamp))
         return self._with_images(run, exposed)
 
     def _with_images(self, run: Run, exposure_stamps: np.ndarray) -> Run:
-        """The run with its milestones' pictures and its film, read in one pass; `exposure_stamps`:
-        (p,).
+        """Return the run with its milestone images and its film, read in one pass over the bag.
+
+        exposure_stamps: (p,) of all images, s.
         """
         if not len(exposure_stamps):
             return run
-        shown = set(
+        milestones = set(
             exposure_stamps[find_nearest(exposure_stamps, np.array(find_milestones(run)))].tolist()
         )
-        filmed = set(
+        film_stamps = set(
             select_frames(
                 exposure_stamps[exposure_stamps <= run.stamp[-1] + 1e-6], run.start_stamp
             ).tolist()
         )
-        kept: list[tuple[float, np.ndarray]] = []
+        images: list[tuple[float, np.ndarray]] = []
 
-        def pass_frames() -> Iterator[tuple[float, np.ndarray]]:
-            for stamp, picture in self._recording.read_images(sorted(shown | filmed)):
-                if stamp in shown:
-                    kept.append((stamp, picture))
-                if stamp in filmed:
-                    yield stamp, picture
+        def read_frames() -> Iterator[tuple[float, np.ndarray]]:
+            for stamp, image in self._recording.read_images(sorted(milestones | film_stamps)):
+                if stamp in milestones:
+                    images.append((stamp, image))
+                if stamp in film_stamps:
+                    yield stamp, image
 
-        frames = encode_film(pass_frames(), len(filmed))
-        return with_images(run, kept, frames)
+        frames = encode_film(read_frames(), len(film_stamps))
+        return with_images(run, images, frames)
 
     def _find_camera(self) -> CameraModel | None:
-        with contextlib.suppress(CalibrationError):  # the camera node has told
+        with contextlib.suppress(CalibrationError):  # the camera node has reported this error
             return (
                 None
                 if self._recording.info is None
@@ -130,53 +138,69 @@ class MessageRunBuilder:
     def _read_joint_states(
         self, names: tuple[str, ...]
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Stamps (m,), positions and speeds (m, j) of the joint states that hold these joints."""
-        stamps, places, speeds = [], [], []
+        """Read the joint states that contain all of these joints.
+
+        Returns:
+            Stamps (m,), s; positions and velocities (m, j).
+        """
+        stamps, positions, velocities = [], [], []
         for message in self._recording.joints:
-            if not message.header.stamp:  # of a node that had not heard the clock
+            if not message.header.stamp:  # from a node that had not received the clock yet
                 continue
-            at = {name: i for i, name in enumerate(message.name)}
-            if not all(name in at and at[name] < len(message.position) for name in names):
+            indices = {name: i for i, name in enumerate(message.name)}
+            if not all(n in indices and indices[n] < len(message.position) for n in names):
                 continue
-            order = [at[name] for name in names]
+            order = [indices[name] for name in names]
             stamps.append(message.header.stamp.to_sec())
-            places.append([message.position[i] for i in order])
+            positions.append([message.position[i] for i in order])
             known = len(message.velocity) == len(message.name)
-            speeds.append([message.velocity[i] if known else np.nan for i in order])
+            velocities.append([message.velocity[i] if known else np.nan for i in order])
         shape = (-1, len(names))
-        return np.array(stamps), np.array(places).reshape(shape), np.array(speeds).reshape(shape)
+        return (
+            np.array(stamps),
+            np.array(positions).reshape(shape),
+            np.array(velocities).reshape(shape),
+        )
 
     def _compute_camera_poses(
         self, stamp: np.ndarray, joints: np.ndarray, arm: Arm | None, names: tuple[str, ...],
         notes: list[str],
     ) -> np.ndarray:  # fmt: skip
-        """(m, 4, 4) at the joint states: of the arm that was recorded, or else of tf."""
+        """Compute the camera poses (m, 4, 4) at the joint states.
+
+        They come from the kinematics of the recorded arm, or else from tf.
+        """
         if arm is not None and arm.names == names and len(stamp):
             return np.array([arm.pose(q) for q in joints])
         if not self._recording.poses or not len(stamp):
-            notes.append("the bag holds no transforms of the camera: its path is unknown")
+            notes.append("the bag has no transforms of the camera: its path is unknown")
             return np.full((len(stamp), 4, 4), np.nan)
-        when = np.array([time for time, _ in self._recording.poses])
-        return np.array([self._recording.poses[i][1] for i in find_nearest(when, stamp)])
+        times = np.array([time for time, _ in self._recording.poses])
+        return np.array([self._recording.poses[i][1] for i in find_nearest(times, stamp)])
 
     def _read_centres(self, stamp: np.ndarray) -> np.ndarray:
-        """(n, 2) measured centre of gravity at the stamps (n,), normalised; NaN: there is none."""
-        found = np.full((len(stamp), 2), np.nan)
+        """Read the measured centres of gravity (n, 2), normalised, at the stamps (n,); NaN: none.
+        """
+        centres = np.full((len(stamp), 2), np.nan)
         for key, message in self._recording.moments.items():
             near = int(np.argmin(np.abs(stamp - 1e-9 * key)))
             if abs(stamp[near] - 1e-9 * key) < 1e-6:
                 moments = Moments.from_arrays(message.m, message.mu, int(message.order))
-                found[near] = moments.xg, moments.yg
-        return found
+                centres[near] = moments.xg, moments.yg
+        return centres
 
 
 def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
-    """States that were servoed on, from each run's first error on; runs without one are none."""
+    """Split the states of the loop into runs.
+
+    A run starts with the first measured error, and ends with a motion to the start or a change of
+    the features. Other states are left out.
+    """
     runs: list[list[ServoState]] = [[]]
     for state in states:
         names = runs[-1][0].scheme_output.names if runs[-1] else ()
-        another = names and state.scheme_output is not None and state.scheme_output.names != names
-        if state.phase == APPROACHING or another:
+        is_new = names and state.scheme_output is not None and state.scheme_output.names != names
+        if state.phase == APPROACHING or is_new:
             runs.append([])
         if state.phase in SERVOING_PHASES and (runs[-1] or state.scheme_output is not None):
             runs[-1].append(state)
@@ -184,11 +208,11 @@ def _split_runs(states: Sequence[ServoState]) -> list[list[ServoState]]:
 
 
 def _find_commands(states: Sequence[ServoState], stamps: np.ndarray, joints: int) -> np.ndarray:
-    """(m, joints): the latest command at each stamp (m,); NaN before the first."""
+    """Return the latest command (m, joints) at each stamp (m,); NaN before the first one."""
     none = np.full(joints, np.nan)
     commands = np.array([none if s.command is None else s.command for s in states])
-    sent = np.searchsorted([state.stamp for state in states], stamps, "right") - 1
-    return np.where(sent[:, None] >= 0, commands[sent.clip(0)], np.nan)
+    latest = np.searchsorted([state.stamp for state in states], stamps, "right") - 1
+    return np.where(latest[:, None] >= 0, commands[latest.clip(0)], np.nan)
 
 
 def _compute_verdict(goal: Goal | None, poses: np.ndarray) -> Verdict:

@@ -1,4 +1,4 @@
-"""What a bag says of the run that it holds: settings, goal, limits, and the experiment itself."""
+"""Description of a recorded run in a bag: settings, goal, limits, and the experiment itself."""
 
 from __future__ import annotations
 
@@ -28,18 +28,18 @@ from ..experiment.robots import RobotSpec
 from .parameters import find_branch
 from .run_recorder import describe_settings
 
-# Of the loop's node alone: an experiment has them elsewhere, or not at all.
+# Parameters of the controller node that an experiment has under another key, or not at all.
 OWN_KEYS = {
     "scheme", "law", "gain", "start", "desired", "listeners", "package", "namespace",
     "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
     "controllers", "gains", "delay",
 }  # fmt: skip
-GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # of a name that leads into no other folder
-DEFAULT_DURATION = 8.0  # s; an experiment's own, where a graph has none
+GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # a file name without a path to another folder
+DEFAULT_DURATION = 8.0  # s; the default of an experiment, for a graph without a duration
 
 
 def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
-    """The name of the shipped preset with these settings; the settings where it is none."""
+    """Return the name of the shipped camera preset with these settings, else the settings."""
     folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
     for file in sorted(folder.glob("*.yaml")):
         if read_yaml(file, ExperimentError) == dict(settings):
@@ -49,10 +49,11 @@ def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
 
 @dataclass
 class RecordedExperiment:
-    """A recorded description, read as far as it can be.
+    """Recorded description of a run; properties whose data cannot be read are None or empty.
 
     Attributes:
-        given: the message's content; empty: the bag holds none. notes: what could not be read.
+        content: of the message; empty if the bag has none. notes: errors of the parts that cannot
+            be read.
     """
 
     content: Mapping[str, Any] = field(default_factory=dict)
@@ -60,39 +61,43 @@ class RecordedExperiment:
 
     @classmethod
     def from_text(cls, text: str) -> RecordedExperiment:
-        """Of the message's text; '' where the bag has none."""
+        """Read the text of the message; '' if the bag has none."""
         if not text:
             return cls({}, [
-                "the bag is of an older version, or of another recorder: it does not say with "
-                "which goal, limits and settings it was recorded (no topic .../experiment)"
+                "the bag is from an older version or from another recorder: its goal, limits and "
+                "settings are unknown (no topic .../experiment)"
             ])  # fmt: skip
         try:
-            given = json.loads(text)
-            if not isinstance(given, Mapping) or not isinstance(given.get("parameters"), Mapping):
-                raise ValueError("it holds no parameters")
+            content = json.loads(text)
+            if not isinstance(content, Mapping) or not isinstance(
+                content.get("parameters"), Mapping
+            ):
+                raise ValueError("it has no parameters")
             for key, kind in (("goals", dict), ("versions", dict), ("launch", list)):
-                if not isinstance(given.get(key, kind()), kind):
-                    raise ValueError(f"its {key} are none")
+                if not isinstance(content.get(key, kind()), kind):
+                    raise ValueError(f"its '{key}' is no {'list' if kind is list else 'mapping'}")
         except ValueError as error:
             return cls({}, [f"the bag's description of its run cannot be read: {error}"])
-        return cls(given)
+        return cls(content)
 
     @cached_property
     def controller(self) -> dict[str, Any]:
-        """Parameters of the controller's node."""
-        found = find_branch(self.content.get("parameters", {}), self.content.get("controller", ""))
-        found.pop("gains", None)  # dynamic_reconfigure's
-        return found
+        """Parameters of the controller node."""
+        parameters = find_branch(
+            self.content.get("parameters", {}), self.content.get("controller", "")
+        )
+        parameters.pop("gains", None)  # added by dynamic_reconfigure
+        return parameters
 
     @cached_property
     def urdf(self) -> str:
-        """The description; empty where none was recorded."""
+        """Robot description; '' if none was recorded."""
         name = str(self.controller.get("description", "robot_description"))
         return str(self.content.get("parameters", {}).get(name, ""))
 
     @cached_property
     def settings(self) -> Settings | None:
-        """Of the loop, as the node had them."""
+        """Settings of the control loop, as in the controller node."""
         if not self.content:
             return None
         from aras_visual_servo_base.urdf import read_robot_name
@@ -105,7 +110,7 @@ class RecordedExperiment:
 
     @cached_property
     def arm(self) -> Arm | None:
-        """Of the recorded description."""
+        """Kinematics of the recorded robot description."""
         if self.settings is None or not self.urdf:
             return None
         with self._note_errors("the recorded description cannot be used"):
@@ -114,7 +119,7 @@ class RecordedExperiment:
 
     @cached_property
     def goal(self) -> Goal | None:
-        """That the loop had, as its arm sees it."""
+        """Goal of the control loop, completed with the kinematics of the arm."""
         if self.settings is None:
             return None
         name = self.settings.find_goal_file().name
@@ -128,31 +133,33 @@ class RecordedExperiment:
         return None
 
     def read_limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """Least and greatest joints, rad or m, and greatest speeds; empty where unknown."""
+        """Return lower and upper joint limits (rad or m) and speed limits; empty if unknown."""
         if self.arm is None:
             return (np.zeros(0),) * 3
         with self._note_errors("the recorded limits cannot be used"):
-            found = self.settings.make_limits(self.arm)
-            return found.lower, found.upper, found.velocity
+            limits = self.settings.make_limits(self.arm)
+            return limits.lower, limits.upper, limits.velocity
         return (np.zeros(0),) * 3
 
     def read_features(self, scheme: str, count: int) -> tuple[tuple[str, ...], tuple[float, ...]]:
-        """Units and tolerances (count,) of the scheme of that name; empty where unknown."""
+        """Return units and tolerances of the `count` features of a scheme; empty if unknown."""
         settings = self.settings or Settings()
         with self._note_errors("units of the features are unknown"):
-            made = settings.make_scheme() if settings.scheme == scheme else \
+            instance = settings.make_scheme() if settings.scheme == scheme else \
                 Settings(scheme=scheme).make_scheme()
             if self.goal is not None:
-                made.check(self.goal)
-            if len(made.units) == count:
-                known = not any(isinstance(t, DepthFraction) for t in made.tolerances)
-                return tuple(made.units), tuple(made.tolerances) if known else ()
-            self.notes.append(f"units of the features are unknown: '{scheme}' has others here")
+                instance.check(self.goal)
+            if len(instance.units) == count:
+                known = not any(isinstance(t, DepthFraction) for t in instance.tolerances)
+                return tuple(instance.units), tuple(instance.tolerances) if known else ()
+            self.notes.append(
+                f"units of the features are unknown: '{scheme}' has other features than in the bag"
+            )
         return (), ()
 
     @contextlib.contextmanager
     def _note_errors(self, what: str):
-        """What fails within becomes a note."""
+        """Convert an error of the `with` block into a note that starts with `what`."""
         try:
             yield
         except (ServoError, BenchError, ValueError, TypeError) as error:
@@ -162,30 +169,39 @@ class RecordedExperiment:
 
     @property
     def arguments(self) -> dict[str, str]:
-        """Launch arguments of all roslaunches together, later ones last."""
+        """Launch arguments of all roslaunch commands; later ones override earlier ones."""
         words = [word for launch in self.content.get("launch", []) for word in launch]
         return dict(word.split(":=", 1) for word in words if ":=" in word)
 
     def make_experiment(self) -> Experiment:
-        """What repeats the run without a graph.
+        """Make the experiment that repeats the run without a ROS graph.
 
         Raises:
-            BenchError: the bag does not say it, or it is nothing that can be run again.
+            BenchError: the bag has no description, or the run cannot be repeated.
         """
         if not self.content:
             raise BenchError(self.notes[0])
         try:
             return Experiment.from_mapping(self._make_keys())
         except ExperimentError as error:
-            raise BenchError(f"the bag's run is no experiment of the bench: {error}") from error
+            raise BenchError(
+                f"the bag's run cannot be repeated as an experiment: {error}"
+            ) from error
 
     def make_mapping(self) -> dict[str, Any]:
-        """The experiment's keys, checked; BenchError as above."""
+        """Return the checked keys of the experiment.
+
+        Raises:
+            BenchError: as of `make_experiment`.
+        """
         self.make_experiment()
         return self._make_keys()
 
     def collect_files(self) -> dict[str, str]:
-        """What the run was made of, by file name; goals whose names are none are left out."""
+        """Return the files of the run by name: goals, parameters, robot and launch commands.
+
+        Goals whose names are no file names are left out with a note.
+        """
         launch = "".join(f"roslaunch {' '.join(map(str, words))}\n"
                          for words in self.content.get("launch", []))  # fmt: skip
         parameters = dict(self.content.get("parameters", {}))
@@ -194,7 +210,7 @@ class RecordedExperiment:
             if GOAL_FILE.fullmatch(name):
                 goals[name] = str(text)
             else:
-                self.notes.append(f"a goal named {name[:80]!r} is left out: that is no file's name")
+                self.notes.append(f"the goal {name[:80]!r} is left out: that is no file name")
         return {
             **goals,
             "parameters.yaml": yaml.safe_dump(parameters, sort_keys=False),
@@ -204,7 +220,7 @@ class RecordedExperiment:
         }
 
     def _make_keys(self) -> dict[str, Any]:
-        """Keys that differ from an experiment's defaults."""
+        """Return the keys of the experiment that differ from its defaults."""
         loop, launch, simulator = self.controller, self.arguments, find_branch(
             self.content["parameters"], "/gazebo")  # fmt: skip
         keys: dict[str, Any] = {"scheme": loop.get("scheme", "moments")}
@@ -231,11 +247,11 @@ class RecordedExperiment:
                              if a in launch}  # fmt: skip
         keys["seed"] = int(simulator.get("seed", 0))
         keys["duration"] = float(loop.get("duration") or DEFAULT_DURATION)
-        options = {k: v for k, v in loop.items() if k not in OWN_KEYS}
-        return {**keys, "controller_parameters": options} if options else keys
+        parameters = {k: v for k, v in loop.items() if k not in OWN_KEYS}
+        return {**keys, "controller_parameters": parameters} if parameters else keys
 
     def make_yaml(self) -> str:
-        """The experiment as YAML; '' where the bag does not say it."""
+        """Return the experiment as YAML; '' if the run cannot be repeated."""
         try:
             self.make_experiment()
         except BenchError as error:
@@ -245,15 +261,15 @@ class RecordedExperiment:
         return yaml.safe_dump(self._make_keys(), sort_keys=False, default_flow_style=None)
 
     def describe_settings(self) -> dict[str, str]:
-        """Settings for a reader."""
+        """Return the main settings as text, by name, for a report."""
         try:
-            asked = describe_settings(self.make_experiment())
+            settings = describe_settings(self.make_experiment())
         except BenchError:
             return {k: str(self.controller[k]) for k in ("scheme", "law", "start")
                     if k in self.controller}  # fmt: skip
-        kept = ("scheme", "law", "gain", "start", "goal", "camera", "seed")
-        asked = {key: asked[key] for key in kept if key in asked}
+        keys = ("scheme", "law", "gain", "start", "goal", "camera", "seed")
+        settings = {key: settings[key] for key in keys if key in settings}
         launch = self.arguments
         moved = {k: launch[k] for k in ("camera_xyz", "camera_rpy", "hand_eye") if launch.get(k)}
-        told = "; ".join(" ".join(words) for words in self.content.get("launch", []))
-        return {**asked, **moved, **({"launched by": told} if told else {})}
+        command = "; ".join(" ".join(words) for words in self.content.get("launch", []))
+        return {**settings, **moved, **({"launched by": command} if command else {})}

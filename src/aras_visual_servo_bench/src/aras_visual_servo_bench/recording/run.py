@@ -1,6 +1,6 @@
-"""One run: what the loop saw and decided, where the camera truly was, and what it came to.
+"""Record of one run: measurements and commands of the loop, true camera poses, and the result.
 
-The same whether it comes from the runner (from_loop), a bag (from_bag) or a graph (from_graph).
+The runner, a bag and a ROS graph all give a run in this form.
 """
 
 from __future__ import annotations
@@ -23,12 +23,15 @@ from ..targets.geometry import PlacedTarget
 Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
 
 REACHED, MISSED = "goal_reached", "goal_missed"
-SETTLING_BAND = 0.02  # part of the way at the start
+SETTLING_BAND = 0.02  # fraction of the initial distance
 
 
 @dataclass(frozen=True)
 class Verdict:
-    """What the physics knows of the end: word, and how far the camera is from its goal, m, rad."""
+    """Result of a run by the true poses: distance (m) and angle (rad) of the camera from its goal.
+
+    name: 'goal_reached' or 'goal_missed'; '' if the poses are unknown.
+    """
 
     name: str
     distance: float
@@ -36,7 +39,7 @@ class Verdict:
 
     @property
     def is_reached(self) -> bool:
-        """Whether the camera stands where the goal is."""
+        """True if the camera has reached its goal."""
         return self.name == REACHED
 
     @classmethod
@@ -44,32 +47,34 @@ class Verdict:
         cls, goal: np.ndarray, pose: np.ndarray, depth: float,
         tolerance: tuple[float, float] | None = None,
     ) -> Verdict:
-        """Compare two poses (4, 4), world_T_camera.
+        """Compare the pose of the camera with the goal pose, both world_T_camera (4, 4).
 
         Args:
             depth: of the target at the goal, m.
-            reached: m and rad that count as there; None: what plain 'converged' leaves open.
+            tolerance: distance (m) and angle (rad) within which the goal is reached; None: the
+                accuracy of the outcome 'converged', whose distance is proportional to the depth.
         """
         distance, angle = pose_difference(goal, pose)
-        near = (
+        limits = (
             (NEGLIGIBLE_UNCERTAINTY[0] * depth, NEGLIGIBLE_UNCERTAINTY[1])
             if tolerance is None
             else tolerance
         )
-        there = distance <= near[0] and angle <= near[1]
-        return cls(REACHED if there else MISSED, distance, angle)
+        is_reached = distance <= limits[0] and angle <= limits[1]
+        return cls(REACHED if is_reached else MISSED, distance, angle)
 
 
 @dataclass(frozen=True, eq=False)
 class CameraRecord:
-    """One camera of a run.
+    """Images and poses of one camera during a run.
 
     Attributes:
-        model: the true one; None: unknown.
-        stamp: (p,) exposures, s. arrival: (p,) when the recorder had them, s of the same clock.
-        pose: (p, 4, 4) true world_T_camera when each came; none: not known.
-        pictures: some of them, (stamp, (rows, columns, 3) rgb), in order.
-        film: some more, smaller, (stamp, JPEG), in order; none: it is made of the pictures.
+        model: true intrinsics; None: unknown.
+        stamp: (p,) exposure times, s. arrival: (p,) arrival at the recorder, s of the same clock.
+        pose: (p, 4, 4) true world_T_camera of each image; empty: unknown.
+        images: some of the images: stamp and (rows, columns, 3) rgb, in the order of time.
+        film: more, smaller images: stamp and JPEG, in the order of time; empty: a film is made of
+            `images`.
     """
 
     model: CameraModel | None = None
@@ -80,7 +85,7 @@ class CameraRecord:
     film: Film = ()
 
     def find_nearest_image(self, stamp: float) -> np.ndarray | None:
-        """The picture that is next to a stamp (s); None where there is none."""
+        """Return the image nearest to a stamp (s); None without images."""
         if not self.images:
             return None
         return min(self.images, key=lambda one: abs(one[0] - stamp))[1]
@@ -88,39 +93,40 @@ class CameraRecord:
 
 @dataclass(eq=False)
 class Run:
-    """One run: what the loop measured and commanded, where the camera truly was, and the result.
+    """Record of one run: measurements and commands of the loop, true camera poses, and the result.
 
-    Made by `run`, by `load_run` from a bag, or by `Loop.result`. The loop answered n images with k
-    features, and m joint states of j joints came. What is not known is None, NaN or empty. Poses
-    are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
+    It is made by `run`, by `load_run` from a bag, or by `Loop.make_run`. The loop has processed n
+    images with k features, and there are m joint states of j joints. Unknown values are None, NaN
+    or empty. Poses are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 
     Attributes:
-        states: n records of the loop, one an image.
-        pose: (n, 4, 4) true world_T_camera when each image's answer was given.
+        states: n states of the loop, one per image.
+        pose: (n, 4, 4) true world_T_camera when the loop had processed each image.
         joint_names: j names.
-        joint_stamp: (m,) s. measured, measured_speed: (m, j) what the joint states say, rad, m, /s.
-        commanded: (m, j) the latest command at each joint state; NaN before the first.
-        true_pose: (m, 4, 4) world_T_camera at each joint stamp: the true arm's where it stands at
-            `measured`, so that a bag knows the same one; metrics of the camera's way are of these.
-            A camera that shakes does so about them; `pose` has it.
-        arm_places: (m, l, 3) of the arm's joints in the world at each joint stamp; l = 0 where
-            there is no such arm, or nobody asked.
-        goal_pose: (4, 4) where the camera should be at the end.
-        outcome, reason, remedy: of the whole run, as the loop gives them.
-        verdict: what the physics knows, of its own pose at the end, at rest; of a bag, of the last
-            of `true_pose`.
-        peak_speed: (j,) greatest speed at any step, or None where it was not traced.
-        name: of the run, in legends. source: where it is from, as text.
+        joint_stamp: (m,) of the joint states, s.
+        measured_positions, measured_velocities: (m, j) of the joint states, rad or m, per s.
+        joint_commands: (m, j) latest command at each joint state; NaN before the first one.
+        true_pose: (m, 4, 4) world_T_camera at each joint state, by the true kinematics at
+            `measured_positions`; a bag gives the same poses. Metrics of the camera path use them.
+            They do not contain vibration, which `pose` does.
+        joint_origins: (m, l, 3) of the arm's joint frames in the world at each joint state; l = 0
+            without an arm, or if they were not computed.
+        goal_pose: (4, 4) desired pose of the camera at the end.
+        outcome, reason, remedy: of the whole run, as the loop reports them.
+        verdict: result by the true pose at the end, without vibration; from a bag, by the last
+            `true_pose`.
+        peak_speed: (j,) maximum speed at any physics step; None if it was not recorded.
+        name: of the run, for legends. source: bag, file or study of the run, as text.
         units, tolerances: (k,) of the features.
-        limits: least and greatest joints (j,), rad or m. speed: (j,) greatest speeds.
+        position_limits: lower and upper limits (j,), rad or m. speed_limits: (j,), rad/s or m/s.
         joint_units: (j,) 'rad' or 'm'.
-        cameras: what each saw, by name; the first is the control camera.
-        target: in the world. goal: as the loop had it.
+        cameras: record of each camera, by name; the first is the control camera.
+        target: of the control camera, in the world. goal: of the loop.
         centres: (n, 2) measured centre of gravity of the target, normalised.
-        pace: (p, 2) stamp, s, and real-time factor then.
-        settings: of the run, as text, by name. versions: of what the numbers depend on.
-        notes: what a reader must know before believing the rest.
-        experiment: that was run. yaml: text that repeats the run; empty: it is not known.
+        real_time_factors: (p, 2) stamp (s) and real-time factor.
+        settings: of the run, as text, by name. versions: of the software that affects the results.
+        notes: warnings that limit the meaning of the results.
+        experiment: the experiment, if known. yaml: YAML text that repeats the run; '': unknown.
     """
 
     states: tuple[ServoState, ...]
@@ -164,29 +170,29 @@ class Run:
 
     @property
     def run(self) -> Run:
-        """Itself: a user's metric, which was given a finished run with its parts, asks for it."""
+        """This run, for user metrics that were written for an object with a run as its part."""
         return self
 
     # -- images ----------------------------------------------------------------------------
 
     @cached_property
     def stamp(self) -> np.ndarray:
-        """(n,) exposures, s; the physics' clock."""
+        """Exposure times (n,) of the images, s of simulated time."""
         return np.array([state.stamp for state in self.states])
 
     @cached_property
     def names(self) -> tuple[str, ...]:
-        """Of the k features."""
-        decisions = (state.scheme_output for state in self.states)
-        return next((tuple(d.names) for d in decisions if d is not None), ())
+        """Names of the k features."""
+        outputs = (state.scheme_output for state in self.states)
+        return next((tuple(output.names) for output in outputs if output is not None), ())
 
     @property
     def scheme(self) -> str:
-        """Its name, as the loop has it."""
+        """Name of the scheme."""
         return self.states[0].scheme if self.states else ""
 
-    def _collect_decisions(self, field_name: str) -> np.ndarray:
-        """(n, k) of the decisions that have these features; NaN where there is none."""
+    def _collect_outputs(self, field_name: str) -> np.ndarray:
+        """Collect a field (n, k) of the scheme outputs with these features; NaN without one."""
         return _make_table(
             [getattr(state.scheme_output, field_name)
              if state.scheme_output is not None
@@ -197,190 +203,197 @@ class Run:
 
     @cached_property
     def features(self) -> np.ndarray:
-        """(n, k) s as measured; NaN where none."""
-        return self._collect_decisions("features")
+        """Measured features s (n, k); NaN without a measurement."""
+        return self._collect_outputs("features")
 
     @cached_property
     def desired_features(self) -> np.ndarray:
-        """(n, k) s*."""
-        return self._collect_decisions("desired")
+        """Desired features s* (n, k)."""
+        return self._collect_outputs("desired")
 
     @cached_property
     def error(self) -> np.ndarray:
-        """(n, k) s - s* as measured, angles wrapped."""
-        return self._collect_decisions("error")
+        """Measured errors s - s* (n, k), with angles wrapped."""
+        return self._collect_outputs("error")
 
     @cached_property
     def filtered_error(self) -> np.ndarray:
-        """(n, k) errors behind the scheme's filter; as measured where it has none."""
-        found = self._collect_decisions("filtered_error")
-        return np.where(np.isnan(found), self.error, found)
+        """Errors (n, k) after the scheme's filter; without a filter the measured errors."""
+        filtered = self._collect_outputs("filtered_error")
+        return np.where(np.isnan(filtered), self.error, filtered)
 
     @cached_property
     def desired_twist(self) -> np.ndarray:
-        """(n, 6) twists of the camera in its own frame, m/s and rad/s."""
+        """Desired camera twists (n, 6) in the camera frame, m/s and rad/s."""
         return _make_table([state.desired_twist for state in self.states], 6)
 
     @cached_property
     def achieved_twist(self) -> np.ndarray:
-        """(n, 6) of it that the joint velocities give."""
+        """Camera twists (n, 6) that the commanded joint velocities produce, m/s and rad/s."""
         return _make_table([state.achieved_twist for state in self.states], 6)
 
     @cached_property
     def joints(self) -> np.ndarray:
-        """(n, j) as the controller had them at the exposures."""
-        places = [None if s.joints is None else s.joints.positions for s in self.states]
-        return _make_table(places, len(self.joint_names))
+        """Joint positions (n, j) that the controller used for the images."""
+        positions = [None if s.joints is None else s.joints.positions for s in self.states]
+        return _make_table(positions, len(self.joint_names))
 
     @property
     def phases(self) -> tuple[str, ...]:
-        """N words of the loop."""
+        """Phase of the loop at each of the n images."""
         return tuple(state.phase for state in self.states)
 
     @property
     def outcomes(self) -> tuple[str, ...]:
-        """N words: what the loop knew then."""
+        """Outcome by the loop at each of the n images."""
         return tuple(state.outcome for state in self.states)
 
     @property
     def reasons(self) -> tuple[str, ...]:
-        """N texts."""
+        """Reason of the outcome at each of the n images."""
         return tuple(state.reason for state in self.states)
 
     @cached_property
     def rank(self) -> np.ndarray:
-        """(n,) of L in its modelled directions."""
+        """Rank (n,) of L in its modelled directions."""
         return np.array([state.rank for state in self.states], int)
 
     @cached_property
     def singular_L(self) -> np.ndarray:
-        """(n, p) singular values of L in its modelled directions, largest first."""
+        """Singular values (n, p) of L in its modelled directions, largest first."""
         return pad_rows(state.singular_values_L for state in self.states)
 
     @cached_property
     def singular_LJ(self) -> np.ndarray:
-        """(n, q) of the task's Jacobian L J."""
+        """Singular values (n, q) of the task Jacobian L J."""
         return pad_rows(
             None if s.ik_solution is None else s.ik_solution.singular_values for s in self.states
         )
 
     @cached_property
     def manipulability(self) -> np.ndarray:
-        """(n,) product of the singular values of L J."""
+        """Product (n,) of the singular values of L J."""
         return self._collect_ik_solutions("manipulability")
 
     @cached_property
     def scale(self) -> np.ndarray:
-        """(n,) 1, or the factor by which the task was slowed for limits."""
+        """Factor (n,) by which joint limits scaled the task velocity; 1 without scaling."""
         return self._collect_ik_solutions("scale")
 
     def _collect_ik_solutions(self, field_name: str) -> np.ndarray:
-        found = (state.ik_solution for state in self.states)
-        return np.array([np.nan if r is None else getattr(r, field_name) for r in found], float)
+        solutions = (state.ik_solution for state in self.states)
+        return np.array([np.nan if s is None else getattr(s, field_name) for s in solutions], float)
 
     @cached_property
     def computation_time(self) -> np.ndarray:
-        """(n,) s that the scheme took; NaN where no clock was handed in."""
+        """Computation time (n,) of the scheme, s; NaN if it was not measured."""
         return np.array([state.computation_time or np.nan for state in self.states], float)
 
     # -- cameras ---------------------------------------------------------------------------
 
     @property
     def control_record(self) -> CameraRecord:
-        """Of the control camera: poses and twists of the run are its own."""
+        """Record of the control camera, to which poses and twists of the run refer."""
         return next(iter(self.cameras.values()), CameraRecord())
 
     @property
     def camera(self) -> CameraModel | None:
-        """The true model of the control camera."""
+        """True intrinsics of the control camera."""
         return self.control_record.model
 
     # -- the end ---------------------------------------------------------------------------
 
     @property
     def converged(self) -> bool:
-        """Whether the loop says that it has reached its goal."""
+        """True if the outcome of the loop is 'converged'."""
         return self.outcome.startswith("converged")
 
     @property
     def is_success(self) -> bool:
-        """Whether the loop holds that it has converged, and the camera truly stands at its goal.
+        """True if the loop has converged and the camera has truly reached its goal.
 
-        The loop's word alone where nobody knows where the goal is.
+        If the true goal pose is unknown, the outcome of the loop decides alone.
         """
         return self.converged and (self.verdict.is_reached or not self.verdict.name)
 
     @property
     def is_held_at_goal(self) -> bool:
-        """Whether the camera was held at the goal in the end, whatever else the loop had to say."""
+        """True if the loop was converged at the end, even if its outcome is another one."""
         return self.converged or bool(self.states) and self.states[-1].phase == CONVERGED
 
     # -- time ------------------------------------------------------------------------------
 
     @property
     def servoing(self) -> np.ndarray:
-        """(m,) bool, joint states since the first image."""
+        """Mask (m,) of the joint states since the first image."""
         return self.joint_stamp >= (self.stamp[0] if len(self.stamp) else np.inf)
 
     @property
     def start_stamp(self) -> float:
-        """Stamp of the first image that was answered, s."""
+        """Stamp of the first image that the loop processed, s."""
         return float(self.stamp[0]) if len(self.stamp) else 0.0
 
     @property
     def end_stamp(self) -> float:
-        """Stamp of the last joint state, to which the goal's pose belongs, s."""
+        """Stamp of the last joint state, s; `goal_pose` refers to this time."""
         return float(self.joint_stamp[-1]) if len(self.joint_stamp) else self.start_stamp
 
     @property
     def time(self) -> np.ndarray:
-        """(n,) s since then, of the images."""
+        """Time (n,) of the images since `start_stamp`, s."""
         return self.stamp - self.start_stamp
 
     @property
     def joint_time(self) -> np.ndarray:
-        """(m,) s since then, of the joint states."""
+        """Time (m,) of the joint states since `start_stamp`, s."""
         return self.joint_stamp - self.start_stamp
 
-    # -- the way ---------------------------------------------------------------------------
+    # -- camera path -----------------------------------------------------------------------
 
     def pose_error_history(self) -> tuple[np.ndarray, np.ndarray]:
-        """Distance (m,) m and angle (m,) rad of the true camera from its goal, at joint_stamp."""
+        """Compute distance (m,), m, and angle (m,), rad, of the true camera from its goal."""
         pairs = [pose_difference(self.goal_pose, pose) for pose in self.true_pose]
         distance, angle = np.array(pairs).reshape(-1, 2).T
         return distance, angle
 
     def compute_settling_time(self, floor: tuple[float, float] = (1e-4, 1.745e-3)) -> float:
-        """Time until the camera stays within 2 % of its first way, s; inf: never.
+        """Compute the time until the camera stays within 2 % of its initial error, s; inf: never.
 
-        It counts from the first joint state since the first image, whose way is the first.
+        Distance and angle must both be within. The time starts at the first joint state after the
+        first image.
 
-        floor: m and rad (0.1 mm, 0.1 degrees) that count as there however short the way was.
+        floor: distance (m) and angle (rad) that always count as settled: 0.1 mm and 0.1 degrees.
         """
         after = self.servoing
         if not after.any():
             return float("inf")
         latest = 0.0
-        for way, least in zip(self.pose_error_history(), floor, strict=True):
-            latest = max(latest, compute_settling_time(self.joint_stamp[after], way[after], least))
+        for error, least in zip(self.pose_error_history(), floor, strict=True):
+            latest = max(
+                latest, compute_settling_time(self.joint_stamp[after], error[after], least)
+            )
         return latest
 
-    # -- places ----------------------------------------------------------------------------
+    # -- outlines in the image -------------------------------------------------------------
 
     def project_outline(self, pose: np.ndarray, stamp: float) -> np.ndarray | None:
-        """Pixels (c, 2) of the target's silhouette for world_T_camera (4, 4); None: unknown."""
+        """Project the target's silhouette for world_T_camera (4, 4): pixels (c, 2); None: unknown.
+        """
         if self.target is None or self.camera is None:
             return None
-        rim = self.target.project(self.target.shape.outline, pose, stamp)
-        return None if rim is None else np.column_stack(self.camera.project(*rim.T))
+        outline = self.target.project(self.target.shape.outline, pose, stamp)
+        return None if outline is None else np.column_stack(self.camera.project(*outline.T))
 
     def project_desired_outline(self) -> np.ndarray | None:
-        """Pixels (c, 2) of the silhouette that the goal wants, however the target moves."""
+        """Project the target's silhouette at the goal pose: pixels (c, 2); None: unknown."""
         return self.project_outline(self.goal_pose, self.end_stamp)
 
 
 def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 0.0) -> float:
-    """From stamp[0] until values (n,) stay within 2 % of the first or `floor`, s; inf: never."""
+    """Compute the time until values (n,) stay below 2 % of the first one or `floor`; inf: never.
+
+    stamp: (n,) s; the time starts at stamp[0].
+    """
     known = np.isfinite(values)
     stamp, values = stamp[known], values[known]
     if not len(values):
@@ -393,19 +406,19 @@ def compute_settling_time(stamp: np.ndarray, values: np.ndarray, floor: float = 
 
 
 def normalize_errors(error: np.ndarray) -> np.ndarray:
-    """Errors (n, k) in parts of the largest that each has had: comparable whatever their units."""
+    """Divide errors (n, k) by the largest absolute value of each column, to compare their units."""
     largest = np.nanmax(np.abs(error), axis=0, initial=0.0)
     return error / np.where(largest > 0.0, largest, 1.0)
 
 
 def pad_rows(values: Iterable[Sequence[float] | None]) -> np.ndarray:
-    """Rows of different lengths as one array (n, longest), NaN where there is nothing."""
+    """Combine rows of different lengths into one array (n, longest), padded with NaN."""
     rows = [np.zeros(0) if row is None else np.asarray(row, float) for row in values]
     return _make_table(rows, max((len(row) for row in rows), default=0))
 
 
 def _make_table(rows: Sequence[Sequence[float] | None], width: int) -> np.ndarray:
-    """Rows as one array (n, width); NaN behind those that are shorter, or None."""
+    """Combine rows into one array (n, width); shorter rows and None are padded with NaN."""
     table = np.full((len(rows), width), np.nan)
     for i, row in enumerate(rows):
         if row is not None:

@@ -1,4 +1,4 @@
-"""A run of the runner: collected while it goes on, with what it was made of at its end."""
+"""Recorder that collects the data of a run while it is simulated."""
 
 from __future__ import annotations
 
@@ -21,15 +21,19 @@ from .run import CameraRecord, Run
 
 
 class RunRecorder:
-    """What was answered to each image, and what each joint state told.
+    """Recorder of the loop's states, the joint states and the images of a run.
 
     Attributes:
-        records: what the diagnosis reads of each image, and the events between images.
+        records: input of the diagnosis: one record per image, and events between images.
     """
 
     def __init__(self, joint_count: int, records_films: bool = False) -> None:
-        """`joints`: how many there are; `records_films`: keep what other cameras than the control
-        camera see."""
+        """Prepare the recorder.
+
+        Args:
+            joint_count: number of joints.
+            records_films: record the images of cameras other than the control camera.
+        """
         self.records: list[Record] = []
         self._states: list[ServoState] = []
         self._poses: list[np.ndarray] = []
@@ -44,41 +48,49 @@ class RunRecorder:
         self._camera_images: dict[str, list[tuple[float, np.ndarray, bytes]]] = {}
 
     def add_state(self, state: ServoState, pose: np.ndarray) -> None:
-        """One answered image; pose: the true one then."""
+        """Add the loop's state after an image, and the true camera pose (4, 4) at that time."""
         self._states.append(state)
         self._poses.append(pose)
 
     def add_image(self, reading: Frame, pose: np.ndarray, model: CameraModel) -> None:
-        """An image of another camera than the control camera; its true pose then, and model."""
-        shown = b"" if self._shot is None else self._shot(reading, model)
-        self._camera_images.setdefault(reading.name, []).append((reading.stamp, pose, shown))
+        """Add an image of a camera other than the control camera.
+
+        Args:
+            pose: true world_T_camera (4, 4) at the exposure.
+            model: true intrinsics.
+        """
+        jpeg = b"" if self._shot is None else self._shot(reading, model)
+        self._camera_images.setdefault(reading.name, []).append((reading.stamp, pose, jpeg))
 
     def on_command(self, values: np.ndarray) -> None:
-        """What was sent last, (n,)."""
+        """Store the latest joint command (n,)."""
         self._command = values
 
     def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """One joint state, after the latest command: what it tells, (n,) each."""
+        """Add a joint state, positions and velocities (n,), with the latest command."""
         self._stamps.append(stamp)
         self._joints.append((positions, velocities, self._command))
 
     def make_run(self, plant: Plant, experiment: Experiment, parts: Assembly, **end: Any) -> Run:
-        """The run, with the poses of this plant; `end`: the fields of a Run that tell its end."""
+        """Make the run, with camera poses from the plant.
+
+        end: further fields of the Run, such as outcome and verdict.
+        """
         columns = np.array(self._joints).reshape(len(self._joints), 3, self._count)
-        measured, measured_speed, commanded = columns.swapaxes(0, 1)
+        positions, velocities, commands = columns.swapaxes(0, 1)
         scheme: Scheme | JointController = parts.servo.scheme
         arm = parts.servo.arm
-        # A run begins where servoing does: behind the way to the start, if the loop went there.
-        ways = [i for i, state in enumerate(self._states) if state.phase == APPROACHING]
-        first = ways[-1] + 1 if ways else 0
+        # The run starts after the motion to the start, if the loop has made one.
+        approach = [i for i, state in enumerate(self._states) if state.phase == APPROACHING]
+        first = approach[-1] + 1 if approach else 0
         states, poses = self._states[first:], self._poses[first:]
         stamp = np.array([state.stamp for state in states])
         limits = tuple(np.asarray(getattr(arm, side, ()), float) for side in ("lower", "upper"))
         run = Run(
             states=tuple(states), pose=np.array(poses).reshape(-1, 4, 4),
-            joint_stamp=np.array(self._stamps), measured_positions=measured,
-            measured_velocities=measured_speed,
-            joint_commands=commanded, true_pose=plant.compute_rest_poses(measured),
+            joint_stamp=np.array(self._stamps), measured_positions=positions,
+            measured_velocities=velocities,
+            joint_commands=commands, true_pose=plant.compute_rest_poses(positions),
             units=tuple(scheme.units or ()),
             tolerances=tuple(float(t) for t in scheme.tolerances), position_limits=limits,
             cameras=self._make_camera_records(parts, stamp, np.array(poses).reshape(-1, 4, 4)),
@@ -94,36 +106,42 @@ class RunRecorder:
             run.centres = run.features[:, [run.names.index("xg"), run.names.index("yg")]]
         return run
 
-
     def _make_camera_records(
         self, parts: Assembly, stamp: np.ndarray, pose: np.ndarray
     ) -> dict[str, CameraRecord]:
-        """What each camera saw, by name; stamp (p,), pose (p, 4, 4) of the control camera."""
-        found = {}
-        for name, eye in parts.cameras.items():
+        """Make the record of each camera, by name.
+
+        stamp, pose: (p,) and (p, 4, 4) of the control camera's images.
+        """
+        records = {}
+        for name, camera in parts.cameras.items():
             if name == parts.rig.control.name:
-                found[name] = CameraRecord(parts.plant.camera, stamp, stamp, pose)
+                records[name] = CameraRecord(parts.plant.camera, stamp, stamp, pose)
                 continue
-            seen = self._camera_images.get(name, [])
-            at = np.array([stamp for stamp, _, _ in seen])
-            place = np.array([pose for _, pose, _ in seen]).reshape(-1, 4, 4)
-            film = tuple((stamp, shown) for stamp, _, shown in seen if shown)
-            found[name] = CameraRecord(eye.true_camera, at, at + eye.delay, place, film=film)
-        return found
+            images = self._camera_images.get(name, [])
+            stamps = np.array([stamp for stamp, _, _ in images])
+            poses = np.array([pose for _, pose, _ in images]).reshape(-1, 4, 4)
+            film = tuple((stamp, jpeg) for stamp, _, jpeg in images if jpeg)
+            records[name] = CameraRecord(
+                camera.true_camera, stamps, stamps + camera.delay, poses, film=film
+            )
+        return records
 
 
 def describe_settings(experiment: Experiment) -> dict[str, str]:
-    """What of an experiment a reader wants to see first, in words; numbers without their units."""
-    asked = {key: getattr(experiment, key) for key in (
+    """Return the main settings of an experiment as text, by name; numbers are without units."""
+    settings = {key: getattr(experiment, key) for key in (
         "plant", "scheme", "law", "gain", "start", "goal", "camera", "delay", "seed",
     )}  # fmt: skip
-    asked["target"] = experiment.target.shape
-    return {key: _describe_setting(key, value) for key, value in asked.items() if value is not None}
+    settings["target"] = experiment.target.shape
+    return {
+        key: _describe_setting(key, value) for key, value in settings.items() if value is not None
+    }
 
 
 def _describe_setting(key: str, value: Any) -> str:
     if key == "camera" and not isinstance(value, str):
-        return "settings of its own"
+        return "own settings"
     if isinstance(value, tuple):
         if key == "target":
             return f"polygon of {len(value)} corners"
@@ -132,5 +150,5 @@ def _describe_setting(key: str, value: Any) -> str:
 
 
 def find_joint_units(arm: Arm) -> tuple[str, ...]:
-    """'m' for joints that slide, 'rad' for others."""
-    return tuple("m" if slides else "rad" for slides in arm.is_prismatic)
+    """Return the unit of each joint: 'm' for prismatic joints, 'rad' for revolute ones."""
+    return tuple("m" if is_prismatic else "rad" for is_prismatic in arm.is_prismatic)

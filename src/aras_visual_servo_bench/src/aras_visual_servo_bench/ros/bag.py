@@ -46,6 +46,11 @@ USED_FIELDS = {
     MOMENTS: ("header", "valid", "order", "m", "mu"),
     METRICS: ("header", "real_time_factor"),
 }  # fmt: skip
+# Old names of fields in messages of earlier versions.
+OLD_FIELDS = {
+    "remedy": "mend", "desired_twist": "asked", "achieved_twist": "achieved",
+    "infeasible_twist": "lost", "computation_time": "computing",
+}  # fmt: skip
 IMAGE, COMPRESSED = "sensor_msgs/Image", "sensor_msgs/CompressedImage"
 CLOCK_TOLERANCE_NS = 500_000_000  # a larger step back of the stamps is a clock reset
 EXPERIMENT_TOPIC = "experiment"  # last part of the topic name
@@ -222,6 +227,10 @@ class BagReader(GraphRecording):
         if not missing:
             return True
         problem = f"{topic} has another version of {name}, without {', '.join(missing)}"
+        renamed = [f"{OLD_FIELDS[field]} is now called {field}" for field in missing
+                   if OLD_FIELDS.get(field) in kind.__slots__]  # fmt: skip
+        if renamed:
+            problem += f" ({', '.join(renamed)})"
         if name == STATE:
             raise BenchError(f"{self.path}: {problem}; create the report with the version of this "
                              "software that recorded the bag")  # fmt: skip

@@ -1,1 +1,1 @@
-"""An experiment carried out: the closed loop, and the Gymnasium environment."""
+"""Run an experiment: the closed control loop, and a Gymnasium environment."""

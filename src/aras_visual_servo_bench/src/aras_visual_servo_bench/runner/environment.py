@@ -1,4 +1,4 @@
-"""A Gymnasium environment over an experiment: an agent asks the camera for a twist an image."""
+"""Gymnasium environment of an experiment, in which an agent commands one camera twist per image."""
 
 from __future__ import annotations
 
@@ -24,13 +24,17 @@ from ..experiment.experiment import Experiment, Sampler
 from ..setup.assembly import assemble
 from .loop import Loop
 
-ENVIRONMENT = "aras/Servo-v0"  # its name in Gymnasium's registry
+ENVIRONMENT = "aras/Servo-v0"  # name in Gymnasium's registry
 OBSERVATIONS = ("features", "image")
-MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # m/s and rad/s of the camera, for an action of 1
+MAX_TWIST = (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)  # camera twist for an action of 1, m/s and rad/s
 
 
 class ExternalTwistScheme(Scheme):
-    """Measures as another scheme does and asks for the twist that somebody else has chosen."""
+    """Scheme that measures the features of another scheme and commands an external twist.
+
+    Attributes:
+        inner: the other scheme. twist: (6,) camera twist to command, m/s and rad/s.
+    """
 
     def __init__(self, inner: Scheme) -> None:
         super().__init__(inner.law)
@@ -39,63 +43,66 @@ class ExternalTwistScheme(Scheme):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the inner scheme's features."""
+        """Names of the inner scheme's features."""
         return self.inner.names
 
     @property
     def tolerances(self) -> tuple[float, ...]:
-        """Of the inner scheme."""
+        """Tolerances of the inner scheme's features."""
         return tuple(self.inner.tolerances)
 
     @property
     def needs(self) -> frozenset:
-        """Of the inner scheme."""
+        """Data that the inner scheme needs."""
         return self.inner.needs
 
     @property
     def cameras(self) -> tuple[str, ...]:
-        """Of the inner scheme."""
+        """Cameras that the inner scheme reads."""
         return tuple(self.inner.cameras)
 
     def get_needs(self, *cameras: str) -> frozenset:
-        """As the inner scheme."""
+        """Return the data that the inner scheme needs of some cameras."""
         return self.inner.get_needs(*cameras)
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """As the inner scheme."""
+        """Return the goal that the inner scheme takes from an observation."""
         return self.inner.teach(observation)
 
     def check(self, goal: Goal) -> None:
-        """As the inner scheme."""
+        """Check the goal with the inner scheme."""
         self.inner.check(goal)
 
     def reset(self) -> None:
-        """As the inner scheme; no twist is asked for."""
+        """Reset the inner scheme, and set the twist to zero."""
         self.inner.reset()
         self.twist = np.zeros(6)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """The inner scheme's features with the chosen twist, in the directions they model."""
-        decision = self.inner.compute(observation, goal, t)
-        modelled = decision.task.modelled
-        return dataclasses.replace(decision, task=Task.from_twist(self.twist, modelled))
+        """Compute the inner scheme's output with the external twist as its task."""
+        output = self.inner.compute(observation, goal, t)
+        modelled = output.task.modelled
+        return dataclasses.replace(output, task=Task.from_twist(self.twist, modelled))
 
 
 class ServoEnv(gymnasium.Env):
-    """One episode is one run of the experiment; a step lasts from one image to the next.
+    """Gymnasium environment whose episode is a run of an experiment, with one step per image.
 
-    Action: (6,) in [-1, 1], the camera's twist in parts of `max_twist`; what the features do not
-    model is held, as for any scheme. Observation: the features' errors (k,) and the joints (n,),
-    or the control camera's picture in grey levels, (rows, columns) uint8. Reward: minus the norm
-    of the errors in units of their first; 1 more where the goal is held. An episode ends
-    (terminated) when the loop has converged or lost its target, and is cut off (truncated) when
-    the experiment's duration is over. `info` names outcome and verdict, and knows for teachers
-    where the goal is: `camera_T_goal` (4, 4), true, now.
+    Action: (6,) in [-1, 1], the camera twist as a fraction of `max_twist`. Directions that the
+    features do not model are not moved, as with any scheme.
+    Observation: the feature errors (k,) and the joints (n,), or the grey image of the control
+    camera, (rows, columns) uint8.
+    Reward: minus the norm of the feature errors, divided by its initial value, plus 1 while the
+    loop has converged.
+    An episode is terminated when the loop has converged or has lost its target, and truncated when
+    the experiment's duration is over.
+    `info` contains outcome, verdict, distance and angle to the goal, and the current true pose
+    `camera_T_goal` (4, 4) of the goal, for training from an expert.
+
+    Several environments in parallel: `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)`.
 
     Attributes:
-        loop: the closed loop that is stepped, another one in each episode; None once it is closed.
-
-    Many at once: `gymnasium.make_vec(ENVIRONMENT, 8, "async", experiment=...)`.
+        loop: the control loop of the episode; None after `close`.
     """
 
     metadata = {"render_modes": ["rgb_array"], "render_fps": 30}
@@ -107,13 +114,16 @@ class ServoEnv(gymnasium.Env):
         render_mode: str | None = None,
         observes: str = "features",
     ) -> None:
-        """Args:
-            experiment: by default a free camera with exact features from sampled starts.
+        """Start the first episode.
+
+        Args:
+            experiment: None: a free camera with exact features and random starts.
+            max_twist: camera twist for an action of 1, m/s and rad/s.
             observes: 'features' or 'image'.
 
         Raises:
-            ExperimentError: it cannot be run, its scheme answers joints itself, or it has no
-                pictures where these are to be observed.
+            ExperimentError: the experiment cannot be run, its scheme commands joints, or `observes`
+                is 'image' and it has no images.
         """
         if experiment is None:
             experiment = Experiment(plant="free", lag=0.0, delay=0.0, start=Sampler())
@@ -122,14 +132,13 @@ class ServoEnv(gymnasium.Env):
         self._observes_images = observes == "image"
         if self._observes_images and not experiment.has_images:
             raise ExperimentError(
-                "images cannot be observed of exact features: give the experiment features: "
-                "images"
+                "observes is 'image', and exact features have no images: set features: images"
             )
         self.experiment = experiment
         self.render_mode = render_mode
         self._max_twist = np.array(max_twist, float)
         if self._max_twist.shape != (6,) or not (self._max_twist > 0.0).all():
-            raise ExperimentError("greatest must hold six numbers above 0, m/s and rad/s")
+            raise ExperimentError("max_twist must be six numbers above 0, m/s and rad/s")
         self.loop: Loop | None = None
         self._start_episode(experiment)
         if self._observes_images:
@@ -143,16 +152,19 @@ class ServoEnv(gymnasium.Env):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begin an episode; the seed draws start and noise."""
+        """Start an episode with a random start and noise.
+
+        seed: of Gymnasium's generator, which gives the experiment of each episode its seed.
+        """
         super().reset(seed=seed)
-        drawn = int(self.np_random.integers(2**31))
-        self._start_episode(dataclasses.replace(self.experiment, seed=drawn))
+        episode_seed = int(self.np_random.integers(2**31))
+        self._start_episode(dataclasses.replace(self.experiment, seed=episode_seed))
         return self._make_observation(), self._make_info()
 
     def step(
         self, action: np.ndarray
     ) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Ask for a twist until the next image."""
+        """Command a twist until the next image; see `gymnasium.Env.step`."""
         action = np.asarray(action, float)
         if action.shape != (6,) or not np.isfinite(action).all():
             raise ExperimentError(f"an action is six finite numbers, got {action}")
@@ -164,14 +176,14 @@ class ServoEnv(gymnasium.Env):
         return self._make_observation(), reward, lost or reached, state is None, self._make_info()
 
     def render(self) -> np.ndarray | None:
-        """The latest picture (rows, columns, 3), rgb; None where features are exact."""
+        """Return the latest image (rows, columns, 3), rgb; None if features are exact."""
         reading = self.loop.reading
         if reading is None or not reading.has_image:
             return None
         return ImageReader.decode_image(reading).rgb
 
     def close(self) -> None:
-        """Give back what the plant holds."""
+        """Close the plant."""
         if self.loop is not None:
             self.loop.close()
             self.loop = None
@@ -185,8 +197,8 @@ class ServoEnv(gymnasium.Env):
     def _wrap_scheme(self, inner: Scheme | JointController) -> ExternalTwistScheme:
         if isinstance(inner, JointController):
             raise ExperimentError(
-                f"scheme '{self.experiment.scheme}' answers joints itself: an environment needs "
-                "one that asks for a twist"
+                f"scheme '{self.experiment.scheme}' commands joints: an environment needs a "
+                "scheme that commands a twist"
             )
         self._scheme = ExternalTwistScheme(inner)
         return self._scheme

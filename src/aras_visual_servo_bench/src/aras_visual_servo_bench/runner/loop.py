@@ -1,4 +1,4 @@
-"""Runs an experiment: the plant goes from measurement to measurement, the loop answers each."""
+"""Run an experiment: the plant advances to its next measurement, and the loop responds to it."""
 
 from __future__ import annotations
 
@@ -31,35 +31,35 @@ if TYPE_CHECKING:
     from .run_termination import RunTermination
 
 NS = 1_000_000_000
-FINAL_NS = 50_000_000
-FIRST_IMAGE_TIMEOUT_NS = 5 * NS  # for a first picture
+FINAL_NS = 50_000_000  # time after the experiment's duration, for one more image
+FIRST_IMAGE_TIMEOUT_NS = 5 * NS
 OCCLUSION_NOTE = (
-    "at the end the arm, where it is drawn, hides {:.0f} % of the target: plant chain sees through "
-    "it, plant bullet does not"
+    "at the end the arm hides {:.0f} % of the target: on plant chain the arm is transparent, on "
+    "plant bullet it is not"
 )
 STUCK_OUTCOME = "joints_do_not_follow"
 COLLISION_REMEDY = (
-    "begin in another posture, or choose start and goal so that the arm keeps clear of {}"
+    "start in another posture, or choose start and goal so that the arm stays clear of {}"
 )
-VIBRATION_NOTE = "camera '{}' shakes {}; the verdict and the camera's path are of its place at rest"
+VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path are without this vibration"
 log = logging.getLogger(__name__)
 
 
 def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -> Run:
     """Run an experiment from its start to its end.
 
-    The time is simulated: the same experiment and seed give bit-identical results on every run.
+    Time is simulated: the same experiment and seed give bit-identical results on every run.
 
     Args:
         experiment: an Experiment, a mapping of its keys, or the path of its YAML file; None: the
             default experiment.
 
     Returns:
-        The run: curves, `outcome` of the loop, and `compute_verdict` of the physics.
+        The run: its time series, the `outcome` of the loop, and the `verdict` from the true poses.
 
     Raises:
-        ExperimentError: it cannot be run, with the key that is wrong and what would be right. What
-            goes wrong while it runs is an outcome, not an error.
+        ExperimentError: the experiment cannot be run; the message names the wrong key and the
+            remedy. Failures during the run are outcomes, not errors.
     """
     result = _run_once(Experiment.load(experiment))
     release_freed_memory()
@@ -67,7 +67,7 @@ def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -
 
 
 def _run_once(experiment: Experiment) -> Run:
-    """Run an experiment; nothing of the loop and its plant is left afterwards."""
+    """Run an experiment in a function of its own, so that loop and plant are freed at its end."""
     loop = Loop(experiment, assemble(experiment), records_films=experiment.has_images)
     try:
         loop.run_to_end()
@@ -77,22 +77,27 @@ def _run_once(experiment: Experiment) -> Run:
 
 
 class Loop:
-    """A run under way, to be driven image by image; the node's own Driver drives the loop.
+    """Run of an experiment that can be advanced image by image.
 
-    `run_to_image` continues to the next image and its answer, `run_to_end` to the end; `result` is
-    the run so far. `run(experiment)` does the same at once. Call `close` at the end.
+    `run_to_image` continues to the next image, `run_to_end` to the end, and `make_run` returns the
+    run up to the current time. Call `close` at the end. `run(experiment)` does all this at once.
+    A LoopRunner drives the control loop, as in the controller node.
 
     Attributes:
-        experiment, parts: as given. servo: the servo loop.
-        reading, state: the last image and the answer to it, or None.
+        experiment, parts: the experiment and its parts. servo: the control loop.
+        reading, state: the last image and the loop's state after processing it, or None.
     """
 
     def __init__(
         self, experiment: Experiment, parts: Assembly, records_films: bool = False,
         on_frame: Callable[[Loop, Frame], None] | None = None,
     ) -> None:
-        """`records_films`: keep what other cameras than the control camera see. `on_frame`: is told
-        of every camera's images as they are made."""
+        """Prepare the run.
+
+        Args:
+            records_films: record the images of cameras other than the control camera.
+            on_frame: called with this loop and every frame of every camera at its exposure.
+        """
         self.experiment, self.parts = experiment, parts
         self.plant, self.servo = parts.plant, parts.servo
         self.reading: Frame | None = None
@@ -105,34 +110,35 @@ class Loop:
             from .run_termination import RunTermination
 
             self._termination = RunTermination(experiment, parts)
-        # Wall time stands still: what is late here is late in simulated time.
+        # The wall clock is constant: delays are those of simulated time.
         self._driver = LoopRunner(
             parts.servo, parts.rig, parts.settings, self,
             clock=lambda: to_seconds(self.plant.time_ns), wall_clock=lambda: 0.0,
         )  # fmt: skip
         self._on_frame = on_frame
-        self._has_answer = False
-        self._pending: list[tuple[int, int, Frame]] = []  # heap, by when they arrive, ns
+        self._has_new_state = False
+        # Heap of frames: time of arrival (ns), order of exposure, frame.
+        self._pending: list[tuple[int, int, Frame]] = []
         self._delayed_count = 0
-        self._delays_ns = {name: round(eye.delay * NS) for name, eye in parts.cameras.items()}
+        self._delays_ns = {name: round(cam.delay * NS) for name, cam in parts.cameras.items()}
         self._start_ns: int | None = None
         self._convergence_ns: int | None = None
         self._collision: tuple[str, str] | None = None
         self.plant.attach_loop(self._driver, self._recorder, lambda: self._last_ns)
 
-    # -- what the driver tells -------------------------------------------------------------
+    # -- LoopListener ----------------------------------------------------------------------
 
     def send(self, command: Command) -> None:
-        """To the plant's joints, unless it takes the camera's twist itself."""
+        """Send a command to the plant's joints; the ideal camera receives its twist in `report`."""
         if command.values is not None and not self._has_free_camera:
             self.plant.command(command.kind, command.values)
             self._recorder.on_command(command.values)
 
     def report(self, state: ServoState) -> None:
-        """Keep the answer to an image; what is reported in between is for those who watch."""
+        """Record the state of the loop after an image; ignore the states between images."""
         if not state.has_processed_image:
             return
-        self._has_answer = True
+        self._has_new_state = True
         if state.phase != CONVERGED:
             self._convergence_ns = None
         elif self._convergence_ns is None:
@@ -146,36 +152,35 @@ class Loop:
             self.plant.command("twist", state.achieved_twist)
 
     def log(self, text: str) -> None:
-        """Into the log."""
+        """Log a message of the loop."""
         log.info("%s", text)
 
     # -- the run ---------------------------------------------------------------------------
 
     @property
     def records(self) -> tuple[Record, ...]:
-        """What the diagnosis has read so far: `diagnose(servo.diagnosis.run, records)` repeats it.
-        """
+        """Input of the diagnosis so far, for `diagnose(servo.diagnosis.run, records)`."""
         return tuple(self._recorder.records)
 
     @property
     def servo_time(self) -> float:
-        """s since the first image; 0 before it."""
+        """Time since the first image, s; 0 before it."""
         return 0.0 if self._start_ns is None else (self.plant.time_ns - self._start_ns) / NS
 
     @property
     def is_over(self) -> bool:
-        """Whether the experiment's end has come."""
+        """True after the end of the run."""
         if self._termination is not None and self._termination.is_over:
             return True
         return self.plant.time_ns > self._last_ns
 
     @property
     def _last_ns(self) -> float:
-        """The time, ns, behind which the end has come, as known by now."""
+        """End of the run as known now, ns of simulated time."""
         time_after_convergence = self.experiment.time_after_convergence
         if self._start_ns is None:
             return FIRST_IMAGE_TIMEOUT_NS - 1
-        # An image more, for the loop to find that its time is over.
+        # With one more image the loop detects that its time is over.
         last_ns = self._start_ns + self.experiment.duration * NS + FINAL_NS
         if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
             return last_ns
@@ -187,10 +192,14 @@ class Loop:
             self.run_to_image()
 
     def run_to_image(self) -> ServoState | None:
-        """Continue until an image is answered; returns the answer, None where time ran out."""
+        """Continue until the loop has processed an image.
+
+        Returns:
+            The state of the loop after the image; None if the run has ended before.
+        """
         driver, observe = self._driver, self.parts.observe
-        self._has_answer = False
-        while not (self.is_over or self._has_answer):
+        self._has_new_state = False
+        while not (self.is_over or self._has_new_state):
             for reading in self._advance_plant():
                 if isinstance(reading, JointReading):
                     stamp = reading.stamp
@@ -202,15 +211,14 @@ class Loop:
                 if reading.name == self.parts.rig.control.name:
                     self.reading = reading
                 driver.add_image(reading.stamp, partial(observe, reading), reading.name)
-        return self.state if self._has_answer else None
+        return self.state if self._has_new_state else None
 
     def _advance_plant(self) -> Iterator[JointReading | Frame]:
-        """Go on in time; the joint states and frames that the loop has then, each after the delay
-        of its camera."""
-        plant, coming = self.plant, self._pending
+        """Advance the plant; yield joint states, and frames after the delay of their camera."""
+        plant, pending = self.plant, self._pending
         until_ns = plant.time_ns + NS
-        if coming:
-            until_ns = min(until_ns, coming[0][0])
+        if pending:
+            until_ns = min(until_ns, pending[0][0])
         for reading in plant.advance(until_ns):
             if isinstance(reading, JointReading):
                 yield reading
@@ -219,15 +227,15 @@ class Loop:
             if reading.name not in self.parts.rig.observers:
                 continue
             if delay_ns := self._delays_ns[reading.name]:
-                self._delayed_count += 1  # a tie's order
-                heapq.heappush(coming, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
+                self._delayed_count += 1  # orders frames that arrive at the same time
+                heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
             else:
                 yield reading
-        while coming and coming[0][0] <= plant.time_ns:
-            yield heapq.heappop(coming)[2]
+        while pending and pending[0][0] <= plant.time_ns:
+            yield heapq.heappop(pending)[2]
 
     def _note_exposure(self, frame: Frame) -> None:
-        """Note that a frame was made, whether the loop reads it or not."""
+        """Record a frame at its exposure, also of cameras that the loop does not read."""
         if self._on_frame is not None:
             self._on_frame(self, frame)
         if frame.name != self.parts.rig.control.name:
@@ -239,31 +247,33 @@ class Loop:
             self._start_ns = frame.stamp_ns
 
     def compute_goal_pose(self) -> np.ndarray:
-        """world_T_camera (4, 4) where the camera ought to be now, before a target that may move."""
+        """Compute the desired world_T_camera (4, 4) now, which moves with the target."""
         target = self.parts.target
-        moved = target.world_T_target(self.plant.time_ns / NS) @ inverse(target.world_T_target(0.0))
-        return moved @ self.parts.goal_pose
+        motion = target.world_T_target(self.plant.time_ns / NS) @ inverse(
+            target.world_T_target(0.0)
+        )
+        return motion @ self.parts.goal_pose
 
     def compute_verdict(self) -> Verdict:
-        """What the physics says of the camera's place now, or of that about which it shakes."""
-        believed = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
-        depth = self.parts.goal.distance / believed.depth
+        """Compare the true camera pose, without vibration, with the desired one."""
+        offset = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
+        depth = self.parts.goal.distance / offset.depth
         return Verdict.compare(
             self.compute_goal_pose(), self.plant.read_rest_pose(), depth, self.experiment.reached
         )
 
     def make_run(self) -> Run:
-        """Return the run up to now."""
+        """Return the run up to the current time."""
         if self.is_over and self.servo.outcome.kind == "running":
-            # It holds, for less time than a lost target is worth a word: the loop's own end of
-            # time asks for a measurement.
+            # The loop ends by itself only at an image with a measurement. Here the target has been
+            # missing at the end, but not long enough for an outcome of its own.
             self.servo.time_out(self.experiment.duration)
         outcome = self.servo.outcome
         if self._termination is not None:
             outcome = self._termination.decide_outcome(outcome)
         if outcome.kind == STUCK_OUTCOME and self._collision is not None:
             link, other = self._collision
-            reason = f"{outcome.reason}: link '{link}' has run into '{other}'"
+            reason = f"{outcome.reason}: link '{link}' is in collision with '{other}'"
             remedy = Remedy(COLLISION_REMEDY.format(f"'{other}'"))
             outcome = replace(outcome, reason=reason, remedy=remedy)
         run = self._recorder.make_run(
@@ -276,8 +286,8 @@ class Loop:
             verdict=self.compute_verdict(),
             peak_speed=getattr(self.plant, "peak_speed", None),
             notes=[*self.parts.notes] + [
-                VIBRATION_NOTE.format(name, one.shake) for name,
-                one in self.plant.vibrations.items()
+                VIBRATION_NOTE.format(name, vibration.shake)
+                for name, vibration in self.plant.vibrations.items()
             ],
         )  # fmt: skip
         if self.experiment.plant == "chain" and run.converged:

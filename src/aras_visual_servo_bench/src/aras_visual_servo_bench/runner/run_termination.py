@@ -1,4 +1,4 @@
-"""When a run of the ideal plant is over, as protocols of papers say it: some go by the truth."""
+"""End of a run on plant 'ideal', by the criteria of published protocols."""
 
 from __future__ import annotations
 
@@ -11,16 +11,20 @@ from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 from ..experiment.experiment import Experiment
 from ..setup.assembly import Assembly
 
-MAX_BLIND_IMAGES = 5  # images without a measurement after which none will come: the camera stands
-# Times the first and the last distance at which a run that does not end well has retreated.
+# Images in a row without a measurement after which the target is lost: the camera is at rest, so
+# the next images would be the same.
+MAX_BLIND_IMAGES = 5
+# A failed run is a camera retreat if its largest depth exceeds this multiple of both the initial
+# and the desired depth.
 MAX_RETREAT = 3.0
 
 
 class RunTermination:
-    """Follows a run of the ideal camera image by image.
+    """Decision when a run of the ideal camera ends, and with which outcome.
 
     Attributes:
-        over: whether it has ended. outcome: where the loop's own is not the last word, else None.
+        is_over: whether the run has ended.
+        outcome: outcome by these criteria; None: the outcome of the loop holds.
     """
 
     def __init__(self, experiment: Experiment, parts: Assembly) -> None:
@@ -40,37 +44,40 @@ class RunTermination:
         self.is_over, self.outcome = False, None
 
     def add_image(self, state: ServoState, pose: np.ndarray) -> None:
-        """Take in the answer to an image, at the true world_T_camera (4, 4)."""
-        decision = state.scheme_output
-        time = round(state.stamp / self._period) * self._period  # images may be lost
-        self._blind_images = self._blind_images + 1 if decision is None else 0
+        """Add the loop's state after an image, and the true world_T_camera (4, 4)."""
+        output = state.scheme_output
+        time = round(state.stamp / self._period) * self._period  # images may be dropped
+        self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:
             self._convergence_time = None
         elif self._convergence_time is None:
             self._convergence_time = time
-        lingered = None not in (self._time_after_convergence, self._convergence_time) and (
+        is_settled = None not in (self._time_after_convergence, self._convergence_time) and (
             time - self._convergence_time >= self._time_after_convergence
         )
         self._max_depth = max(self._max_depth, self._compute_depth(pose, state.stamp))
-        found = self._check_true_pose(pose)
+        outcome = self._check_true_pose(pose)
         if state.outcome == "scheme_fault" or self._blind_images >= MAX_BLIND_IMAGES:
-            found = None
+            outcome = None
             if state.outcome == "running":
-                found = make_outcome("target_lost", f"no measurement any more: {state.reason}")
+                outcome = make_outcome("target_lost", f"no measurement any more: {state.reason}")
         elif (
             self._ideal.stop is not None
-            and decision is not None
-            and (decision.error**2).sum() < self._ideal.stop
+            and output is not None
+            and (output.error**2).sum() < self._ideal.stop
         ):
-            found = Outcome("converged")
-        elif lingered:
-            found = None
-        elif found is None and time < self._duration:
+            outcome = Outcome("converged")
+        elif is_settled:
+            outcome = None
+        elif outcome is None and time < self._duration:
             return
-        self.is_over, self.outcome = True, found
+        self.is_over, self.outcome = True, outcome
 
     def decide_outcome(self, loop_outcome: Outcome) -> Outcome:
-        """What the run came to, where the loop, or this ending, has found an outcome."""
+        """Return the outcome of the run.
+
+        The outcome of these criteria precedes the loop's; a failed run may become a camera retreat.
+        """
         loop_outcome = self.outcome or loop_outcome
         if (
             loop_outcome.kind.startswith("converged")
@@ -82,21 +89,22 @@ class RunTermination:
         )
 
     def _check_true_pose(self, pose: np.ndarray) -> Outcome | None:
-        """The end by the true pose, where the experiment wants it."""
+        """Return the outcome by the true pose, if the experiment sets `enough` or `farthest`."""
         enough, farthest = self._ideal.enough, self._ideal.farthest
         if enough is None and farthest is None:
             return None
-        way = pose_difference(self._goal_pose, pose)
+        error = pose_difference(self._goal_pose, pose)
         if enough is not None and all(
-            now <= enough * first for now, first in zip(way, self._initial_error, strict=True)
+            now <= enough * first for now, first in zip(error, self._initial_error, strict=True)
         ):
             return Outcome("converged")
-        if farthest is not None and way[0] > farthest * self._initial_error[0]:
+        if farthest is not None and error[0] > farthest * self._initial_error[0]:
             return make_outcome(
-                "no_progress", f"the camera is {way[0]:.2f} m from its goal, more than at its start"
+                "no_progress",
+                f"the camera is {error[0]:.2f} m from its goal, more than at its start",
             )
         return None
 
     def _compute_depth(self, pose: np.ndarray, time: float) -> float:
-        """Of the target's origin along the optical axis, m."""
+        """Compute the depth of the target's origin in the camera, m."""
         return float((inverse(pose) @ self._target.world_T_target(time))[2, 3])

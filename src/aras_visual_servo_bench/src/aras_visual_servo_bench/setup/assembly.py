@@ -1,6 +1,6 @@
 """Build a run from an experiment: robot, cameras, loop, goal, start and plant.
 
-The functions stand in the order in which `assemble` calls them; `read_context` comes first.
+The functions are in the order in which `assemble` calls them, after `read_context`.
 """
 
 from __future__ import annotations
@@ -48,17 +48,17 @@ if TYPE_CHECKING:
 
 @dataclass
 class Assembly:
-    """The parts of a run, made by `assemble`.
+    """Parts of a run, made by `assemble`.
 
     Attributes:
-        plant: arm or camera that moves, at its start. settings: of the servo loop. servo: the loop.
-        rig: makes the observations of its cameras.
-        eyes: the cameras by name, the control camera first. goal: of the loop.
-        goal_pose: world_T_camera (4, 4) where the true camera was when the goal was shown; of one
-            that is computed, where it says. target: in the world.
-        places: where the other cameras are beside the control camera.
-        postures: of an arm; None of a camera that flies.
-        notes: what a reader must know before believing the rest.
+        plant: arm or free camera, at its start. settings: of the control loop. servo: the loop.
+        rig: computes the observations of the cameras.
+        cameras: the cameras by name, the control camera first. goal: of the loop.
+        goal_pose: world_T_camera (4, 4) of the true camera at the goal.
+        target: of the control camera, in the world.
+        placements: of the other cameras relative to the control camera, by name.
+        postures: of the arm; None for a free camera.
+        notes: warnings about occlusions and collisions of the arm at start and goal.
     """
 
     plant: Plant
@@ -75,18 +75,18 @@ class Assembly:
 
     @property
     def calibrated_camera(self) -> CameraModel:
-        """The control camera as the controller believes it."""
+        """Intrinsics of the control camera that the controller uses."""
         return self.cameras[self.rig.control.name].calibrated_camera
 
     @property
     def needs(self) -> frozenset[Need]:
-        """What the loop wants of the control camera's image."""
+        """Data that the loop needs from an image of the control camera."""
         return self.rig.control.needs
 
     def observe(self, frame: Frame, joints: Any, commands: tuple = ()) -> Observation:
-        """The observation of a frame, as the controller makes it.
+        """Compute the observation of a frame as the controller does.
 
-        The ideal camera's kinematics are exact, and its plane counts as measured.
+        The kinematics of the ideal camera are exact, so the plane of its target counts as measured.
         """
         plane = None
         if self.plant.has_exact_plane:
@@ -101,35 +101,36 @@ def assemble(
     has_unread_cameras: bool = True,
     has_depth: bool = False,
 ) -> Assembly:
-    """Make the parts of an experiment, at its start: plant, servo loop, cameras, goal.
+    """Make the parts of an experiment, at its start: plant, control loop, cameras, goal.
 
     Args:
-        experiment: what is run.
-        wrap: function that replaces the scheme that the experiment names by another one, for
-            instance one that records it; None: the scheme itself.
-        watched: whether cameras that the scheme does not read exist.
-        depth: whether every camera has depth images, needed or not.
+        experiment: settings of the run.
+        wrap_scheme: function that replaces the scheme of the experiment by another one, such as
+            one that records it; None: the scheme is used unchanged.
+        has_unread_cameras: whether cameras that the scheme does not read exist.
+        has_depth: whether every camera delivers depth images, needed or not.
 
     Returns:
-        The parts, for a `Loop`.
+        The parts, as input of `Loop`.
 
     Raises:
-        ExperimentError: it cannot be run, with the key that is wrong and what would be right.
+        ExperimentError: the experiment cannot be run; the message names the wrong key and the
+            remedy.
     """
     context = read_context(experiment, wrap_scheme, has_unread_cameras, has_depth)
     try:
         check_scheme(context)
-        shown = read_goal(context)
-        arm, believed = make_arms(context, shown.pose)
-        others = make_calibrated_kinematics(context, shown.pose, believed)
+        location = read_goal(context)
+        arm, calibrated = make_arms(context, location.pose)
+        others = make_calibrated_kinematics(context, location.pose, calibrated)
         postures = None if context.has_free_camera else make_postures(context)
-        goal_joints = find_goal_joints(context, postures, shown)
-        goal, pose = make_goal(context, shown, goal_joints, postures, arm, believed, others)
+        goal_joints = find_goal_joints(context, postures, location)
+        goal, pose = make_goal(context, location, goal_joints, postures, arm, calibrated, others)
         start = find_start(context, postures, arm, pose, goal_joints)
-        notes = check_postures(context, postures, goal_joints, start, bool(shown.joints))
-        servo = make_servo(context, believed, goal)
+        notes = check_postures(context, postures, goal_joints, start, bool(location.joints))
+        servo = make_servo(context, calibrated, goal)
         rig = context.settings.make_camera_rig(
-            {context.control_camera.name: believed, **others}, context.scheme, servo.goal
+            {context.control_camera.name: calibrated, **others}, context.scheme, servo.goal
         )
         plant = make_plant(context, arm, start)
     except (ServoError, ViewError) as error:
@@ -141,17 +142,21 @@ def assemble(
 
 
 def check(experiment: Experiment) -> None:
-    """ExperimentError for what is wrong before a plant is made: names, files, poses."""
+    """Check the names, files and poses of an experiment without making its plant.
+
+    Raises:
+        ExperimentError: the experiment cannot be run.
+    """
     context = read_context(experiment)
     try:
         check_scheme(context)
         if not isinstance(context.experiment.start, Sampler | CameraPose):
             read_start_joints(context)
-        shown = read_goal(context)
-        if shown.loaded_goal is None:
+        location = read_goal(context)
+        if location.loaded_goal is None:
             from .goal_teaching import check_view
 
-            check_view(context, shown.pose)
+            check_view(context, location.pose)
     except (ServoError, ViewError) as error:
         raise ExperimentError(str(error)) from error
 
@@ -161,10 +166,10 @@ def check(experiment: Experiment) -> None:
 
 @dataclass(frozen=True, eq=False)
 class GoalLocation:
-    """Where a goal is shown.
+    """Camera pose and joints at the goal.
 
-    pose: world_T_camera (4, 4) of the true control camera. joints: of the arm there, by name;
-    empty: not given. named: the goal of a file; None: it is taught.
+    pose: world_T_camera (4, 4) of the true control camera. joints: positions of the arm at the
+    goal, by name; empty if not given. loaded_goal: goal of a file; None: the goal is taught.
     """
 
     pose: np.ndarray
@@ -173,69 +178,82 @@ class GoalLocation:
 
 
 def read_goal(context: SetupContext) -> GoalLocation:
-    """Where the experiment's goal is shown; ExperimentError where it does not say so."""
-    given, arm = context.experiment.goal, context.arm
-    if isinstance(given, CameraPose):
-        return GoalLocation(matrix_from_xyz_rpy(given.pose[:3], given.pose[3:]), {})
-    if not isinstance(given, str):
+    """Return the camera pose and joints at the goal of an experiment.
+
+    Raises:
+        ExperimentError: the goal file gives neither.
+    """
+    setting, arm = context.experiment.goal, context.arm
+    if isinstance(setting, CameraPose):
+        return GoalLocation(matrix_from_xyz_rpy(setting.pose[:3], setting.pose[3:]), {})
+    if not isinstance(setting, str):
         joints = _read_goal_joints(context)
-        named = dict(zip(arm.names, joints.tolist(), strict=True))
-        return GoalLocation(arm.pose(joints), {} if context.has_free_camera else named)
-    goal = here = load_named_goal(context.experiment, context.settings)
+        positions = dict(zip(arm.names, joints.tolist(), strict=True))
+        return GoalLocation(arm.pose(joints), {} if context.has_free_camera else positions)
+    goal = completed = load_named_goal(context.experiment, context.settings)
     if not context.has_free_camera or goal.world_T_camera is None:
-        here = goal.for_arm(arm)
-    if here.world_T_camera is None:
-        raise ExperimentError(f"the goal {goal.name} says neither joints nor camera_pose")
+        completed = goal.for_arm(arm)
+    if completed.world_T_camera is None:
+        raise ExperimentError(
+            f"the goal {goal.name} has neither joints nor camera_pose: add one of them to its file"
+        )
     if context.has_free_camera:
-        goal = here = replace(here, joints={})
-    return GoalLocation(np.array(here.world_T_camera), here.joints, goal)
+        goal = completed = replace(completed, joints={})
+    return GoalLocation(np.array(completed.world_T_camera), completed.joints, goal)
 
 
 def _read_goal_joints(context: SetupContext) -> np.ndarray:
-    """The joints (n,) that the goal is taught at, where it names joints."""
+    """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
         joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # it speaks of a start, which it mostly is
+    except ConfigurationError as error:  # the function names the parameter ~start
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
     check_within_limits(joints, context.arm, "goal")
     return joints
 
 
 def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
-    """The true arm and the believed one; of a camera that flies, about the goal's pose (4, 4)."""
-    believed = context.control_camera.spec.calibration_offset
+    """Return the true arm and the arm with the camera calibration that the controller uses.
+
+    pose: world_T_camera (4, 4) at the goal, the origin of a free camera's coordinates.
+    """
+    offset = context.control_camera.spec.calibration_offset
     if not context.has_free_camera:
         return context.arm, context.robot.make_calibrated_arm(
-            believed.xyz, believed.rpy, context.control_camera.name
+            offset.xyz, offset.rpy, context.control_camera.name
         )
     body = FreeBody(pose)
-    if not believed.is_moved:
+    if not offset.is_moved:
         return body, body
-    return body, FreeBody(pose, matrix_from_xyz_rpy(believed.xyz, believed.rpy))
+    return body, FreeBody(pose, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
 
 
 def make_calibrated_kinematics(
     context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
 ) -> dict[str, FreeBody | CameraKinematics]:
-    """What is believed to move the other cameras that the scheme reads, by their names.
+    """Return the calibrated kinematics of the other cameras that the scheme reads, by name.
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera at the goal.
-        control: what is believed to move the control camera.
+        control: calibrated kinematics of the control camera.
     """
     others: dict[str, FreeBody | CameraKinematics] = {}
     for name in list(context.needs)[1:]:
         if not context.has_free_camera:
             others[name] = context.robot.make_camera_kinematics(name, control, is_calibrated=True)
             continue
-        place, belief = context.placements[name], context.cameras[name].spec.calibration_offset
-        seat = place.pose @ matrix_from_xyz_rpy(belief.xyz, belief.rpy)
-        others[name] = FixedCameraKinematics(seat) if place.is_fixed else FreeBody(pose, seat)
+        placement, offset = context.placements[name], context.cameras[name].spec.calibration_offset
+        calibrated = placement.pose @ matrix_from_xyz_rpy(offset.xyz, offset.rpy)
+        others[name] = (
+            FixedCameraKinematics(calibrated)
+            if placement.is_fixed
+            else FreeBody(pose, calibrated)
+        )
     return others
 
 
 def make_postures(context: SetupContext) -> Postures:
-    """Postures of the arm with the control camera before the target."""
+    """Make the search for postures of the arm that put the control camera at a given pose."""
     from ..experiment.worlds import find_world_path
     from .postures import Postures
 
@@ -251,15 +269,18 @@ def make_postures(context: SetupContext) -> Postures:
 def find_goal_joints(
     context: SetupContext, postures: Postures | None, location: GoalLocation
 ) -> np.ndarray | None:
-    """Joints (n,) of the arm at the goal; None of a camera that flies, or where the arm cannot be
-    there, which is an outcome."""
+    """Return the joints (n,) of the arm at the goal.
+
+    The result is None for a free camera, and if the arm cannot reach the goal; the run then
+    reports that as its outcome.
+    """
     if location.joints and postures is not None:
         return np.array([location.joints[name] for name in context.arm.names])
     return find_joints(postures, location.pose)
 
 
 def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
-    """Joints (n,) with the camera at world_T_camera (4, 4); None: there are none."""
+    """Return joints (n,) with the camera at world_T_camera (4, 4); None if there are none."""
     if postures is None:
         return None
     try:
@@ -277,17 +298,18 @@ def make_goal(
     calibrated_arm: Arm | FreeBody,
     calibrated_others: Mapping[str, CameraKinematics | FreeBody],
 ) -> tuple[Goal, np.ndarray]:
-    """The goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
+    """Return the goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
 
     Args:
-        joints: (n,) of the arm there; None: not known. postures: of the arm, if there is one.
-        arm, believed: true and believed. others: what is believed to move the other cameras.
+        joints: (n,) of the arm at the goal; None: not known. postures: of the arm, if any.
+        arm: true kinematics of the control camera. calibrated_arm: with the controller's
+            calibration. calibrated_others: likewise of the other cameras, by name.
     """
-    control, named = context.control_camera.name, location.loaded_goal
+    control, loaded = context.control_camera.name, location.loaded_goal
     goal = (
         None
-        if named is None
-        else compute_goal(context, named, {control: calibrated_arm, **calibrated_others})
+        if loaded is None
+        else compute_goal(context, loaded, {control: calibrated_arm, **calibrated_others})
     )
     if goal is not None:
         if calibrated_others:
@@ -297,20 +319,25 @@ def make_goal(
         return with_calibrated_depths(context, goal), goal.world_T_camera
     from .goal_teaching import show_goal
 
-    goal = show_goal(context, location.pose, named.name if named is not None else "goal", joints,
-                     postures, arm, calibrated_arm, calibrated_others)  # fmt: skip
+    name = "goal" if loaded is None else loaded.name
+    goal = show_goal(
+        context, location.pose, name, joints, postures, arm, calibrated_arm, calibrated_others
+    )
     return with_calibrated_depths(context, goal), location.pose
 
 
 def compute_goal(
     context: SetupContext, loaded_goal: Goal, arms: Mapping[str, FreeBody | CameraKinematics]
 ) -> Goal | None:
-    """A named goal as the believed cameras see it; None where it lacks what the scheme needs, or
-    was shown another target: the demo's plates in place of a solid, or the control camera's in
-    place of a camera's own."""
+    """Compute the goal of the calibrated cameras from a goal file.
+
+    The result is None if the file lacks data that the scheme needs, or if it was taught with
+    another target: the demo's plates instead of a solid, or the control camera's target instead of
+    a camera's own.
+    """
     goal = loaded_goal.for_cameras(arms)
     if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
-        return None  # what it was shown is not what these look at
+        return None  # the file has no data of these cameras' own targets
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:
@@ -321,17 +348,17 @@ def compute_goal(
 
 
 def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
-    """The goal with its depths as they are believed."""
-    deeper = {
-        name: _scale_depth(one, context.cameras[name].spec.calibration_offset.depth)
-        for name, one in goal.cameras.items() if name in context.cameras
+    """Return the goal with its depths multiplied by each camera's `calibration_offset.depth`."""
+    scaled = {
+        name: _scale_depth(camera_goal, context.cameras[name].spec.calibration_offset.depth)
+        for name, camera_goal in goal.cameras.items() if name in context.cameras
     }  # fmt: skip
-    own = deeper.pop(context.control_camera.name)
-    return replace(own, other_cameras=deeper) if deeper else own
+    own = scaled.pop(context.control_camera.name)
+    return replace(own, other_cameras=scaled) if scaled else own
 
 
 def _scale_depth(goal: Goal, factor: float) -> Goal:
-    """The goal with its depth, and its plane's, multiplied: what a wrong belief makes of it."""
+    """Return the goal with its depth and the depths of its plane multiplied by a factor."""
     if factor == 1.0:
         return goal
     depth = None if goal.depth is None else goal.depth * factor
@@ -346,7 +373,10 @@ def find_start(
     context: SetupContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
     goal_joints: np.ndarray | None,
 ) -> np.ndarray:
-    """Joints (n,) at the start; `goal_joints`: those at the goal, None: they are not known."""
+    """Return the joints (n,) at the start.
+
+    goal_joints: joints (n,) at the goal; None: not known.
+    """
     start = context.experiment.start
     if isinstance(start, Sampler):
         from .sampling import draw_start
@@ -372,10 +402,10 @@ def find_start(
 
 
 def read_start_joints(context: SetupContext) -> np.ndarray:
-    """Joints (n,) of a start that is given by name or as joints."""
+    """Return the joints (n,) of a start that is given by name or as joints."""
     joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
-        raise ExperimentError("start is 'none', but a plant has to begin somewhere")
+        raise ExperimentError("start is 'none', but a plant needs a start: give a pose or joints")
     check_within_limits(joints, context.arm, "start")
     return joints
 
@@ -384,9 +414,11 @@ def check_postures(
     context: SetupContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
     is_given: bool,
 ) -> tuple[str, ...]:
-    """What speaks against the joints (n,) at the goal and at the start; it is logged once.
+    """Return warnings about occlusions and collisions of the arm at goal and start; log them once.
 
-    goal: None: not known. given: whether the goal is given as joints.
+    Args:
+        goal, start: joints (n,); goal None: not known.
+        is_given: whether the experiment gives the goal as joints.
     """
     if postures is None or goal is None:
         return ()
@@ -400,21 +432,21 @@ def check_postures(
 
 
 def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal) -> Servo:
-    """The loop."""
-    resolver = None
+    """Make the control loop, with the exact kinematics on plant 'ideal'."""
+    differential_ik = None
     if context.experiment.plant == "ideal":
         from ..plants.ideal import ExactIK
 
-        resolver = ExactIK(
+        differential_ik = ExactIK(
             calibrated_arm, context.control_camera.rate, context.experiment.ideal.speed
         )
     return context.settings.make_servo(
-        calibrated_arm, goal, scheme=context.scheme, differential_ik=resolver
+        calibrated_arm, goal, scheme=context.scheme, differential_ik=differential_ik
     )
 
 
 def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
-    """The plant at joints (n,)."""
+    """Make the plant at joints (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
         from .dynamic_arm_setup import make_dynamic_arm
@@ -423,8 +455,8 @@ def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) ->
     if experiment.plant == "ideal":
         from ..plants.ideal import IdealCamera
 
-        believed = experiment.calibration_offset
-        body = FreeBody(arm.origin, matrix_from_xyz_rpy(believed.xyz, believed.rpy))
+        offset = experiment.calibration_offset
+        body = FreeBody(arm.origin, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
         return IdealCamera(
             arm,
             body,
@@ -433,5 +465,5 @@ def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) ->
             experiment.seed,
         )
     kind = FreeCamera if experiment.plant == "free" else KinematicArm
-    sight, *others = (make_imaging_settings(context, eye) for eye in context.cameras.values())
-    return kind(arm, start, sight, lag=experiment.lag, seed=experiment.seed, other_imaging=others)
+    imaging, *others = (make_imaging_settings(context, c) for c in context.cameras.values())
+    return kind(arm, start, imaging, lag=experiment.lag, seed=experiment.seed, other_imaging=others)

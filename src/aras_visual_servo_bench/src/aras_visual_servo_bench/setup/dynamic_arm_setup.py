@@ -1,4 +1,4 @@
-"""The Bullet arm of a run: its cameras, the targets, and what is around it."""
+"""Make the Bullet arm of a run with its cameras, targets and surroundings."""
 
 from __future__ import annotations
 
@@ -17,19 +17,22 @@ from ..targets.files import OCCLUDER_HEIGHT, write_description, write_occluder
 from .imaging_setup import make_imaging_settings, make_rendered_settings
 from .setup_context import SetupContext
 
-FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000  # for the one picture that a goal is taught by
-# The demo's target as the launch files put it into the world: a model whose origin lies there.
+FIRST_IMAGE_TIMEOUT_NS = 1_000_000_000  # for the image with which a goal is taught
+# The demo's target as a model for the world, and the position (m) of the model's origin in the
+# target frame.
 PLATES_FILE = "package://aras_visual_servo_gazebo/targets/aras.urdf"
 PLATES_OFFSET = (0.0, 0.0, 0.591)
 
 
 def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
-    """The targets that are put onto links of the Bullet arm, by the names of their own links; those
-    that its description has itself are none of them."""
-    looked_at = {TARGET: (experiment.target, experiment.robot.target_frame)}
+    """Return the targets to add to links of the Bullet arm, by the names of their new links.
+
+    Targets that the robot description already contains are left out.
+    """
+    targets = {TARGET: (experiment.target, experiment.robot.target_frame)}
     for name, camera in experiment.cameras.items():
         if camera.target is not None:
-            looked_at[TARGET_LINK_PREFIX + name] = (
+            targets[TARGET_LINK_PREFIX + name] = (
                 camera.target,
                 experiment.robot.find_carrier(camera),
             )
@@ -37,7 +40,7 @@ def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
         name: MountedTarget(
             link, matrix_from_xyz_rpy(spec.pose[:3], spec.pose[3:]), write_description(spec)
         )
-        for name, (spec, link) in looked_at.items()
+        for name, (spec, link) in targets.items()
         if experiment.plant == "bullet"
         and link
         and not spec.is_in_description
@@ -48,7 +51,10 @@ def find_mounted_targets(experiment: Experiment) -> dict[str, MountedTarget]:
 def make_dynamic_arm(
     context: SetupContext, start: np.ndarray, is_teaching: bool = False
 ) -> DynamicArm:
-    """The arm at joints (n,), rad or m; `is_teaching`: as for teaching a goal, without noise."""
+    """Make the simulated arm at joints (n,), rad or m.
+
+    is_teaching: for teaching a goal: without noise, occluder and changes of the light.
+    """
     experiment, spec, control = (
         context.experiment,
         context.experiment.target,
@@ -59,12 +65,12 @@ def make_dynamic_arm(
         dict(zip(context.arm.names, start.tolist(), strict=True)), experiment.seed,
         experiment.renderer, experiment.record_peak_speeds,
         _make_target_models(context, is_teaching),
-        () if experiment.has_images else [make_imaging_settings(context, eye)
-            for eye in context.cameras.values()],
+        () if experiment.has_images else [make_imaging_settings(context, camera)
+            for camera in context.cameras.values()],
         read_surroundings(experiment, context.robot.packages, is_teaching),
         control.name if experiment.cameras else "",
-        {name: make_rendered_settings(context, eye, is_teaching)
-         for name, eye in context.cameras.items() if eye is not control},
+        {name: make_rendered_settings(context, camera, is_teaching)
+         for name, camera in context.cameras.items() if camera is not control},
         experiment.sun.exposure, context.labelled_link,
         None if is_teaching or not spec.model else TrackedLink(
             spec.model, spec.link, context.experiment_target.pose_history
@@ -73,14 +79,17 @@ def make_dynamic_arm(
 
 
 def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Frame]:
-    """The first image of each camera that the loop reads, by name, of an arm at joints (n,).
+    """Take the first image of each camera that the loop reads, with the arm at joints (n,).
+
+    Returns:
+        The images by name of the camera.
 
     Raises:
-        ExperimentError: no image comes.
+        ExperimentError: a camera delivers no image within 1 s.
     """
     plant = make_dynamic_arm(context, joints, is_teaching=True)
-    # An arm that efforts drive would sag until its controllers hold it, and the picture comes
-    # after some hundredths of a second.
+    # With effort controllers, gravity would move the arm in the hundredths of a second before the
+    # first image.
     plant.simulation.world.set_physics(gravity=(0.0, 0.0, 0.0))
     found: dict[str, Frame] = {}
     try:
@@ -92,20 +101,24 @@ def take_first_images(context: SetupContext, joints: np.ndarray) -> dict[str, Fr
                 return found
     finally:
         plant.close()
-    raise ExperimentError("the camera delivers no picture within 1 s to teach the goal by")
+    raise ExperimentError(
+        "goal: the camera delivers no image within 1 s to teach it with: check the camera's rate"
+    )
 
 
 def _make_target_models(context: SetupContext, is_teaching: bool) -> tuple[TargetModel, ...]:
-    """What is put into the simulated world: the targets, unless the robot brings them, and what
-    comes and goes on the experiment's."""
+    """Return the models to spawn in the simulated world: targets and the occluder.
+
+    Targets on links of the robot, and those in its description, are left out.
+    """
     experiment, robot = context.experiment, context.robot
     spec = experiment.target
     found = [
-        TargetModel(context.targets[name], write_description(eye.spec.target),
+        TargetModel(context.targets[name], write_description(camera.spec.target),
             name=TARGET_LINK_PREFIX + name)
-        for name, eye in context.cameras.items()
-        if eye.spec.target is not None
-        and not robot.find_target_frame(name) and not eye.spec.target.is_in_description
+        for name, camera in context.cameras.items()
+        if camera.spec.target is not None
+        and not robot.find_target_frame(name) and not camera.spec.target.is_in_description
     ]  # fmt: skip
     if spec.is_provided or experiment.robot.target_frame:
         return tuple(found)

@@ -1,4 +1,4 @@
-"""How the cameras of a run take their images, and what a goal is taught without."""
+"""Imaging settings of the cameras of a run, with and without the random effects."""
 
 from __future__ import annotations
 
@@ -23,25 +23,28 @@ from ..plants.imaging import ImagingSettings
 from ..targets.target_spec import TargetSpec
 from .setup_context import SetupContext
 
-COLOUR_ENCODINGS = ("rgb", "bgr")  # encodings of pictures that without a renderer are grey
-# Effects that are drawn by chance, which a goal is taught without.
+COLOUR_ENCODINGS = ("rgb", "bgr")  # without a renderer, images of these encodings become grey
+# Random camera effects, which are switched off while a goal is taught.
 RANDOM_SETTINGS = {"noise_stddev", "shot_noise", "sensor", "drop_probability"}
 
 
 def make_imaging_settings(
     context: SetupContext, camera: CameraSetup, is_teaching: bool = False
 ) -> ImagingSettings:
-    """How a camera sees without a renderer; `is_teaching`: as for teaching a goal, without noise.
+    """Return the imaging settings of a camera that needs no renderer.
+
+    is_teaching: for teaching a goal: without noise, motion blur and occluder.
     """
     experiment, needs = context.experiment, context.needs.get(camera.name, frozenset())
-    pictures = experiment.has_images and not (is_teaching and experiment.plant == "bullet")
-    pictures = pictures or (is_teaching and Need.IMAGE in needs)
+    has_images = experiment.has_images and not (is_teaching and experiment.plant == "bullet")
+    has_images = has_images or (is_teaching and Need.IMAGE in needs)
     target = context.targets[camera.name]
-    on_it = TargetSpec() if camera.spec.target is not None else experiment.target
-    if on_it.perturbed and not is_teaching:
+    # Texture changes and occluders are only for the experiment's target, not a camera's own.
+    spec = TargetSpec() if camera.spec.target is not None else experiment.target
+    if spec.perturbed and not is_teaching:
         if not target.shape.is_textured:
             raise ExperimentError(
-                f"target '{experiment.target.shape}' has no picture that could be perturbed: "
+                f"target '{experiment.target.shape}' has no texture that could be perturbed: "
                 "use poster or a PNG"
             )
         target = replace(target, shape=target.shape.perturb(experiment.seed))
@@ -49,9 +52,9 @@ def make_imaging_settings(
     if is_teaching or experiment.noise:
         config = make_camera_config(with_noise(camera.settings, experiment, is_teaching))
     effects = config.effects
-    if is_teaching:  # of one instant, as the camera is at rest
+    if is_teaching:  # a single instant is enough for a camera at rest
         effects = replace(effects, row_time=0.0, exposure_time=0.0)
-    elif not pictures:  # of one instant for each row
+    elif not has_images:  # exact features have one instant per row
         effects = Effects(**{key: getattr(effects, key) for key in FEATURE_EFFECTS})
     blind = None
     if config.cutoff_angle is not None:
@@ -65,22 +68,22 @@ def make_imaging_settings(
         camera.true_camera,
         target,
         camera.rate,
-        has_images=pictures,
+        has_images=has_images,
         effects=effects,
         seed=seed,
         encoding=encoding,
         jitter=0.0 if is_teaching else experiment.jitter,
         has_depth=context.has_depth or config.depth or Need.DEPTH in needs,
         has_labels=bool(context.labelled_link and needs & SEGMENTED),
-        occluder=on_it.occluder,
-        occlusion_times=() if is_teaching and on_it.occluded else on_it.occluded,
+        occluder=spec.occluder,
+        occlusion_times=() if is_teaching and spec.occluded else spec.occluded,
         is_unbounded=experiment.ideal.unbounded,
         name=camera.name,
         placement=context.placements.get(camera.name),
         row_bands=make_row_bands(effects, config.height),
         vibration=vibration,
         blind_mask=blind,
-        # As the experiment says it: the description's are of pictures that are rendered.
+        # Only if the experiment sets them: those of the description are for rendered images.
         depth_range=(config.near, config.far) if {"near", "far"} & set(camera.overrides) else None,
     )  # fmt: skip
 
@@ -88,9 +91,12 @@ def make_imaging_settings(
 def make_rendered_settings(
     context: SetupContext, camera: CameraSetup, is_teaching: bool = False
 ) -> dict[str, Any]:
-    """Settings of a camera whose images are rendered, to lie over the robot's description."""
+    """Return the settings of a camera with rendered images, which override the robot description.
+
+    is_teaching: for teaching a goal: without random effects.
+    """
     settings = with_noise(camera.overrides, context.experiment, is_teaching)
-    settings.pop("latency", None)  # the loop delays images by it, on every plant
+    settings.pop("latency", None)  # on every plant the control loop applies it
     needs = context.needs.get(camera.name, frozenset())
     if context.has_depth or Need.DEPTH in needs:
         settings["depth"] = True
@@ -102,10 +108,10 @@ def make_rendered_settings(
 def with_noise(
     settings: Mapping[str, Any], experiment: Experiment, is_teaching: bool
 ) -> dict[str, Any]:
-    """Settings of a camera with what the experiment itself says of its noise.
+    """Return camera settings with the noise of the experiment.
 
-    exactly: as for teaching a goal, at rest and without what is drawn by chance: one image teaches
-        it, and its noise would stay in it.
+    is_teaching: remove shake and random effects instead, because the noise of the single image
+        that teaches a goal would remain in the goal.
     """
     found = dict(settings)
     if is_teaching:

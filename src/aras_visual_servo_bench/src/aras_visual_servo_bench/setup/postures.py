@@ -1,4 +1,4 @@
-"""Postures of the arm for poses of its camera: it hides no target and runs into nothing."""
+"""Postures of the arm at given camera poses without occlusion of the target and collisions."""
 
 from __future__ import annotations
 
@@ -21,23 +21,23 @@ from ..experiment.worlds import read_world
 from ..plants.static_arm import StaticArm, without_visuals
 from ..targets.target_spec import TargetSpec
 
-# part of a target from which on it counts as hidden: less is of the rim's pixels
+# Least part of a target that counts as hidden; smaller parts result from pixels at its border.
 MIN_OCCLUSION = 0.01
-# What speaks against a posture that runs into something, beside the part of the target that one
-# hides: more than to hide all of it.
+# Cost of a posture in collision. Occlusion costs the hidden part of the target, so a collision is
+# worse than hiding all of it.
 COLLISION_COST = 2.0
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Of an arm with its control camera before a target; equal for all runs of a study.
+    """Search for postures of an arm that move its control camera to given poses.
 
-    urdf: text of the description. search: folders that hold its packages. frame: of the camera.
-    carrier: link that carries the target; '': it stands in the world, where it is at 0 s.
-    near: m before the camera within which nothing is drawn; None: as the description has it.
-    drawn: pictures show the arm, and postures in which it hides little are preferred.
-    solid: the arm can run into what is there, and postures in which it does are left out.
-    world: path of the world file; '': the arm stands on Gazebo's ground plane.
+    urdf: text of the description. search: folders of its packages. frame: optical frame.
+    carrier: link that carries the target; '': the target is in the world, at its pose at 0 s.
+    near: near clipping distance of the camera, m; None: the one in the description.
+    is_visible: images show the arm; postures in which it hides little of the target are preferred.
+    is_solid: the arm can collide with its surroundings; postures in collision are avoided.
+    world: path of the world file; '': Gazebo's ground plane.
     """
 
     urdf: str
@@ -60,7 +60,7 @@ class Postures:
         is_solid: bool,
         world: str,
     ) -> Postures:
-        """Those of a robot with this control camera."""
+        """Make the search for a robot with this control camera."""
         return cls(
             robot.urdf, robot.spec.search, robot.find_optical_frame(camera.name),
             robot.find_target_frame(camera.name),
@@ -69,34 +69,37 @@ class Postures:
 
     @property
     def arm(self) -> Arm:
-        """The arm."""
+        """Kinematics of the arm."""
         return read_arm(self.urdf, self.frame, self.carrier)
 
     def compute_occlusion(self, joints: Sequence[float], time: float = 0.0) -> float:
-        """Part of the target that the arm at joints (n,) hides from the camera, 0 to 1; 0 where it
-        is too little to count, or where the arm cannot be drawn.
+        """Compute the part of the target, 0 to 1, that the arm hides from the camera.
 
-        time: s, at which the target is where its motion has it.
+        The result is 0 below MIN_OCCLUSION, and if the arm cannot be rendered.
+
+        Args:
+            joints: (n,).
+            time: s, for the pose of a moving target.
         """
         return _compute_occlusion(self, tuple(map(float, joints)), time)
 
     def find_collision(self, joints: Sequence[float]) -> str:
-        """What the arm at joints (n,) runs into, in words; '': nothing, or nothing of it is solid.
+        """Describe a collision of the arm at joints (n,); '' if there is none.
 
-        The links of an arm pass through each other, and through what else its description has.
+        Collisions between parts of the robot description are ignored.
         """
         return _find_collision(self, tuple(map(float, joints))) if self.is_solid else ""
 
     def compute_cost(self, joints: Sequence[float]) -> float:
-        """What speaks against a posture, from 0, nothing, on."""
-        touches = COLLISION_COST if self.find_collision(joints) else 0.0
-        return touches + (self.compute_occlusion(joints) if self.is_visible else 0.0)
+        """Compute the cost of a posture: its occlusion, plus COLLISION_COST for a collision."""
+        collision = COLLISION_COST if self.find_collision(joints) else 0.0
+        return collision + (self.compute_occlusion(joints) if self.is_visible else 0.0)
 
     def find_joints(self, pose: np.ndarray) -> np.ndarray:
-        """Joints (n,) with the camera at world_T_camera (4, 4), looked for from zero.
+        """Find joints (n,) with the camera at world_T_camera (4, 4), starting at zero.
 
         Raises:
-            UnreachableError: the arm cannot be there.
+            UnreachableError: the arm cannot reach the pose.
         """
         found = _find_preferred_joints(self, pose.tobytes())
         if isinstance(found, UnreachableError):
@@ -104,10 +107,15 @@ class Postures:
         return np.array(found)
 
     def find_start_joints(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
-        """As `find_joints`, of a start: looked for from the posture at the goal, as the controller
-        node does it (goals.starts), so that the arm comes to the goal in that.
+        """Find joints (n,) of a start with the camera at world_T_camera (4, 4).
 
-        goal: joints (n,) there; None: they are not known.
+        The search starts at the posture of the goal, as in the controller node (goals.starts), so
+        that the arm can reach the goal without changing its configuration.
+
+        goal: joints (n,) at the goal; None: not known, so the search starts at zero.
+
+        Raises:
+            UnreachableError: the arm cannot reach the pose.
         """
         return (
             self.find_joints(pose)
@@ -116,38 +124,40 @@ class Postures:
         )
 
     def list_faults(self, joints: Sequence[float], where: str, is_given: bool) -> list[str]:
-        """What speaks against a posture, in a line each.
+        """Describe collision and occlusion of a posture, one line each.
 
         Args:
-            joints: (n,). where: 'goal' or 'start'. given: as joints, not as a pose.
+            joints: (n,).
+            where: 'goal' or 'start'.
+            is_given: whether the experiment gives these joints, rather than a camera pose.
         """
-        remedy = "give it other joints" if is_given else (
-            "and {} in no posture that was found: give another pose"
+        remedy = ": give other joints" if is_given else (
+            ", and no posture {} was found: give another pose"
         )
         found = []
-        if touched := self.find_collision(joints):
+        if collision := self.find_collision(joints):
             found.append(
-                f"the arm runs into something at the {where}, {touched}"
-                f"{':' if is_given else ','} {remedy.format('clear of all')}"
+                f"the arm is in collision at the {where}, {collision}"
+                f"{remedy.format('without a collision')}"
             )
         part = self.compute_occlusion(joints) if self.is_visible else 0.0
         if part:
             found.append(
                 f"the arm hides {100.0 * part:.0f} % of the target at the {where}"
-                f"{':' if is_given else ','} {remedy.format('less')}"
+                f"{remedy.format('that hides less')}"
             )
         return found
 
 
-# All runs of a study share a goal.
+# Cached because all runs of a study share a goal.
 @lru_cache(maxsize=32)
 def _find_preferred_joints(postures: Postures, pose: bytes) -> tuple[float, ...] | UnreachableError:
     arm = postures.arm
-    weighs = postures.is_visible or postures.is_solid
+    has_cost = postures.is_visible or postures.is_solid
     try:
         return tuple(arm.inverse_kinematics(
             np.frombuffer(pose).reshape(4, 4), np.zeros(len(arm.names)),
-            cost=postures.compute_cost if weighs else None,
+            cost=postures.compute_cost if has_cost else None,
         ))  # fmt: skip
     except UnreachableError as error:
         return error
@@ -155,49 +165,53 @@ def _find_preferred_joints(postures: Postures, pose: bytes) -> tuple[float, ...]
 
 @lru_cache(maxsize=32)
 def _compute_occlusion(postures: Postures, joints: tuple[float, ...], time: float) -> float:
-    drawn = _make_static_arm(postures)
-    if drawn is None:
+    static_arm = _make_static_arm(postures)
+    if static_arm is None:
         return 0.0
-    arm, placed = postures.arm, postures.target.placed_target
-    part = drawn.compute_occlusion(
-        dict(zip(arm.names, joints, strict=True)), arm.pose(np.array(joints)), placed.shape,
-        placed.world_T_target(time), postures.near,
+    arm, target = postures.arm, postures.target.placed_target
+    part = static_arm.compute_occlusion(
+        dict(zip(arm.names, joints, strict=True)), arm.pose(np.array(joints)), target.shape,
+        target.world_T_target(time), postures.near,
     )  # fmt: skip
     return part if part >= MIN_OCCLUSION else 0.0
 
 
 @lru_cache(maxsize=32)
 def _find_collision(postures: Postures, joints: tuple[float, ...]) -> str:
-    posed = _make_static_arm(postures)
-    if posed is None:
+    static_arm = _make_static_arm(postures)
+    if static_arm is None:
         return ""
-    return posed.find_collision(dict(zip(postures.arm.names, joints, strict=True)))
+    return static_arm.find_collision(dict(zip(postures.arm.names, joints, strict=True)))
 
 
 def _make_static_arm(postures: Postures) -> StaticArm | None:
-    """None: it cannot be put into a world; the plant says why."""
+    """Return the arm in its surroundings, cached; None if it cannot be put into a world.
+
+    The plant later raises the error in that case.
+    """
     spec, solid = postures.target, postures.is_solid
-    own = postures.carrier or spec.is_provided
-    bare = spec.link if spec.link and not spec.model else ""  # the target does not hide itself
-    target = spec if solid and not own else None
+    has_target = postures.carrier or spec.is_provided
+    # A target that is a link of the robot does not hide itself.
+    target_link = spec.link if spec.link and not spec.model else ""
+    target = spec if solid and not has_target else None
     world = postures.world if solid else ""
-    key = postures.urdf, postures.search, postures.carrier, bare, solid, world, target
+    key = postures.urdf, postures.search, postures.carrier, target_link, solid, world, target
 
     def make() -> StaticArm | None:
         try:
             robot = parse_robot_description(postures.urdf, postures.search)
-            if bare:
-                robot = without_visuals(robot, bare)
-            around = read_world(world, PackagePath(postures.search)) if solid else None
+            if target_link:
+                robot = without_visuals(robot, target_link)
+            surroundings = read_world(world, PackagePath(postures.search)) if solid else None
             placed = None if target is None else target.placed_target
-            return StaticArm(robot, postures.carrier, around, placed)
+            return StaticArm(robot, postures.carrier, surroundings, placed)
         except (SimError, ExperimentError):
             return None
 
     return _static_arms.get(key, make)
 
 
-# Worlds are large: a robot's meshes are in each of them.
+# At most two, because each world holds all meshes of a robot.
 _static_arms: ByteLimitedCache[tuple, StaticArm | None] = ByteLimitedCache(
     2, size=lambda arm: 1, drop=lambda arm: None if arm is None else arm.close()
 )

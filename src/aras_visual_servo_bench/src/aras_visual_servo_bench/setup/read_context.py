@@ -28,7 +28,7 @@ from .setup_context import SetupContext
 if TYPE_CHECKING:
     from ..experiment.added_links import MountedTarget
 
-IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}  # exact features have none
+IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}  # not available with exact features
 
 SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
 
@@ -39,9 +39,18 @@ def read_context(
     has_unread_cameras: bool = True,
     has_depth: bool = False,
 ) -> SetupContext:
-    """Read the files of an experiment and choose its scheme; arguments as of `assemble`."""
+    """Read the files of an experiment and choose its scheme.
+
+    Args:
+        wrap_scheme: function that replaces the scheme of the experiment; None: no replacement.
+        has_unread_cameras: whether cameras that the scheme does not read exist.
+        has_depth: whether every camera delivers depth images, needed or not.
+
+    Raises:
+        ExperimentError: the experiment cannot be run.
+    """
     experiment, robot = read_robot(experiment)
-    eyes = read_cameras(experiment, robot)
+    cameras = read_cameras(experiment, robot)
     settings = make_loop_settings(experiment, robot)
     try:
         scheme = settings.make_scheme()
@@ -51,27 +60,31 @@ def read_context(
         _check_is_fixed(experiment, read[0], robot)
         arm = robot.make_arm(read[0])
         rig = settings.make_camera_rig(dict.fromkeys(read), scheme)
-        others = [name for name in eyes if name not in read] if has_unread_cameras else []
-        eyes = {name: eyes[name] for name in [*read, *others]}
-        places = locate_cameras(experiment, robot, eyes)
+        others = [name for name in cameras if name not in read] if has_unread_cameras else []
+        cameras = {name: cameras[name] for name in [*read, *others]}
+        placements = locate_cameras(experiment, robot, cameras)
     except ConfigurationError as error:
         raise ExperimentError(str(error)) from error
-    placed = experiment.target.placed_target
+    target = experiment.target.placed_target
     targets = {
-        name: eye.spec.target.placed_target if eye.spec.target else placed
-        for name, eye in eyes.items()
+        name: camera.spec.target.placed_target if camera.spec.target else target
+        for name, camera in cameras.items()
     }
     segmentation = settings.make_segmentation()
     return SetupContext(
-        experiment, robot, settings, scheme, arm, eyes,
+        experiment, robot, settings, scheme, arm, cameras,
         {name: observer.needs for name, observer in rig.observers.items()},
-        placed, targets, places, has_depth,
+        target, targets, placements, has_depth,
         segmentation.label if segmentation.method == "label" else "",
     )  # fmt: skip
 
 
 def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
-    """The experiment with the poses that links and calibrations give, and its robot."""
+    """Return the experiment with its links and calibrations converted to poses, and its robot.
+
+    Raises:
+        ExperimentError: a setting or a file is wrong.
+    """
     check_settings(experiment)
     packages = PackagePath(experiment.robot.search)
     if experiment.target.is_link:
@@ -96,76 +109,95 @@ def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
 
 
 def _make_robot(experiment: Experiment) -> Robot:
-    carried: Mapping[str, MountedTarget] = {}
+    mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
         from .dynamic_arm_setup import find_mounted_targets  # the other plants need no physics
 
-        carried = find_mounted_targets(experiment)
+        mounted = find_mounted_targets(experiment)
     return Robot(
         experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-        experiment.cameras, carried, experiment.hand_eye,
+        experiment.cameras, mounted, experiment.hand_eye,
     )  # fmt: skip
 
 
 def read_cameras(experiment: Experiment, robot: Robot) -> dict[str, CameraSetup]:
-    """The cameras of an experiment by name, with what the robot's description says of them."""
+    """Read the cameras of an experiment, by name, with their settings in the robot description.
+
+    Raises:
+        ExperimentError: a setting or a file of a camera is wrong.
+    """
     described = robot.read_camera_settings()
-    eyes = {
+    cameras = {
         name: CameraSetup.read(name, spec, robot.packages, experiment.robot.cameras, described)
         for name, spec in experiment.camera_specs.items()
     }
-    for eye in eyes.values():
-        check_camera(eye, experiment)
-    return eyes
+    for camera in cameras.values():
+        check_camera(camera, experiment)
+    return cameras
 
 
 def _check_is_fixed(experiment: Experiment, control: str, robot: Robot) -> None:
-    """ExperimentError for a control camera that the arm moves as little as what it looks at."""
-    stands = experiment.camera_specs[control].pose is not None
+    """Check that the arm moves the control camera or its target.
+
+    Raises:
+        ExperimentError: both are fixed in the world.
+    """
+    is_fixed = experiment.camera_specs[control].pose is not None
     if experiment.plant not in FREE_CAMERA_PLANTS:
-        stands = bool(experiment.cameras) and robot.find_fixed_pose(control) is not None
-    if stands:
+        is_fixed = bool(experiment.cameras) and robot.find_fixed_pose(control) is not None
+    if is_fixed:
         raise ExperimentError(
-            f"camera '{control}' stands in the world, and the arm moves nothing that it sees: have "
-            f"scheme '{experiment.scheme}' read a camera in the hand, or give the link that "
-            "carries the target as robot.target_frame"
+            f"camera '{control}' is fixed in the world, and the arm does not move its target: "
+            f"choose a camera in the hand for scheme '{experiment.scheme}', or set "
+            "robot.target_frame to the link that carries the target"
         )
 
 
 def locate_cameras(
     experiment: Experiment, robot: Robot, cameras: Mapping[str, CameraSetup]
 ) -> dict[str, CameraPlacement]:
-    """Places of the other cameras relative to the control camera, which is the first."""
+    """Locate the other cameras relative to the control camera, which is the first.
+
+    Returns:
+        The placements by name of the camera.
+    """
     control, *others = cameras.values()
-    flies, places = experiment.plant in FREE_CAMERA_PLANTS, {}
-    for eye in others:
-        stands = eye.spec.compute_pose() if flies and eye.spec.pose is not None else None
-        if not flies:
-            stands = robot.find_fixed_pose(eye.name)
-        if stands is not None:
-            places[eye.name] = CameraPlacement(stands, is_fixed=True)
-        elif flies:
-            places[eye.name] = CameraPlacement(
-                relative_pose(control.spec.compute_pose(), eye.spec.compute_pose())
+    is_free, placements = experiment.plant in FREE_CAMERA_PLANTS, {}
+    for camera in others:
+        spec, name = camera.spec, camera.name
+        fixed_pose = spec.compute_pose() if is_free and spec.pose is not None else None
+        if not is_free:
+            fixed_pose = robot.find_fixed_pose(name)
+        if fixed_pose is not None:
+            placements[name] = CameraPlacement(fixed_pose, is_fixed=True)
+        elif is_free:
+            placements[name] = CameraPlacement(
+                relative_pose(control.spec.compute_pose(), spec.compute_pose())
             )
         else:
             arm = robot.make_arm(control.name)
-            other, rest = robot.make_camera_kinematics(eye.name, arm), np.zeros(len(arm.names))
+            other, rest = robot.make_camera_kinematics(name, arm), np.zeros(len(arm.names))
             if isinstance(other, InverseCameraKinematics):
-                # other_T = opposite @ inverse(control_T) @ place, whatever the joints
-                apart = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
-                places[eye.name] = CameraPlacement(other.fixed_pose, target_T_control=apart)
+                # For all joints q: other(q) = target_T_control @ inverse(arm(q)) @ fixed_pose
+                target_T_control = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
+                placements[name] = CameraPlacement(
+                    other.fixed_pose, target_T_control=target_T_control
+                )
             else:
-                places[eye.name] = CameraPlacement(relative_pose(arm.pose(rest), other.pose(rest)))
-    return places
+                placements[name] = CameraPlacement(relative_pose(arm.pose(rest), other.pose(rest)))
+    return placements
 
 
 def check_scheme(context: SetupContext) -> None:
-    """ExperimentError for a scheme that can do nothing with what it will be given."""
+    """Check that cameras, target and plant provide what the scheme needs.
+
+    Raises:
+        ExperimentError: the scheme cannot work with them.
+    """
     experiment, scheme = context.experiment, context.scheme
     for name in context.needs:
-        place = context.placements.get(name)
-        if place is not None and place.is_fixed:
+        placement = context.placements.get(name)
+        if placement is not None and placement.is_fixed:
             from aras_visual_servo_controller.features.remote_camera_feature import (
                 check_controllability,
             )
@@ -182,24 +214,22 @@ def check_scheme(context: SetupContext) -> None:
         )
     if experiment.plant == "ideal" and isinstance(scheme, JointController):
         raise ExperimentError(
-            f"scheme '{experiment.scheme}' answers joints, the ideal camera has none: "
+            f"scheme '{experiment.scheme}' commands joints, and the ideal camera has none: "
             "use plant bullet, chain or free"
         )
     if needs & IMAGE_ONLY_NEEDS and not experiment.has_images:
         raise ExperimentError(
-            f"scheme '{experiment.scheme}' looks at pictures, and there are none with exact "
-            "features: give features: images"
+            f"scheme '{experiment.scheme}' needs images: set features: images"
         )
     method = context.settings.make_segmentation().method
-    apart = [name for name in context.cameras if context.has_own_target(name)]
-    if method == "label" and apart:
+    own_targets = [name for name in context.cameras if context.has_own_target(name)]
+    if method == "label" and own_targets:
         raise ExperimentError(
-            f"label images tell one target, and camera '{apart[0]}' looks at one of "
-            "its own: tell both by grey or colour"
+            f"label images show only one target, and camera '{own_targets[0]}' has its own: "
+            "segment by grey or colour"
         )
     if method in BY_COLOUR and experiment.plant != "bullet":
         raise ExperimentError(
-            f"segmentation '{method}' needs colours, and the pictures of plant "
-            f"'{experiment.plant}' are grey: take plant bullet, or tell the target by grey or "
-            "label"
+            f"segmentation '{method}' needs colours, and the images of plant "
+            f"'{experiment.plant}' are grey: use plant bullet, or segment by grey or label"
         )

@@ -25,14 +25,14 @@ class SetupContext:
     """Robot, cameras, targets, loop settings and scheme of a run.
 
     Attributes:
-        experiment: with the poses that files and links give. arm: the true one.
-        eyes: the cameras by name, the control camera first.
-        needs: what the scheme needs of each camera that it reads, by name, in the same order.
-        placed: the experiment's target, in the world or in the link that carries it.
-        targets: what each camera looks at, likewise.
-        places: of the other cameras relative to the control camera.
-        depth: every camera delivers depth images, needed or not.
-        label: model, or 'model::link', that label images show; '': none are needed.
+        experiment: settings, with files and links converted to poses. arm: the true kinematics.
+        cameras: the cameras by name, the control camera first.
+        needs: data that the scheme needs of each camera that it reads, by name, in the same order.
+        experiment_target: the experiment's target, in the world or in the link that carries it.
+        targets: the target of each camera by name, likewise.
+        placements: of the other cameras relative to the control camera, by name.
+        has_depth: whether every camera delivers depth images, needed or not.
+        labelled_link: model, or 'model::link', that label images show; '': none is needed.
     """
 
     experiment: Experiment
@@ -50,28 +50,31 @@ class SetupContext:
 
     @property
     def has_free_camera(self) -> bool:
-        """Whether the camera flies without an arm."""
+        """True if the plant is a free camera without an arm."""
         return self.experiment.plant in FREE_CAMERA_PLANTS
 
     @property
     def control_camera(self) -> CameraSetup:
-        """The control camera."""
+        """Camera whose motion the scheme controls: the first one that it reads."""
         return next(iter(self.cameras.values()))
 
     @property
     def target(self) -> PlacedTarget:
-        """What the control camera looks at."""
+        """Target of the control camera."""
         return self.targets[self.control_camera.name]
 
     def has_own_target(self, camera: str) -> bool:
-        """Whether a camera looks at a target of its own."""
+        """Return True if a camera observes its own target instead of the experiment's."""
         return camera in self.cameras and self.cameras[camera].spec.target is not None
 
     def find_target_spec(self, camera: str) -> TargetSpec:
-        """The settings of the target that a camera looks at."""
+        """Return the settings of the target that a camera observes."""
         return self.cameras[camera].spec.target or self.experiment.target
 
     def compute_camera_pose(self, camera: str, pose: np.ndarray) -> np.ndarray:
-        """world_T_camera (4, 4) of a camera, with the control camera at world_T_camera (4, 4)."""
-        place = self.placements.get(camera)
-        return pose if place is None else place.compute_pose(pose)
+        """Return world_T_camera (4, 4) of a camera.
+
+        pose: world_T_camera (4, 4) of the control camera.
+        """
+        placement = self.placements.get(camera)
+        return pose if placement is None else placement.compute_pose(pose)

@@ -1,1 +1,1 @@
-"""Studies: an experiment, what is varied of it, and how its runs are carried out and kept."""
+"""Studies: many runs of an experiment with varied settings, and their results."""

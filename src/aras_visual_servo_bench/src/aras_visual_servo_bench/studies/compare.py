@@ -1,4 +1,4 @@
-"""Two studies held against each other: which of the differences are more than chance."""
+"""Comparison of two studies: statistically significant differences of their metrics."""
 
 from __future__ import annotations
 
@@ -14,15 +14,17 @@ from ..metrics.statistics import Comparison, compare_rates, compare_values, holm
 from .results import REAL_TIME_MULTIPLE, Results
 
 SIGNIFICANCE_LEVEL = 0.05
-# What the second is. DIFFERS: of a metric that is neither good nor bad, or by more than the median.
+# Verdict about the second study. DIFFERS: the metric has no better direction, or the medians are
+# equal although the distributions differ.
 BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
 
 
 @dataclass(frozen=True)
 class Difference:
-    """One question. group: settings it was asked for. metric: of what. p: corrected by Holm.
+    """Result of comparing one metric of two studies in one group of settings.
 
-    verdict: BETTER, WORSE or DIFFERS, CHANCE where p leaves that open.
+    group: the settings. metric: name. p: p-value with Holm's correction.
+    verdict: BETTER, WORSE or DIFFERS; CHANCE if the difference is not significant.
     """
 
     group: str
@@ -35,13 +37,18 @@ class Difference:
 def find_differences(
     first: Results, second: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
 ) -> list[Difference]:
-    """Success and every metric that both have, in every group of settings that both have.
+    """Compare success and all shared metrics of two studies, in each shared group of settings.
 
-    Runs are paired where settings and seeds are the same in both. By chance alone one of twenty
-    questions would look answered, so the answers are corrected for how many were asked.
+    Runs are paired if their settings and seeds are equal. Holm's method corrects the p-values for
+    the number of comparisons, because at a level of 5 % one of twenty would be significant by
+    chance.
+
+    Args:
+        by: keys that define the groups; empty: those of the grid and the cases.
+        metrics: names; empty: all.
 
     Raises:
-        StudyError: nothing can be compared.
+        StudyError: the studies have no settings in common, or a metric is unknown.
     """
     keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
     one, two = _index_rows(first, keys), _index_rows(second, keys)
@@ -50,36 +57,39 @@ def find_differences(
         raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common")
     shared = {m.name for m in second.metrics} - {REAL_TIME_MULTIPLE.name}
     chosen = [m for m in first.select_metrics(metrics) if m.name in shared]
-    questions: list[tuple[str, str, str, Comparison]] = []
+    tests: list[tuple[str, str, str, Comparison]] = []
     for values in groups:
-        told = ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or "all"
+        group = ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or "all"
         a, b, paired = _pair_rows(one[values], two[values])
         rates = compare_rates(first.compute_successes()[a], second.compute_successes()[b], paired)
-        questions.append((told, "success", GREATER, rates))
+        tests.append((group, "success", GREATER, rates))
         for m in chosen:
-            found = compare_values(
+            comparison = compare_values(
                 first.read_numbers(m.name)[a], second.read_numbers(m.name)[b], paired
             )
-            questions.append((told, m.name, m.better, found))
-    corrected = holm([found.p for *_, found in questions])
+            tests.append((group, m.name, m.better, comparison))
+    corrected = holm([comparison.p for *_, comparison in tests])
     return [
         Difference(
             group,
             name,
-            found,
+            comparison,
             p,
-            _find_verdict(better, found) if p < SIGNIFICANCE_LEVEL else CHANCE,
+            _find_verdict(better, comparison) if p < SIGNIFICANCE_LEVEL else CHANCE,
         )
-        for (group, name, better, found), p in zip(questions, corrected, strict=True)
+        for (group, name, better, comparison), p in zip(tests, corrected, strict=True)
     ]
 
 
 def describe_differences(differences: Sequence[Difference], is_verbose: bool) -> str:
-    """The differences in lines, the surest first; those that chance explains are only counted."""
-    sure = [d for d in differences if d.verdict != CHANCE]
-    shown = list(differences) if is_verbose else sorted(sure, key=lambda d: d.p)
+    """List significant differences, by increasing p-value, with the number of comparisons.
+
+    is_verbose: list all differences.
+    """
+    significant = [d for d in differences if d.verdict != CHANCE]
+    listed = list(differences) if is_verbose else sorted(significant, key=lambda d: d.p)
     lines = []
-    for d in shown:
+    for d in listed:
         number = make_number_format((d.comparison.before, d.comparison.after))
         pairs = f"{d.comparison.count} {'pairs' if d.comparison.paired else 'runs'}"
         lines.append(
@@ -88,19 +98,19 @@ def describe_differences(differences: Sequence[Difference], is_verbose: bool) ->
             f"p {d.p:.2g}  {pairs}  {d.group}"
         )
     lines.append(
-        f"{len(sure)} of {len(differences)} comparisons are more than chance (Holm, "
-        f"{SIGNIFICANCE_LEVEL:g} over all)"
+        f"{len(significant)} of {len(differences)} differences are significant (Holm, "
+        f"α = {SIGNIFICANCE_LEVEL:g})"
     )
     return "\n".join(lines)
 
 
 def _index_rows(results: Results, keys: Sequence[str]) -> dict[tuple, dict[tuple, int]]:
-    """By settings, then by what tells a run among those of the same settings: its row."""
-    drawn = {draw.key for draw in results.study.random_variations}
+    """Return the index of each run, by the values of `keys` and then by all other varied values."""
+    random_keys = {variation.key for variation in results.study.random_variations}
     others = sorted(key for key in results.study.keys if key not in (*keys, "seed"))
     columns = {key: results.read_column(key) for key in ("seed", *others)}
-    varied = [found for key, found in columns.items()
-              if key == "seed" or key in drawn or len(set(found)) > 1]  # fmt: skip
+    varied = [column for key, column in columns.items()
+              if key == "seed" or key in random_keys or len(set(column)) > 1]  # fmt: skip
     return {
         values: {tuple(column[row] for column in varied): int(row) for row in rows}
         for values, rows in results.group_rows(keys).items()
@@ -110,7 +120,10 @@ def _index_rows(results: Results, keys: Sequence[str]) -> dict[tuple, dict[tuple
 def _pair_rows(
     first: dict[tuple, int], second: dict[tuple, int]
 ) -> tuple[np.ndarray, np.ndarray, bool]:
-    """Rows of both; paired where at least nine of ten have a partner."""
+    """Return the rows of both studies, and whether they are paired.
+
+    They are paired if at least 90 % of the runs have a partner; other runs are then left out.
+    """
     both = [key for key in first if key in second]
     if both and len(both) >= 0.9 * max(len(first), len(second)):
         return np.array([first[k] for k in both]), np.array([second[k] for k in both]), True

@@ -1,4 +1,4 @@
-"""Schemes that fail on purpose, of the study `failures`."""
+"""Schemes that fail on purpose, for the study `failures`."""
 
 from __future__ import annotations
 
@@ -13,34 +13,34 @@ from aras_visual_servo_controller.schemes import Scheme, SchemeOutput
 
 
 class RaisingScheme(Scheme):
-    """Raises at every image."""
+    """Scheme that raises an error at every image."""
 
     names, tolerances = ("nothing",), (1e-3,)
 
     def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
-        """Never comes to an answer."""
+        """Raise a RuntimeError."""
         raise RuntimeError("broken on purpose")
 
 
 class ConflictingFeature(Feature):
-    """The target's centre, and a third number that is at its goal only where the centre is not."""
+    """Feature with conflicting goals: the target's centre, and a sum that is 0 only elsewhere."""
 
     name, names = "contrary", ("x", "y", "sum")
     tolerances = (1e-3, 1e-3, 1e-3)
     directions = (True, True, False, False, False, False)
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
-        """See Feature.measure."""
+        """Measure the centre and the conflicting sum; see Feature.measure."""
         x, y = (getattr(observation.moments, k) - getattr(goal.moments, k) for k in ("xg", "yg"))
         error = np.array([x, y, x + y + 0.2])
-        seen = observation.moments
-        depth = goal.depth * np.sqrt(goal.moments.m00 / seen.m00)
-        L = point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth]))
+        moments = observation.moments
+        depth = goal.depth * np.sqrt(goal.moments.m00 / moments.m00)
+        L = point_interaction(np.array([[moments.xg, moments.yg]]), np.array([1.0 / depth]))
         return FeatureMeasurement(error, np.zeros(3), error, np.vstack([L, L.sum(axis=0)]))
 
 
 class RankDeficientFeature(ConflictingFeature):
-    """The same, asked to move the camera in all directions: L lacks four ranks."""
+    """Conflicting feature that claims to control all six directions: L has rank 2 instead of 6."""
 
     name = "dependent"
     directions = (True,) * 6

@@ -1,7 +1,7 @@
-"""What a study keeps of the images of its runs: numbers, pictures and depths; one row an image.
+"""Table of the images of a study's runs, one row per image: numbers, images and depth images.
 
-A picture is kept as a PNG of what the camera delivers, grey or colour; a depth image as a PNG of
-16 bits, in steps of 0.1 mm, 0 where there is none within 6.5 m.
+An image is stored as a grey or colour PNG; a depth image as a PNG of 16 bits in steps of 0.1 mm,
+with 0 where there is no surface within 6.5 m.
 """
 
 from __future__ import annotations
@@ -31,14 +31,14 @@ from .study import Study
 
 DEPTH_STEP = 1e-4  # m
 _FARTHEST = np.iinfo(np.uint16).max * DEPTH_STEP
-NUMBERS_BYTES = 600  # of a row's numbers, about
+NUMBERS_BYTES = 600  # approximate size of the numbers of a row
 TIME_TOLERANCE = 1e-9  # s
 _LIST = pa.list_(pa.float64())
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column: its type, and what it holds, with unit and frame."""
+    """Type of a column, and its content with unit and frame."""
 
     kind: pa.DataType
     meaning: str
@@ -46,16 +46,16 @@ class Column:
 
 NUMBER_COLUMNS: Mapping[str, Column] = {
     "run": Column(pa.int64(), "number of the run, as in parts/"),
-    "image": Column(pa.int64(), "number of the image in its run, from 0 on"),
-    "stamp": Column(pa.float64(), "of the exposure, s of simulated time"),
-    "phase": Column(pa.string(), "of the loop"),
-    "features": Column(_LIST, "s, as measured; NaN where there is no answer"),
+    "image": Column(pa.int64(), "number of the image in its run, from 0"),
+    "stamp": Column(pa.float64(), "time of the exposure, s of simulated time"),
+    "phase": Column(pa.string(), "phase of the control loop"),
+    "features": Column(_LIST, "measured features s; NaN without a measurement"),
     "error": Column(_LIST, "s - s*"),
-    "desired_twist": Column(_LIST, "twist that the scheme requests of the camera (6), in its "
-                                   "optical frame, "
-                           "m/s and rad/s"),
-    "achieved_twist": Column(_LIST, "twist that the joints' velocities give (6), likewise"),
-    "joints": Column(_LIST, "measured at the exposure, rad or m"),
+    "desired_twist": Column(_LIST, "camera twist (6) that the scheme commands, in the optical "
+                                   "frame, m/s and rad/s"),
+    "achieved_twist": Column(_LIST, "camera twist (6) that the commanded joint velocities "
+                                    "produce, likewise"),
+    "joints": Column(_LIST, "joint positions measured at the exposure, rad or m"),
     "pose": Column(_LIST, "true world_T_camera at the exposure (16), 4 x 4 row by row, m"),
     "camera_T_goal": Column(_LIST, "true pose of the goal in the camera's frame (16), likewise"),
     "camera_T_target": Column(_LIST, "true pose of the target in the camera's frame (16)"),
@@ -63,86 +63,98 @@ NUMBER_COLUMNS: Mapping[str, Column] = {
 
 
 def list_columns(study: Study) -> dict[str, Column]:
-    """The columns of a study's images, by name."""
-    found, several = dict(NUMBER_COLUMNS), _find_cameras(study) != (CAMERA,)
+    """Return the columns of a study's images, by name."""
+    columns, several = dict(NUMBER_COLUMNS), _find_cameras(study) != (CAMERA,)
     for name in _find_cameras(study) if study.pictures != "none" else ():
         end, of = (f"_{name}", f" of camera {name}") if several else ("", "")
-        found[f"picture{end}"] = Column(pa.binary(), f"PNG{of}, as bytes")
+        columns[f"picture{end}"] = Column(pa.binary(), f"image{of}, bytes of a PNG file")
         if study.depth:
-            found[f"depth{end}"] = Column(
-                pa.binary(), f"PNG of 16 bits{of}, as bytes: along the optical axis, in steps of "
-                f"{1e3 * DEPTH_STEP:g} mm; 0: nothing within {_FARTHEST:.1f} m")  # fmt: skip
-    return found
+            columns[f"depth{end}"] = Column(
+                pa.binary(), f"depth image{of}, bytes of a 16-bit PNG file: depth along the "
+                f"optical axis in steps of {1e3 * DEPTH_STEP:g} mm; 0: no surface within "
+                f"{_FARTHEST:.1f} m")  # fmt: skip
+    return columns
 
 
 def make_schema(study: Study) -> pa.Schema:
-    """Of the table of its images."""
+    """Return the schema of the table of a study's images."""
     return pa.schema([(name, column.kind) for name, column in list_columns(study).items()])
 
 
 def check_images(study: Study) -> None:
-    """StudyError for pictures that cannot be kept."""
+    """Check that the images that a study is to store exist in all of its runs.
+
+    Raises:
+        StudyError: they do not.
+    """
     if study.pictures == "none":
         if study.depth:
-            raise StudyError("depth is kept beside pictures: give pictures: all, or first")
+            raise StudyError("depth needs pictures: set pictures: all, or first")
         return
     names = _find_cameras(study)
     for trial in study.make_trials():
         if not trial.has_images:
             raise StudyError(
-                "pictures cannot be kept of exact features: give the experiment features: images"
+                "pictures needs images, and exact features have none: set features: images in the "
+                "experiment"
             )
         if tuple(trial.camera_specs) != names:
             raise StudyError(
-                f"pictures are kept of the same cameras in all runs: {', '.join(names)} in one, "
+                f"pictures needs the same cameras in all runs: {', '.join(names)} in one, "
                 f"{', '.join(trial.camera_specs)} in another"
             )
 
 
 def check_room(study: Study, path: Path, finished_runs: int = 0) -> str:
-    """How much room the images of the runs from `finished_runs` on take at most, in words; "" for
-    none.
+    """Describe the maximum disk space that the images of the remaining runs need; '' without any.
+
+    Args:
+        path: folder of the study.
+        finished_runs: number of runs whose images are stored already.
 
     Raises:
-        StudyError: the disk of `path` has less.
+        StudyError: the disk has less space.
     """
     if study.pictures == "none":
         return ""
     experiment = study.make_experiment(0)
-    seen = ImageRecorder(records_images=True)
-    loop = Loop(experiment, assemble(experiment, has_depth=study.depth), on_frame=seen.add_frame)
+    recorder = ImageRecorder(records_images=True)
+    loop = Loop(
+        experiment, assemble(experiment, has_depth=study.depth), on_frame=recorder.add_frame
+    )
     try:
         loop.run_to_image()
     finally:
         loop.close()
     images = 1
     if study.pictures == "all":
-        rate = max(eye.rate for eye in loop.parts.cameras.values())
+        rate = max(camera.rate for camera in loop.parts.cameras.values())
         images = int(np.ceil(experiment.duration * rate)) + 2
-    each = NUMBERS_BYTES + seen.nbytes
+    each = NUMBERS_BYTES + recorder.nbytes
     total = (study.run_count - finished_runs) * images * each
-    there = next(parent for parent in (path.absolute(), *path.absolute().parents)
-                 if parent.exists())  # fmt: skip
-    free = shutil.disk_usage(there).free
-    told = (f"{_format_size(total)} at most: "
+    existing = next(parent for parent in (path.absolute(), *path.absolute().parents)
+                    if parent.exists())  # fmt: skip
+    free = shutil.disk_usage(existing).free
+    size = (f"{_format_size(total)} at most: "
             f"{format_count(study.run_count - finished_runs, 'run')} of up to "
             f"{format_count(images, 'image')} of {_format_size(each)}")  # fmt: skip
     if total > free:
         raise StudyError(
-            f"the disk of {there} has {_format_size(free)}, and the data set would take {told}; "
-            "make "
-            "repeats or duration smaller, keep the first image of each run alone "
-            "(pictures: first), or name another disk"
+            f"the disk of {existing} has {_format_size(free)}, but the data set needs {size}; "
+            "make repeats or duration smaller, store only the first image of each run "
+            "(pictures: first), or use another disk"
         )
-    return told
+    return size
 
 
 class ImageRecorder:
-    """Takes in what the cameras of a run see, as it is made, and where the control camera is then.
-    """
+    """Recorder of a run's images, and of the true pose of the control camera at their exposure."""
 
     def __init__(self, records_images: bool) -> None:
-        """`records_images`: keep them too, and depth images."""
+        """Prepare the recorder.
+
+        records_images: record images and depth images, not only poses.
+        """
         self._records_images = records_images
         self._stamps: dict[str, list[float]] = {}
         self._images: dict[str, list[tuple[bytes | None, bytes | None]]] = {}
@@ -150,18 +162,18 @@ class ImageRecorder:
 
     @property
     def nbytes(self) -> int:
-        """Of the latest images of all cameras."""
-        return sum(len(part or b"") for seen in self._images.values() for part in seen[-1])
+        """Number of bytes of the latest images of all cameras."""
+        return sum(len(part or b"") for images in self._images.values() for part in images[-1])
 
     def add_frame(self, loop: Loop, reading: Frame) -> None:
-        """An image of a camera of this loop, just made."""
+        """Add an image of a camera of this loop at its exposure."""
         if reading.name == loop.parts.rig.control.name:
-            # The plant stands at the end of the step in which it was exposed.
+            # The plant is at the end of the step in which the image was exposed: extrapolate back.
             positions, velocities = loop.plant.read_joints()
-            since = loop.plant.time_ns / NS - reading.stamp
-            at_exposure = (positions - since * velocities)[None]
-            at_rest = loop.plant.compute_rest_poses(at_exposure)[0]
-            self._poses[reading.stamp] = loop.plant.apply_vibration(at_rest, reading.stamp_ns)
+            elapsed = loop.plant.time_ns / NS - reading.stamp
+            at_exposure = (positions - elapsed * velocities)[None]
+            rest_pose = loop.plant.compute_rest_poses(at_exposure)[0]
+            self._poses[reading.stamp] = loop.plant.apply_vibration(rest_pose, reading.stamp_ns)
         if self._records_images:
             self._stamps.setdefault(reading.name, []).append(reading.stamp)
             self._images.setdefault(reading.name, []).append(
@@ -169,36 +181,36 @@ class ImageRecorder:
             )
 
     def make_rows(self, number: int, run: Run, end_time: float) -> list[dict[str, Any]]:
-        """A row for each image that was answered in a run.
+        """Make a row for each image that the loop processed in a run.
 
         Args:
-            number: of the run. ended: simulated time at its end, s.
+            number: of the run. end_time: simulated time at its end, s.
         """
-        at_end = inverse(run.target.world_T_target(end_time)) @ run.goal_pose
-        found = []
+        target_T_goal = inverse(run.target.world_T_target(end_time)) @ run.goal_pose
+        rows = []
         for i, stamp in enumerate(run.stamp.tolist()):
             pose = self._poses[stamp]
             camera_T_target = inverse(pose) @ run.target.world_T_target(stamp)
-            found.append({
+            rows.append({
                 "run": number, "image": i, "stamp": stamp, "phase": run.phases[i],
                 **{name: getattr(run, name)[i].tolist()
                    for name in ("features", "error", "desired_twist", "achieved_twist", "joints")},
                 "pose": pose.ravel().tolist(),
-                "camera_T_goal": (camera_T_target @ at_end).ravel().tolist(),
+                "camera_T_goal": (camera_T_target @ target_T_goal).ravel().tolist(),
                 "camera_T_target": camera_T_target.ravel().tolist(),
                 **self._find_images(stamp),
             })  # fmt: skip
-        return found
+        return rows
 
     def _find_images(self, stamp: float) -> dict[str, bytes | None]:
-        """Columns of the images that cameras had made last at a stamp, s."""
-        found: dict[str, bytes | None] = {}
+        """Return the columns with the latest images of all cameras at a stamp (s)."""
+        columns: dict[str, bytes | None] = {}
         for name, stamps in self._stamps.items():
             latest = bisect_right(stamps, stamp + TIME_TOLERANCE) - 1
-            picture, depth = self._images[name][latest] if latest >= 0 else (None, None)
+            image, depth = self._images[name][latest] if latest >= 0 else (None, None)
             end = "" if name == CAMERA else f"_{name}"
-            found |= {f"picture{end}": picture, f"depth{end}": depth}
-        return found
+            columns |= {f"picture{end}": image, f"depth{end}": depth}
+        return columns
 
 
 def _find_cameras(study: Study) -> tuple[str, ...]:
@@ -208,8 +220,8 @@ def _find_cameras(study: Study) -> tuple[str, ...]:
 def _encode_image(reading: Frame) -> bytes | None:
     if reading.image is None:
         return None
-    picture = ImageReader.decode_image(reading)
-    return _encode_png(picture.rgb[..., ::-1] if picture.has_colour else picture.grey)
+    image = ImageReader.decode_image(reading)
+    return _encode_png(image.rgb[..., ::-1] if image.has_colour else image.grey)
 
 
 def _encode_depth(reading: Frame) -> bytes | None:

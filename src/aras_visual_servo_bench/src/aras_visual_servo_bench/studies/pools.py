@@ -1,4 +1,4 @@
-"""Where chunks are carried out: in this process, or by workers of Dask distributed."""
+"""Pools that run the chunks of a study: this process, or workers of Dask distributed."""
 
 from __future__ import annotations
 
@@ -22,43 +22,51 @@ from ..errors import StudyError, make_missing_library_error, read_first_line
 from . import rows, versions, work
 from .work import StudyTask
 
-ANSWER_TIMEOUT = 10.0  # s that a scheduler may take to answer
-# s until a worker must be there, of a cluster or after the last one has gone
+ANSWER_TIMEOUT = 10.0  # s, time in which a scheduler has to answer
+# s without any worker, at the start of a cluster or after the last worker has left
 WORKER_TIMEOUT = 300.0
-COUNT_PERIOD = 2.0  # s between two counts of the workers: a cluster's come and go
-# s between two looks for a chunk that is done; every worker has another to go on with
+COUNT_PERIOD = 2.0  # s between counts of the workers, because those of a cluster come and go
+# s between polls for a finished chunk; meanwhile each worker has a second chunk to continue with
 POLL_PERIOD = 0.02
-CHUNKS_BEFORE_RESTART = 500  # chunks of a worker after which all are made anew
+CHUNKS_BEFORE_RESTART = 500  # chunks per worker after which all workers are restarted
 STARTING_STATES = ("init", "starting", "running", "undefined")  # of a nanny
-# that a process of this machine may take to connect, whatever else runs on it
+# Time in which a process on this machine has to connect, also under a high load.
 CONNECT_TIMEOUT = "600s"
-TICK_PERIOD = "10s"  # between two looks of a worker, or the scheduler, at itself
-MAX_DEATHS = 5  # of workers over one chunk, guarded or not, after which the cluster is to blame
+TICK_PERIOD = "10s"  # between self-checks of a worker or the scheduler
+MAX_DEATHS = 5  # deaths of workers while they run one chunk, before the study fails
 
 
 FinishedChunk = tuple[StudyTask, rows.Rows | None]  # a chunk and its rows; None: its worker died
 
 
 class Pool(ABC):
-    """Carries out chunks, some at a time, and gives them back in any order."""
+    """Pool that runs several chunks at a time and returns them in any order.
+
+    Attributes:
+        workers: number of workers.
+    """
 
     workers: int = 1
 
     @property
     @abstractmethod
     def has_room(self) -> bool:
-        """Whether it wants another chunk now."""
+        """True if another chunk can be submitted now."""
 
     @abstractmethod
     def submit(self, task: StudyTask) -> None:
-        """Take a chunk."""
+        """Submit a chunk."""
 
     @abstractmethod
     def wait_for_chunk(self) -> FinishedChunk:
-        """Wait for a chunk; StudyError where none can come any more."""
+        """Wait for a finished chunk.
+
+        Raises:
+            StudyError: a chunk failed, or the workers are lost.
+        """
 
     def close(self) -> None:
-        """End what it began; safe to call twice."""
+        """Stop the workers; safe to call twice."""
 
     def __enter__(self) -> Pool:
         return self
@@ -71,31 +79,31 @@ class Pool(ABC):
 
 
 class InProcessPool(Pool):
-    """One chunk after the other, here: for small studies, and to look into a fault."""
+    """Pool that runs one chunk after the other in this process, for small studies and debugging."""
 
     def __init__(self) -> None:
         self._task: deque[StudyTask] = deque()
 
     @property
     def has_room(self) -> bool:
-        """Whether the one before is done."""
+        """True if the previous chunk is finished."""
         return not self._task
 
     def submit(self, task: StudyTask) -> None:
-        """Keep it until it is asked for."""
+        """Store a chunk; `wait_for_chunk` runs it."""
         self._task.append(task)
 
     def wait_for_chunk(self) -> FinishedChunk:
-        """Carry it out."""
+        """Run the submitted chunk."""
         task = self._task.popleft()
         return task, work.carry_out(task)
 
 
 class DaskPool(Pool):
-    """Workers of Dask distributed: of this machine, of a scheduler, or of a named cluster class.
+    """Pool of Dask workers: on this machine, of a running scheduler, or of a cluster class.
 
     Attributes:
-        cluster: Dask's, None where a scheduler runs already. client: Dask's, None once closed.
+        cluster: Dask cluster; None with a running scheduler. client: Dask client; None when closed.
     """
 
     def __init__(
@@ -105,15 +113,17 @@ class DaskPool(Pool):
         cluster: str = "",
         chunks_before_restart: int = CHUNKS_BEFORE_RESTART,
     ) -> None:
-        """Have workers.
+        """Start the workers, or connect to them.
 
         Args:
-            workers: processes on this machine; 0: one a core.
-            scheduler: address of one that runs already. cluster: file that names a class.
-            renew: chunks of a worker after which all workers are made anew.
+            workers: number of processes on this machine; 0: one per core.
+            scheduler: address of a running scheduler.
+            cluster: YAML file with class and arguments of a Dask cluster.
+            chunks_before_restart: chunks per worker after which all workers are restarted.
 
         Raises:
-            StudyError: no scheduler answers, no worker comes, or one has another version.
+            StudyError: the scheduler does not answer, it has no worker, or a worker has other
+                versions.
         """
         self._distributed = _configure_dask()
         self._chunks_before_restart = chunks_before_restart
@@ -144,9 +154,10 @@ class DaskPool(Pool):
 
     @property
     def has_room(self) -> bool:
-        """Two chunks a worker: one under way, one that waits; none while workers are due.
+        """True if a worker has fewer than two chunks: one that runs, one that waits.
 
-        As many for workers that a cluster may still begin: it does so for chunks that wait.
+        Workers that an adaptive cluster may still start count as well, because it starts them for
+        waiting chunks. There is no room before a restart of the workers.
         """
         self._check_workers()
         if (
@@ -160,7 +171,7 @@ class DaskPool(Pool):
         return len(self._tasks) < 2 * max(self.workers, self._max_workers)
 
     def submit(self, task: StudyTask) -> None:
-        """Send it to a worker."""
+        """Send a chunk to a worker."""
         tries = self._deaths.get(task.chunk, 0)
         try:
             future = self.client.submit(
@@ -173,7 +184,7 @@ class DaskPool(Pool):
         self._finished.add(future)
 
     def wait_for_chunk(self) -> FinishedChunk:
-        """Wait for the next that is done."""
+        """Wait for the next finished chunk; see Pool.wait_for_chunk."""
         try:
             while not self._finished.has_ready() and not self._finished.is_empty():
                 self._check_workers()
@@ -181,13 +192,13 @@ class DaskPool(Pool):
             future = next(self._finished)
             task = self._tasks.pop(future.key)
             if future.status == "finished":
-                done = future.result(timeout=60)
+                chunk_rows = future.result(timeout=60)
                 self._chunks_since_restart += 1
                 self._deaths.pop(task.chunk, None)
-                return task, done
+                return task, chunk_rows
             error = future.exception(timeout=60) if future.status == "error" else None
         except StopIteration:
-            raise StudyError("the workers have nothing left to do") from None
+            raise StudyError("the workers have no chunk: submit one first") from None
         except StudyError:
             raise
         except Exception as fault:
@@ -196,8 +207,8 @@ class DaskPool(Pool):
             deaths = self._deaths[task.chunk] = self._deaths.get(task.chunk, 0) + 1
             if deaths > MAX_DEATHS:
                 raise StudyError(
-                    f"{deaths} workers died over chunk {task.chunk}, even with its runs in "
-                    "processes of their own: look at the machine's memory and the workers' logs"
+                    f"{deaths} workers died while they ran chunk {task.chunk}, even with one "
+                    "process per run: check the machine's memory and the workers' logs"
                 )
             return task, None
         if error is None:
@@ -207,7 +218,7 @@ class DaskPool(Pool):
         raise StudyError(f"chunk {task.chunk} failed: {type(error).__name__}: {error}") from error
 
     def close(self) -> None:
-        """End client and cluster."""
+        """Close client and cluster."""
         for part in (self.client, self.cluster):
             if part is not None:
                 with contextlib.suppress(Exception):
@@ -215,7 +226,7 @@ class DaskPool(Pool):
         self.client = self.cluster = None
         self._scratch.cleanup()
 
-    # -- making ----------------------------------------------------------------------------
+    # -- start and checks ------------------------------------------------------------------
 
     def _start_local_cluster(self, workers: int) -> Any:
         self.workers = workers
@@ -229,92 +240,103 @@ class DaskPool(Pool):
             if self.cluster is None:
                 asyncio.run(_check_scheduler(address))
             client = self._distributed.Client(address, timeout=ANSWER_TIMEOUT, set_as_default=False)
-        except (OSError, ValueError) as error:  # a timeout is the former
-            told = read_first_line(error)
-            raise StudyError(f"no scheduler answers at {address}: {told}") from None
+        except (OSError, ValueError) as error:  # TimeoutError is an OSError
+            reason = read_first_line(error)
+            raise StudyError(f"no scheduler answers at {address}: {reason}") from None
         try:
             client.wait_for_workers(
                 1, timeout=ANSWER_TIMEOUT if self.cluster is None else WORKER_TIMEOUT
             )
         except TimeoutError:
             client.close(timeout=5)
-            raise StudyError(f"the scheduler at {address} has no workers") from None
+            raise StudyError(f"the scheduler at {address} has no workers: start some") from None
         return client
 
     def _check_versions(self) -> None:
-        """StudyError where a worker's code is not this one's."""
+        """Check that all workers have the code and the libraries of this process.
+
+        Raises:
+            StudyError: a worker has other versions.
+        """
         try:
-            there = self.client.run(versions.read_versions)
+            by_worker = self.client.run(versions.read_versions)
         except Exception as error:
             raise StudyError(
                 f"the workers cannot load this package ({read_first_line(error)}): install it "
-                "there, "
-                "or set their PYTHONPATH"
+                "there, or set their PYTHONPATH"
             ) from None
-        for worker, found in there.items():
-            told = versions.describe_difference(versions.read_versions(), found)
-            if told:
-                raise StudyError(f"the worker at {worker} has another version: {told}")
+        for worker, worker_versions in by_worker.items():
+            difference = versions.describe_difference(versions.read_versions(), worker_versions)
+            if difference:
+                raise StudyError(f"the worker at {worker} has other versions: {difference}")
         self._count_workers()
 
     def _count_workers(self) -> int:
-        """Workers that are there now; StudyError where one has several threads."""
+        """Count the connected workers.
+
+        Raises:
+            StudyError: a worker has several threads.
+        """
         threads = self.client.nthreads()
         if max(threads.values(), default=1) > 1:
             raise StudyError(
-                "the workers have several threads each: start them with --nthreads 1, for a world "
-                "belongs to one thread"
+                "the workers have several threads each, and a simulation needs a single one: start "
+                "them with --nthreads 1"
             )
         self.workers = len(threads) or self.workers
         return len(threads)
 
     def _check_workers(self) -> None:
-        """Count the workers now and then; StudyError where the last has been gone for long."""
+        """Count the workers every COUNT_PERIOD.
+
+        Raises:
+            StudyError: there has been no worker for WORKER_TIMEOUT.
+        """
         now = time.monotonic()
         if now - self._check_time < COUNT_PERIOD:
             return
         self._check_time = now
         try:
-            there = self._count_workers()
+            count = self._count_workers()
         except StudyError:
             raise
         except Exception as error:
             raise self._make_lost_error(error) from error
-        if there:
+        if count:
             self._alive_time = now
         elif now - self._alive_time > WORKER_TIMEOUT and not self._has_live_nanny():
             raise StudyError(
-                f"no worker has been there for {WORKER_TIMEOUT:g} s: look at the workers' logs, "
-                "start some"
+                f"no worker has been connected for {WORKER_TIMEOUT:g} s: check the workers' logs, "
+                "and start some"
             )
 
     def _has_live_nanny(self) -> bool:
-        """Whether a nanny of this process still watches a worker: it is slow, and not gone."""
+        """Return True if a nanny of this process still has a worker, which is then only slow."""
         nannies = self.cluster.workers.values() if self._is_local else ()
         return any(nanny.status.name in STARTING_STATES for nanny in nannies)
 
     def _restart_workers(self) -> None:
-        """End the workers that a nanny begins again; the others nobody would."""
+        """Restart the workers that have a nanny; without one, a worker would not start again."""
         try:
-            there = self.client.scheduler_info(n_workers=-1)["workers"]
-            watched = [address for address, told in there.items() if told["nanny"]]
-            if watched:
-                self.client.restart_workers(watched, timeout=60, raise_for_error=False)
+            workers = self.client.scheduler_info(n_workers=-1)["workers"]
+            with_nanny = [address for address, info in workers.items() if info["nanny"]]
+            if with_nanny:
+                self.client.restart_workers(with_nanny, timeout=60, raise_for_error=False)
         except TimeoutError:
-            pass  # some are slow to come back: what is there goes on
+            pass  # some workers restart slowly: continue with the others
         except Exception as error:
             raise self._make_lost_error(error) from error
 
     def _make_lost_error(self, error: BaseException | None) -> StudyError:
-        told = f" ({read_first_line(error)})" if error is not None else ""
-        return StudyError(f"the scheduler is gone{told}")
+        reason = f" ({read_first_line(error)})" if error is not None else ""
+        return StudyError(f"the connection to the scheduler is lost{reason}")
 
 
 def _configure_dask() -> Any:
-    """distributed, told to keep little and to watch little."""
+    """Import `distributed`, configured with short histories and few self-checks."""
     try:
         import dask
-        import distributed  # first, for it lays its own defaults over what is set before
+        import distributed  # before dask.config.set, because its defaults override earlier settings
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name, "studies") from None
 
@@ -331,13 +353,13 @@ def _configure_dask() -> Any:
         "distributed.worker.daemon": True,
         "distributed.admin.log-length": 100,
         "distributed.admin.low-level-log-length": 100,
-        # Every 20 ms each event loop would time itself: a twentieth of a core for the client.
+        # By default each event loop measures itself every 20 ms: 5 % of a core for the client.
         "distributed.admin.tick.interval": TICK_PERIOD,
         "distributed.admin.tick.cycle": "60s",
         "distributed.admin.tick.limit": "1h",
         "distributed.admin.system-monitor.interval": TICK_PERIOD,
-        # A machine with twenty times the load that it can bear is slow, and not dead: a worker
-        # that says nothing for minutes stays, and one that begins is waited for.
+        # On a machine with twenty times the load that it can handle, a worker may not answer for
+        # minutes and may start slowly: it is not lost.
         "distributed.scheduler.worker-ttl": None,
         "distributed.comm.timeouts.connect": CONNECT_TIMEOUT,
         "distributed.comm.timeouts.tcp": CONNECT_TIMEOUT,
@@ -346,9 +368,9 @@ def _configure_dask() -> Any:
 
 
 async def _check_scheduler(address: str) -> None:
-    """Return if a scheduler answers there; whatever Dask raises if not.
+    """Connect to a scheduler; without an answer, raise the error of Dask.
 
-    Asked first, for a Client that was never connected waits for 20 s at the end, and says so.
+    This check precedes the Client, because a Client that could not connect takes 20 s to close.
     """
     from distributed.core import connect
 
@@ -356,31 +378,36 @@ async def _check_scheduler(address: str) -> None:
 
 
 def _create_cluster(path: str) -> tuple[Any, int]:
-    """The cluster that a file names, and the most workers that it is to have, 0 if not told."""
-    told = read_yaml(path, StudyError)
+    """Create the cluster that a YAML file describes.
+
+    Returns:
+        The cluster, and its maximum number of workers; 0 if the file does not give it.
+    """
+    content = read_yaml(path, StudyError)
     keys = ("class", "arguments", "workers")
-    if not isinstance(told, Mapping) or "class" not in told:
+    if not isinstance(content, Mapping) or "class" not in content:
         raise StudyError(f"{path} names no cluster: give class, arguments and workers")
-    for key in told:
+    for key in content:
         if key not in keys:
             raise StudyError(describe_unknown_key(f"{path}: ", key, keys))
-    least, most = _parse_worker_range(path, told.get("workers", 0))
-    module, _, name = str(told["class"]).rpartition(".")
+    least, most = _parse_worker_range(path, content.get("workers", 0))
+    module, _, name = str(content["class"]).rpartition(".")
+    arguments = dict(content.get("arguments", {}))
     try:
-        cluster = getattr(importlib.import_module(module), name)(**dict(told.get("arguments", {})))
+        cluster = getattr(importlib.import_module(module), name)(**arguments)
         if least < most:
             cluster.adapt(minimum=least, maximum=most)
         elif most:
             cluster.scale(most)
-    except Exception as error:  # whatever a cluster's own code may raise
-        raise StudyError(f"{path}: {told['class']}: {read_first_line(error)}") from None
+    except Exception as error:  # the code of a cluster may raise anything
+        raise StudyError(f"{path}: {content['class']}: {read_first_line(error)}") from None
     return cluster, most
 
 
 def _parse_worker_range(path: str, value: Any) -> tuple[int, int]:
-    """Least and most; 0 and 0 where nothing is said."""
+    """Return the minimum and maximum number of workers; both are 0 if the file gives none."""
     both = value if isinstance(value, list) else [value, value]
-    whole = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in both)
-    if not (whole and len(both) == 2 and both[0] <= both[1] and (both[1] or value == 0)):
-        raise StudyError(f"{path}: workers is {value!r}, must be a number, or [least, most]")
+    are_counts = all(isinstance(n, int) and not isinstance(n, bool) and n >= 0 for n in both)
+    if not (are_counts and len(both) == 2 and both[0] <= both[1] and (both[1] or value == 0)):
+        raise StudyError(f"{path}: workers is {value!r}, must be a number, or [minimum, maximum]")
     return both[0], both[1]

@@ -1,4 +1,4 @@
-"""A line that says how far a study is: runs, rate, failures, time left."""
+"""Progress lines of a study: finished runs, rate, failures and remaining time."""
 
 from __future__ import annotations
 
@@ -10,22 +10,26 @@ from typing import Any, TextIO
 
 from ..metrics.formatting import format_number
 
-LINE_PERIOD = 10.0  # s between lines where there is no terminal
-WIDTH = 24  # characters of a bar
+LINE_PERIOD = 10.0  # s between lines if the output is no terminal
+WIDTH = 24  # characters of the progress bar
 
 
 class Progress:
-    """Told of every chunk; draws on a terminal, writes a line now and then elsewhere."""
+    """Progress of a study: a bar on a terminal, else a line every LINE_PERIOD seconds.
+
+    Attributes:
+        failed: number of runs without success.
+    """
 
     def __init__(
         self, total: int, finished: int = 0, out: TextIO | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:  # fmt: skip
-        """`total`: runs of the study. `finished`: of them, kept already."""
+        """Start the progress; `total`: runs of the study; `finished`: runs stored already."""
         self._total, self._finished = total, finished
         self._out = sys.stderr if out is None else out
         self._clock = clock
-        self._first: tuple[float, int] | None = None  # when the first came, and how many were done
+        self._first: tuple[float, int] | None = None  # time of the first chunk, and finished runs
         self._print_time = float("-inf")
         self._warm_workers: set[str] = set()  # workers that have done a run
         self._workers, self._timed_runs, self._wall_time = 1, 0, 0.0
@@ -34,17 +38,18 @@ class Progress:
     def add_runs(
         self, runs: int, failed: int, times: Sequence[Mapping[str, Any]] = (), workers: int = 1
     ) -> None:
-        """So many runs are done, of which so many did not succeed.
+        """Add finished runs.
 
         Args:
-            times: rows of their wall times; see rows.TIMES.
-            workers: that share what is left.
+            runs: number of runs. failed: number of those without success.
+            times: rows of their wall times; see rows.TIMES_SCHEMA.
+            workers: number of workers that share the remaining runs.
         """
         self._finished += runs
         self.failed += failed
         self._workers = max(workers, 1)
         for row in times:
-            if row["worker"] in self._warm_workers:  # its first run may have compiled loops
+            if row["worker"] in self._warm_workers:  # the first run may include compilation
                 self._timed_runs += 1
                 self._wall_time += row.get("wall", 0.0)
             self._warm_workers.add(row["worker"])
@@ -57,44 +62,43 @@ class Progress:
             self._out.flush()
 
     def make_line(self) -> str:
-        """As it stands."""
-        part = self._finished / self._total if self._total else 1.0
+        """Return the current progress as one line."""
+        fraction = self._finished / self._total if self._total else 1.0
         each = self._compute_time_per_run()
-        left = (self._total - self._finished) * each if self._finished < self._total else 0.0
+        remaining = (self._total - self._finished) * each if self._finished < self._total else 0.0
         rate = f"{format_number(1.0 / each)}/s, " if 0.0 < each < math.inf else ""
         return (
-            f"{format_bar(part)} {self._finished}/{format_count(self._total, 'run')}, "
-            f"{rate}{self.failed} without "
-            f"success, {format_duration(left)} left"
+            f"{format_bar(fraction)} {self._finished}/{format_count(self._total, 'run')}, "
+            f"{rate}{self.failed} without success, {format_duration(remaining)} left"
         )
 
     def _compute_time_per_run(self) -> float:
-        """Seconds from one run to the next, without those of the start; inf: not known yet.
+        """Estimate the time per run of all workers together, s; inf: not known yet.
 
-        By the runs' own wall times, which hold from the first chunk on; or by the clock, where
-        that is slower: the workers then wait for chunks.
+        It is the larger of two estimates: the runs' own wall times, divided by the number of
+        workers; and the elapsed time since the first chunk, which is larger if workers wait.
         """
         if self._first is None or not self._timed_runs:
             return math.inf
-        when, before = self._first
-        done = self._finished - before
-        by_clock = (self._clock() - when) / done if done else 0.0
+        start, before = self._first
+        finished = self._finished - before
+        by_clock = (self._clock() - start) / finished if finished else 0.0
         return max(self._wall_time / self._timed_runs / self._workers, by_clock)
 
     def close(self) -> None:
-        """Leave the line."""
+        """End the line on a terminal."""
         if self._out.isatty():
             self._out.write("\n")
             self._out.flush()
 
 
 def format_count(number: int, what: str) -> str:
-    """'1 run', '2 runs'."""
+    """Return a number with its noun, such as '1 run' or '2 runs'."""
     return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def format_duration(seconds: float) -> str:
-    """A time as people say it."""
+    """Return a duration with a suitable unit, from seconds to days."""
     if seconds == float("inf"):
         return "unknown time"
     if seconds < 90.0:
@@ -107,19 +111,19 @@ def format_duration(seconds: float) -> str:
 
 
 def format_bar(fraction: float) -> str:
-    """[####....] for a part of 0 to 1."""
+    """Return a bar such as [####....] for a fraction from 0 to 1."""
     filled = int(fraction * WIDTH)
     return f"[{'#' * filled}{'.' * (WIDTH - filled)}]"
 
 
 class ProgressBar:
-    """A line that fills on a terminal; silent elsewhere."""
+    """Progress bar on a terminal; without a terminal it prints nothing."""
 
     def __init__(self, out: TextIO) -> None:
         self._out, self._line = out, out.isatty()
 
     def show(self, fraction: float, task: str) -> None:
-        """The part that is done, 0 to 1, and what is being done."""
+        """Show the finished fraction, 0 to 1, and the name of the current task."""
         if self._line:
             self._out.write(
                 f"\r{format_bar(fraction)} {100.0 * fraction:3.0f} % {task[-48:]}\x1b[K"
@@ -127,6 +131,6 @@ class ProgressBar:
             self._out.flush()
 
     def close(self) -> None:
-        """Leave no half line."""
+        """Erase the bar."""
         if self._line:
             self._out.write("\r\x1b[K")

@@ -1,4 +1,4 @@
-"""Apply a run's remedy to its experiment: the run that follows the advice."""
+"""Apply the remedy of a run to its experiment."""
 
 from __future__ import annotations
 
@@ -31,10 +31,10 @@ LAW_PREFIX = "controller_parameters.law_options."
 
 
 def apply_remedy(experiment: Experiment, remedy: Remedy) -> Experiment:
-    """The experiment with the changes of its run's remedy; of several, those that it can take.
+    """Return the experiment with the changes of its run's remedy; inapplicable ones are skipped.
 
     Raises:
-        ExperimentError: the remedy has no changes, or none that this experiment can take.
+        ExperimentError: the remedy has no changes, or none that applies to this experiment.
     """
     refused = [f"the remedy changes no setting: '{remedy}'"]
     changed = experiment
@@ -61,7 +61,7 @@ def _apply_change(experiment: Experiment, change: Change) -> Experiment:
 
 
 def _to_experiment_key(key: str) -> str:
-    """The experiment's dotted key of a key of the experiment or a parameter of the controller."""
+    """Convert an experiment key or a controller parameter to a dotted key of the experiment."""
     head = key.partition(".")[0]
     if head in SHARED_PARAMETERS or head in {f.name for f in fields(Experiment)}:
         return key
@@ -71,16 +71,20 @@ def _to_experiment_key(key: str) -> str:
 
 
 def _remove_key(values: Mapping[str, Any], path: list[str], key: str) -> dict[str, Any]:
-    """The values without what stands under a path; ExperimentError where nothing does."""
+    """Return the values without the key at a path.
+
+    Raises:
+        ExperimentError: the key is not set.
+    """
     head, rest = path[0], path[1:]
     if head not in values or rest and not isinstance(values[head], Mapping):
         raise ExperimentError(f"{key} is not set: there is nothing to remove")
-    left = {name: value for name, value in values.items() if name != head}
-    return {**left, head: _remove_key(values[head], rest, key)} if rest else left
+    others = {name: value for name, value in values.items() if name != head}
+    return {**others, head: _remove_key(values[head], rest, key)} if rest else others
 
 
 def _read_effective_value(experiment: Experiment, key: str) -> Any:
-    """The value under a dotted key, or the default that the controller has for it."""
+    """Return the value of a dotted key, or the controller's default if it is not set."""
     value: Any = experiment
     for part in key.split("."):
         value = value.get(part) if isinstance(value, Mapping) else getattr(value, part)
@@ -95,7 +99,11 @@ def _read_effective_value(experiment: Experiment, key: str) -> Any:
 
 
 def _multiply(value: Any, factor: float, key: str) -> Any:
-    """Numbers multiplied; ExperimentError where there are none."""
+    """Multiply a number, or all numbers of a list or mapping.
+
+    Raises:
+        ExperimentError: a value is no number.
+    """
     if isinstance(value, Mapping):
         return {name: _multiply(one, factor, key) for name, one in value.items()}
     if isinstance(value, list | tuple):
@@ -105,15 +113,15 @@ def _multiply(value: Any, factor: float, key: str) -> Any:
     return value * factor
 
 
-# -- lengths that several keys have together ---------------------------------------------------
+# -- lengths that depend on several keys -------------------------------------------------------
 
 
 def _scale_target(experiment: Experiment, factor: float) -> Experiment:
-    """A target of the same shape, larger."""
+    """Return the experiment with a scaled target of the same shape."""
     target = experiment.target
     named = find_shape(target.shape)
     if target.is_link or named is not None and not hasattr(named, "size"):
-        raise ExperimentError(f"target.size: {target.link or target.shape} has one size")
+        raise ExperimentError(f"target.size: {target.link or target.shape} has a fixed size")
     changes: dict[str, Any] = {}
     if isinstance(target.shape, tuple):
         changes["shape"] = _multiply(target.shape, factor, "target.shape")
@@ -132,7 +140,10 @@ def _scale_target(experiment: Experiment, factor: float) -> Experiment:
 
 
 def _scale_start(experiment: Experiment, factor: float) -> Experiment:
-    """A start whose offset from the goal is multiplied, in joints where there is an arm."""
+    """Return the experiment with the start's offset from the goal multiplied.
+
+    For an arm the offset of the joints is multiplied, for a free camera the offset of the pose.
+    """
     parts = assemble(experiment)
     try:
         if isinstance(experiment.start, Sampler):
@@ -152,10 +163,10 @@ def _scale_start(experiment: Experiment, factor: float) -> Experiment:
 
 
 def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
-    """A sampler whose starts have the offsets from the goal multiplied."""
+    """Return a sampler whose starts have multiplied offsets from the goal."""
     target = parts.target.world_T_target(0.0)
-    above = float(parts.goal_pose[2, 3] - target[2, 3])
-    low, high = (above + factor * (height - above) for height in sampler.height)
+    goal_height = float(parts.goal_pose[2, 3] - target[2, 3])
+    low, high = (goal_height + factor * (height - goal_height) for height in sampler.height)
     return Sampler(
         (low, high), factor * sampler.side, factor * sampler.turn, factor * sampler.tilt,
         sampler.margin, sampler.attempts,
@@ -163,9 +174,9 @@ def _scale_sampler(sampler: Sampler, parts: Assembly, factor: float) -> Sampler:
 
 
 def _scale_goal(experiment: Experiment, factor: float) -> Experiment:
-    """A goal whose offset from the start is multiplied, of joints that the arm has."""
+    """Return the experiment with the goal's offset from the start multiplied, as joints."""
     if experiment.plant in FREE_CAMERA_PLANTS:
-        raise ExperimentError("goal: a camera that flies reaches every pose")
+        raise ExperimentError("goal: a free camera reaches every pose, so the goal needs no change")
     parts = assemble(experiment)
     try:
         first = parts.plant.read_pose()

@@ -1,4 +1,4 @@
-"""A run as a row: what was set, how it went, its metrics; and a chunk of rows as a table."""
+"""Result of a run as a row: settings, outcome and metrics; and the rows of a chunk as a table."""
 
 from __future__ import annotations
 
@@ -28,8 +28,8 @@ from . import images
 from .study import Study
 from .variations import Axis, RandomVariation
 
-# Outcomes that are no loop's: a run whose values do not go together, one that raised, one that
-# ended its process, one that took too long.
+# Outcomes that do not come from the control loop: the settings were refused, an error was raised,
+# the process ended, or the run exceeded its time limit.
 REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
 MAX_REASON_LENGTH = 500
 FIXED_COLUMNS = {
@@ -37,7 +37,7 @@ FIXED_COLUMNS = {
     "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
     "images": pa.int64(), "simulated": pa.float64(),
 }  # fmt: skip
-LABEL_COLUMNS = ("code", "versions")  # the same in all rows of a study
+LABEL_COLUMNS = ("code", "versions")  # equal in all rows of a study
 TIMES_SCHEMA = pa.schema([
     ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
     ("worker", pa.string()),
@@ -46,57 +46,63 @@ TIMES_SCHEMA = pa.schema([
 
 @dataclass
 class Rows:
-    """Rows of some runs: results by column, wall times apart, and images if they are kept."""
+    """Rows of several runs: results, wall times, and images if they are stored."""
 
     values: list[dict[str, Any]] = field(default_factory=list)
     times: list[dict[str, Any]] = field(default_factory=list)
     images: list[dict[str, Any]] = field(default_factory=list)
 
     def add(self, other: Rows) -> None:
-        """The rows of another behind these."""
+        """Append the rows of another object."""
         self.values += other.values
         self.times += other.times
         self.images += other.images
 
 
 def compute_row(study: Study, run: int, worker: str = "") -> Rows:
-    """Carry out one run. Whatever goes wrong is its outcome; only the process's end is not seen."""
-    began, used = time.perf_counter(), time.process_time()
+    """Run one run of a study and return its rows.
+
+    Errors and timeouts become the outcome of the run.
+
+    worker: name of this process, for the table of wall times.
+    """
+    wall_start, processor_start = time.perf_counter(), time.process_time()
     values = make_blank_row(study, run)
-    kept: list[dict[str, Any]] = []
+    image_rows: list[dict[str, Any]] = []
     try:
         experiment = study.make_experiment(run)
         with limit_time(study.limit):
-            values |= _run_experiment(study, experiment, run, kept)
+            values |= _run_experiment(study, experiment, run, image_rows)
     except RunTimeoutError:
         values |= describe_timeout(study)
-        kept = []
+        image_rows = []
     except ExperimentError as error:
         values |= {"outcome": REFUSED, "reason": _to_line(error)}
-    except Exception as error:  # a fault of the code, or of a user's: the other runs go on
+    except Exception as error:  # an error in the code of the project or of a user
         values |= {"outcome": FAULT, "reason": _to_line(f"{type(error).__name__}: {error}")}
     release_freed_memory()
     times = {
-        "run": run, "wall": time.perf_counter() - began,
-        "processor": time.process_time() - used, "worker": worker,
+        "run": run, "wall": time.perf_counter() - wall_start,
+        "processor": time.process_time() - processor_start, "worker": worker,
     }  # fmt: skip
-    return Rows([values], [times], kept)
+    return Rows([values], [times], image_rows)
 
 
 class RunTimeoutError(BaseException):
-    """A run takes longer than it may; no Exception, so that no scheme's own handler takes it."""
+    """Timeout of a run; a BaseException, so that `except Exception` in a scheme cannot catch it."""
 
 
 @contextlib.contextmanager
 def limit_time(seconds: float) -> Iterator[None]:
-    """Raise RunTimeoutError in what takes longer (s of wall time).
+    """Raise a RunTimeoutError if the `with` block takes longer than `seconds` of wall time.
 
-    Signals come to a process's main thread alone: in a worker of Dask, which runs chunks in
-    another thread, the process is ended; the chunk is then repeated, each run in a child process.
+    The timeout is a signal, which only the main thread of a process receives. A worker of Dask runs
+    chunks in another thread: there the timeout ends the process, and the chunk is repeated with one
+    child process per run.
     """
     if threading.current_thread() is not threading.main_thread():
-        with open(os.devnull, "w", encoding="utf-8") as nowhere:
-            faulthandler.dump_traceback_later(seconds, exit=True, file=nowhere)
+        with open(os.devnull, "w", encoding="utf-8") as null_file:
+            faulthandler.dump_traceback_later(seconds, exit=True, file=null_file)
             try:
                 yield
             finally:
@@ -106,25 +112,25 @@ def limit_time(seconds: float) -> Iterator[None]:
     def raise_timeout(number: int, frame: object) -> None:
         raise RunTimeoutError
 
-    before = signal.signal(signal.SIGALRM, raise_timeout)
+    previous = signal.signal(signal.SIGALRM, raise_timeout)
     signal.setitimer(signal.ITIMER_REAL, seconds)
     try:
         yield
     finally:
         signal.setitimer(signal.ITIMER_REAL, 0.0)
-        signal.signal(signal.SIGALRM, before)
+        signal.signal(signal.SIGALRM, previous)
 
 
 def describe_timeout(study: Study) -> dict[str, Any]:
-    """What is told of a run that took too long."""
+    """Return outcome, reason and remedy of a run that exceeded the time limit."""
     return {
-        "outcome": LATE, "reason": f"not done after {study.limit:g} s of wall time",
-        "remedy": "look for what hangs, or give the study a greater limit",
+        "outcome": LATE, "reason": f"not finished after {study.limit:g} s of wall time",
+        "remedy": "find the code that hangs, or increase `limit` of the study",
     }  # fmt: skip
 
 
 def make_blank_row(study: Study, run: int) -> dict[str, Any]:
-    """A row before anything is known of how it goes."""
+    """Make the row of a run with its settings, before its results are known."""
     point, repeat = divmod(run, study.repeats)
     return {
         "run": run, "point": point, "repeat": repeat, "seed": study.compute_seed(run),
@@ -138,10 +144,10 @@ def make_blank_row(study: Study, run: int) -> dict[str, Any]:
 def _run_experiment(
     study: Study, experiment: Experiment, run: int, image_rows: list[dict[str, Any]]
 ) -> dict[str, Any]:
-    pictured = study.pictures != "none"
-    seen = images.ImageRecorder(pictured)
-    parts = assemble(experiment, has_unread_cameras=pictured, has_depth=study.depth)
-    loop = Loop(experiment, parts, on_frame=seen.add_frame if study.has_image_rows else None)
+    has_images = study.pictures != "none"
+    recorder = images.ImageRecorder(has_images)
+    parts = assemble(experiment, has_unread_cameras=has_images, has_depth=study.depth)
+    loop = Loop(experiment, parts, on_frame=recorder.add_frame if study.has_image_rows else None)
     try:
         if study.pictures == "first":
             loop.run_to_image()
@@ -149,14 +155,14 @@ def _run_experiment(
             loop.run_to_end()
         result, simulated = loop.make_run(), loop.plant.time_ns / NS
         if study.has_image_rows:
-            image_rows += seen.make_rows(run, result, simulated)
+            image_rows += recorder.make_rows(run, result, simulated)
     finally:
         loop.close()
     return {"seed": experiment.seed, "simulated": simulated, **make_result_columns(study, result)}
 
 
 def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
-    """How a run went, by column."""
+    """Return the results of a run, by column."""
     return {
         "outcome": run.outcome,
         "verdict": run.verdict.name,
@@ -169,31 +175,34 @@ def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
 
 
 def find_column_name(metric: str) -> str:
-    """The column of a metric that is given by name or as 'package.module:function'."""
+    """Return the column name of a metric, given by name or as 'package.module:function'."""
     return metric.rpartition(":")[2]
 
 
 def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
-    """Columns of the results and their types, the same for all parts of a study."""
+    """Return the columns of the results and their types, equal for all parts of a study.
+
+    labels: constant columns, by name.
+    """
     fixed = list(FIXED_COLUMNS.items())
     parameters = [(key, _find_type(study, key)) for key in study.keys if key != "seed"]
-    measured = [(find_column_name(name), pa.float64()) for name in study.metric_names]
-    # The same word in every row takes no room as a dictionary of one.
-    words = [(name, pa.dictionary(pa.int32(), pa.string())) for name in labels]
-    return pa.schema([*fixed[:4], *parameters, *fixed[4:], *measured, *words])
+    metrics = [(find_column_name(name), pa.float64()) for name in study.metric_names]
+    # A dictionary of one entry stores a constant text only once.
+    constants = [(name, pa.dictionary(pa.int32(), pa.string())) for name in labels]
+    return pa.schema([*fixed[:4], *parameters, *fixed[4:], *metrics, *constants])
 
 
 def make_table(
     study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]
 ) -> pa.Table:
-    """Rows as a table."""
-    wanted = make_schema(study, labels)
+    """Make the table of some rows; `labels`: constant columns, by name."""
+    schema = make_schema(study, labels)
     columns = []
-    for column_field in wanted:
+    for column_field in schema:
         name = column_field.name
-        given = [labels[name] if name in labels else row.get(name) for row in rows]
-        columns.append(pa.array(given, type=column_field.type))
-    return pa.Table.from_arrays(columns, schema=wanted)
+        values = [labels[name] if name in labels else row.get(name) for row in rows]
+        columns.append(pa.array(values, type=column_field.type))
+    return pa.Table.from_arrays(columns, schema=schema)
 
 
 def _find_type(study: Study, key: str) -> pa.DataType:
@@ -219,7 +228,7 @@ def _list_values(variations: Axis | RandomVariation) -> tuple[Any, ...]:
 
 
 def _to_cell(value: Any) -> Any:
-    """A value that a column can hold: numbers and words as they are, the rest as JSON."""
+    """Convert a value for a column: numbers and texts stay unchanged, others become JSON."""
     if value is None or isinstance(value, bool | int | float | str):
         return value
     if isinstance(value, np.generic):

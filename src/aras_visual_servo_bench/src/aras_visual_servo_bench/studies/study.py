@@ -1,6 +1,6 @@
-"""A study is data too: a base experiment, what is varied of it, how often, and the seed.
+"""Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
 
-Its runs are numbered from 0; each depends on its number alone, on whatever machine it is run.
+The runs are numbered from 0. A run is determined by its number, independent of the machine.
 """
 
 from __future__ import annotations
@@ -22,18 +22,18 @@ from aras_visual_servo_base.settings import KeywordSettings, build, check, conve
 from aras_visual_servo_base.yaml_files import read_yaml
 
 from ..errors import ExperimentError, StudyError
-from ..experiment.experiment import Experiment
+from ..experiment.experiment import RENAMED_KEYS, Experiment
 from ..experiment.experiment_keys import check_key
 from ..experiment.overrides import with_override, with_overrides
 from ..metrics import metrics as known_metrics
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
-MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs: beyond that a scheduler chokes
+MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs; a scheduler cannot handle more
 MAX_CHUNK = 10_000
-IMAGE_CHUNK = 4  # runs whose pictures a worker holds in its memory
+IMAGE_CHUNK = 4  # runs whose images a worker stores in memory at a time
 IMAGE_CHOICES = ("none", "first", "all")
 SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
-# words about a study, which change nothing of its runs
+# Keys that describe a study but do not change its runs.
 DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
 
 
@@ -41,11 +41,11 @@ DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
 class Case:
     """One value of a named axis of cases.
 
-    set: dotted keys of the experiment.
-    published: metric, outcome or verdict, to what is published of it: a word, a whole number (to
-        be met exactly), any other number (within 1 %), or [least, greatest].
-    elsewhere: by the name of another axis' case, what others have published of the like.
-    cases: axes in place of the study's of that name, of this case alone.
+    set: values by dotted key of the experiment.
+    published: published values by metric, 'outcome' or 'verdict': a text or a whole number (both
+        must agree exactly), another number (within 1 %), or [minimum, maximum].
+    elsewhere: values that others have published for similar cases, by the case of another axis.
+    cases: axes that replace those of the same name for this case only.
     """
 
     name: str = parameter(name=True)
@@ -57,7 +57,10 @@ class Case:
 
 @dataclass(frozen=True)
 class Combination:
-    """Cases that are run together. names: by axis. set: dotted keys. published: by column."""
+    """Combination of one case of each axis.
+
+    names: of the cases, by axis. set: values by dotted key. published: published values by column.
+    """
 
     names: Mapping[str, str]
     set: Mapping[str, Any]
@@ -66,29 +69,29 @@ class Combination:
 
 @dataclass(frozen=True)
 class Study(KeywordSettings):
-    """Many runs as data: a base experiment, what varies, how often, and the seed.
+    """Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
 
-    `run_study(study, folder)` carries out its runs, on all cores, and returns their `Results`.
-    Interrupted or not, on one machine or several, the results are bit-identical. A wrong key or
-    value raises a StudyError before the first run.
+    `run_study(study, folder)` runs it and returns its `Results`. The results are bit-identical,
+    also after interruptions, and on one machine or several. A wrong key or value raises a
+    StudyError before the first run.
 
-    experiment: keys of the base experiment, the Experiment itself, or the path of its YAML file.
-    vary: by dotted key, what it takes in turn or is drawn from; see variations.py.
-    source: where it is published. chosen: what was chosen where that is ambiguous.
-    cases: sets of keys with values that belong together, in turn; each with all that is varied.
-        Or named axes, each a list of Case: their product, the last axis runs fastest.
-    samples: how often what has a distribution is drawn. sampling: 'random' or 'sobol'.
-    repeats: runs of each point. seed: of all that is random.
-    seeds: 'runs': every run has its own; 'repeats': repeat n of every point has the same, so that
-        points are compared over the same starts and the same noise; 'counted': repeat n of every
-        point has the seed `seed` + n.
-    metrics: names, or 'package.module:function'; empty: all that are built in.
-    judged: the metric whose 1 is a success, in what is told of the study.
-    chunk: runs that are one task and one file; None: by the number of runs.
-    traces: keep features, twists, joints and poses of every image.
-    pictures: keep besides what every camera saw: 'all', or the 'first' image of each run alone,
-        which ends with it; see images.py. depth: keep their depth images too.
-    limit: of a run's wall time, s; one that takes longer has the outcome 'time_limit'.
+    experiment: keys of the base experiment, an Experiment, or the path of its YAML file.
+    vary: by dotted key, a list or grid of values, or a distribution; see variations.py.
+    source: publication of the study. chosen: choices where the publication is ambiguous.
+    cases: list of sets of keys and values, each combined with all variations; or named axes, each a
+        list of Case, which are combined with each other (the last axis varies fastest).
+    samples: number of draws from the distributions. sampling: 'random' or 'sobol'.
+    repeats: number of runs per point. seed: seed of all random numbers.
+    seeds: 'runs' gives each run its own seed; 'repeats' gives repeat n of every point the same
+        seed, so that all points have the same starts and noise; 'counted' gives repeat n of every
+        point the seed `seed` + n.
+    metrics: names, or 'package.module:function'; empty: all built-in metrics.
+    judged: metric that defines success, by the value 1.
+    chunk: number of runs per task and result file; None: depends on the number of runs.
+    traces: store features, twists, joints and poses of every image.
+    pictures: also store the images of every camera: 'all', or only the 'first' image of each run,
+        which then ends; see images.py. depth: also store depth images.
+    limit: maximum wall time of a run, s; a longer run has the outcome 'time_limit'.
     """
 
     fault = StudyError
@@ -114,12 +117,15 @@ class Study(KeywordSettings):
     def __post_init__(self) -> None:
         check(self, StudyError)
         if isinstance(self.experiment, str):
-            given = read_yaml(self.experiment, StudyError, "the experiment") or {}
-            if not isinstance(given, Mapping):
-                raise StudyError(f"{self.experiment} holds no keys with values")
-            object.__setattr__(self, "experiment", given)
+            content = read_yaml(self.experiment, StudyError, "the experiment") or {}
+            if not isinstance(content, Mapping):
+                raise StudyError(f"{self.experiment} has no keys with values")
+            object.__setattr__(self, "experiment", content)
         if "seed" in self.experiment:
             raise StudyError("seed belongs to the study, not to its experiment: every run has one")
+        for key in RENAMED_KEYS:
+            if key in self.experiment:
+                check_key(key)
         for key in self.keys:
             if key not in self.case_axes:
                 check_key(key)
@@ -128,15 +134,15 @@ class Study(KeywordSettings):
                 check_key(key)
         if self.samples > 1 and not self.random_variations:
             raise StudyError(
-                f"samples is {self.samples}, but nothing is drawn: say repeats, or give a key "
-                "under vary a distribution"
+                f"samples is {self.samples}, but no key has a distribution: set repeats, or give "
+                "a key under vary a distribution"
             )
         if self.run_count > MAX_RUNS:
             raise StudyError(
                 f"{self.run_count:.3g} runs are more than {MAX_RUNS:g}: make the grid, samples or "
                 "repeats smaller"
             )
-        # Said before the first run, not by a worker an hour later.
+        # Check the metrics here, not in a worker long after the start.
         for name in self.metric_names:
             try:
                 known_metrics.find_metric(name)
@@ -150,42 +156,46 @@ class Study(KeywordSettings):
 
     @classmethod
     def from_mapping(cls, values: Any) -> Study:
-        """A study of the keys that are given; StudyError naming what is wrong."""
+        """Make a study from keys and values.
+
+        Raises:
+            StudyError: a key or value is wrong; the message suggests a correct one.
+        """
         return build(cls, values, "", StudyError)
 
     @classmethod
     def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
-        """A study of a YAML file.
+        """Read a study from a YAML file.
 
         Args:
-            overrides: dotted keys of the study itself (`repeats`), or else of its experiment
-                (`gain`, `start.side`); these no longer vary.
+            overrides: values by dotted key of the study (`repeats`) or of its experiment (`gain`,
+                `start.side`); keys of the experiment are then no longer varied.
 
         Raises:
-            StudyError: naming what is wrong.
+            StudyError: the file cannot be read, or a key or value is wrong.
         """
         values = read_yaml(path, StudyError)
         if not isinstance(values, Mapping):
-            raise StudyError(f"{path} holds no keys with values: it is no study")
+            raise StudyError(f"{path} has no keys with values: it is no study")
         values = dict(values)
         base = values.get("experiment")
-        if isinstance(base, str):  # beside the study
-            beside = Path(path).parent / base
-            found = read_yaml(beside if beside.is_file() else base, StudyError)
-            values["experiment"] = found or {}
+        if isinstance(base, str):  # a path relative to the study's folder, or to the current one
+            sibling = Path(path).parent / base
+            content = read_yaml(sibling if sibling.is_file() else base, StudyError)
+            values["experiment"] = content or {}
         return cls.from_mapping(_apply_overrides(values, overrides or {}))
 
     def to_mapping(self) -> dict[str, Any]:
-        """Plain values from which `from_mapping` makes the same study."""
+        """Return the study as plain values, as input of `from_mapping`."""
         return json.loads(json.dumps({
             f.name: getattr(self, f.name) for f in dataclasses.fields(self)
         }, default=_to_plain))  # fmt: skip
 
     @cached_property
     def digest(self) -> str:
-        """The same for the same study, whatever its file looks like."""
-        told = {k: v for k, v in self.to_mapping().items() if k not in DESCRIPTIVE_KEYS}
-        text = json.dumps(told, sort_keys=True)
+        """Digest of the settings that determine the runs, independent of the file's format."""
+        settings = {k: v for k, v in self.to_mapping().items() if k not in DESCRIPTIVE_KEYS}
+        text = json.dumps(settings, sort_keys=True)
         return hashlib.sha256(text.encode()).hexdigest()
 
     # -- runs ------------------------------------------------------------------------------
@@ -196,108 +206,115 @@ class Study(KeywordSettings):
 
     @cached_property
     def axes(self) -> tuple[Axis, ...]:
-        """What makes the grid."""
+        """Variations with a list of values, which form the grid."""
         return tuple(v for v in self._variations if isinstance(v, Axis))
 
     @cached_property
     def random_variations(self) -> tuple[RandomVariation, ...]:
-        """What is drawn."""
+        """Variations with a distribution."""
         return tuple(v for v in self._variations if isinstance(v, RandomVariation))
 
     @cached_property
     def case_axes(self) -> dict[str, tuple[Case, ...]]:
-        """The named axes of cases; none where `cases` is a list of sets."""
+        """Named axes of cases; {} if `cases` is a list of sets."""
         return _parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
 
     @cached_property
     def combinations(self) -> tuple[Combination, ...]:
-        """Cases that are run together, in order; at least one, which may set nothing."""
+        """Combinations of cases in order; without cases, one combination that sets no key."""
         if isinstance(self.cases, Mapping):
             return tuple(_combine_axes(self.case_axes))
         return tuple(Combination({}, case, {}) for case in self.cases) or (Combination({}, {}, {}),)
 
     @cached_property
     def keys(self) -> tuple[str, ...]:
-        """Columns of all that differs between runs, in the order of the file.
+        """Columns of the settings that differ between runs, in the order of the file.
 
-        Dotted keys of the experiment, or the names of the axes of cases.
+        They are dotted keys of the experiment, or names of axes of cases.
         """
         listed = () if self.case_axes else self.cases
-        of_cases = (*self.case_axes, *dict.fromkeys(str(key) for case in listed for key in case))
-        both = [v.key for v in self._variations if v.key in of_cases]
+        case_keys = (*self.case_axes, *dict.fromkeys(str(key) for case in listed for key in case))
+        both = [v.key for v in self._variations if v.key in case_keys]
         if both:
-            raise StudyError(f"'{both[0]}' stands both under vary and in cases")
-        return (*of_cases, *(v.key for v in self._variations))
+            raise StudyError(f"'{both[0]}' is both under vary and in cases: keep one of them")
+        return (*case_keys, *(v.key for v in self._variations))
 
     @cached_property
     def metric_names(self) -> tuple[str, ...]:
-        """The metrics that each row has."""
+        """Names of the metrics of each row."""
         return self.metrics or known_metrics.list_default_metrics()
 
     @cached_property
     def point_count(self) -> int:
-        """How many different settings there are."""
+        """Number of different settings."""
         grid = math.prod(len(axis.values) for axis in self.axes)
         return len(self.combinations) * grid * self.samples
 
     @property
     def run_count(self) -> int:
-        """How many runs there are."""
+        """Number of runs."""
         return self.point_count * self.repeats
 
     @property
     def chunk_size(self) -> int:
-        """Runs in a chunk: 20 to 100 where there are many, fewer where cores would stand idle or
-        pictures fill the memory."""
+        """Number of runs per chunk.
+
+        By default there are at least 40 chunks, so that all cores have work, of at most 100 runs,
+        or of IMAGE_CHUNK runs if images are stored.
+        """
         most = IMAGE_CHUNK if self.pictures == "all" else 100
         return self.chunk or min(max(math.ceil(self.run_count / 40), 1), most)
 
     @property
     def has_image_rows(self) -> bool:
-        """Whether there is a row for every image, with a picture or without."""
+        """True if the study stores a row for each image, with or without the image itself."""
         return self.traces or self.pictures != "none"
 
     @property
     def chunk_count(self) -> int:
-        """How many tasks, and files, there are."""
+        """Number of chunks, which are tasks and result files."""
         return math.ceil(self.run_count / self.chunk_size)
 
     def list_chunk_runs(self, chunk: int) -> range:
-        """Numbers of a chunk's runs."""
+        """Return the numbers of the runs of a chunk."""
         first = chunk * self.chunk_size
         return range(first, min(first + self.chunk_size, self.run_count))
 
     def find_combination(self, point: int) -> Combination:
-        """The cases of the point of that number."""
+        """Return the combination of cases of the point with this number."""
         return self.combinations[point // (self.point_count // len(self.combinations))]
 
     def make_settings(self, point: int) -> dict[str, Any]:
-        """By column, what the point of that number sets."""
+        """Return the settings of the point with this number, by column."""
         cases = self.find_combination(point)
-        found = {**(cases.names or cases.set), **self._compute_variations(point)}
-        return {key: found[key] for key in self.keys if key in found}
+        settings = {**(cases.names or cases.set), **self._compute_variations(point)}
+        return {key: settings[key] for key in self.keys if key in settings}
 
     def _compute_variations(self, point: int) -> dict[str, Any]:
-        """By dotted key, what is varied at the point of that number."""
+        """Compute the varied values of the point with this number, by dotted key."""
         rest, sample = divmod(point, self.samples)
-        found: dict[str, Any] = {}
+        values: dict[str, Any] = {}
         for axis in reversed(self.axes):
             rest, index = divmod(rest, len(axis.values))
-            found[axis.key] = axis.values[index]
-        found.update(draw_values(self.random_variations, self.sampling, self.seed, sample))
-        return {v.key: found[v.key] for v in self._variations}
+            values[axis.key] = axis.values[index]
+        values.update(draw_values(self.random_variations, self.sampling, self.seed, sample))
+        return {v.key: values[v.key] for v in self._variations}
 
     def compute_seed(self, run: int) -> int:
-        """The seed of a run, from its number and the study's seed alone."""
+        """Compute the seed of a run from its number and the seed of the study."""
         if self.seeds == "counted":
             return self.seed + run % self.repeats
         number = run % self.repeats if self.seeds == "repeats" else run
         sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
-        # Of 63 bits: among 1e5 runs with 32 there would be two that are equal.
+        # 63 bits, because with 32 bits two of 1e5 runs would probably have the same seed.
         return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
 
     def make_experiment(self, run: int) -> Experiment:
-        """The experiment of a run; ExperimentError where its values do not go together."""
+        """Make the experiment of a run.
+
+        Raises:
+            ExperimentError: its values do not fit together.
+        """
         point = run // self.repeats
         settings = {**self.find_combination(point).set, **self._compute_variations(point)}
         return self._build_experiment(settings, self.compute_seed(run))
@@ -308,39 +325,41 @@ class Study(KeywordSettings):
         return Experiment.from_mapping(values)
 
     def make_trials(self) -> list[Experiment]:
-        """Experiments that together show every value that is named in the study once.
+        """Make experiments that together contain every value of the study once, to check them.
 
         Raises:
-            StudyError: one of them is no experiment, naming the key.
+            StudyError: an experiment is wrong; the message names the key.
         """
         varied = self._compute_variations(0)
         first = {**self.combinations[0].set, **varied}
-        different: list[dict[str, Any]] = [{**cases.set, **varied} for cases in self.combinations]
-        different += [{**first, axis.key: v} for axis in self.axes for v in axis.values[1:]]
-        different += [{**first, draw.key: v} for draw in self.random_variations for v in draw.ends]
+        trials: list[dict[str, Any]] = [{**cases.set, **varied} for cases in self.combinations]
+        trials += [{**first, axis.key: v} for axis in self.axes for v in axis.values[1:]]
+        trials += [{**first, draw.key: v} for draw in self.random_variations for v in draw.ends]
         try:
-            return [
-                self._build_experiment(settings, self.compute_seed(0)) for settings in different
-            ]
+            return [self._build_experiment(settings, self.compute_seed(0)) for settings in trials]
         except ExperimentError as error:
             raise StudyError(str(error)) from error
 
 
 def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
-    """Named axes as they are written; StudyError where one has no case, or two of one name."""
+    """Parse named axes of cases.
+
+    Raises:
+        StudyError: an axis has no case, or two cases of the same name.
+    """
     axes = {}
-    for axis, given in cases.items():
-        found = axes[str(axis)] = convert(given, tuple[Case, ...], f"cases.{axis}", StudyError)
-        names = [case.name for case in found]
-        twice = [name for name in names if names.count(name) > 1]
-        if not names or twice:
-            what = f"'{twice[0]}' stands there twice" if twice else "it is empty"
-            raise StudyError(f"cases.{axis}: {what}")
+    for axis, value in cases.items():
+        parsed = axes[str(axis)] = convert(value, tuple[Case, ...], f"cases.{axis}", StudyError)
+        names = [case.name for case in parsed]
+        duplicates = [name for name in names if names.count(name) > 1]
+        if not names or duplicates:
+            problem = f"two cases are named '{duplicates[0]}'" if duplicates else "it has no case"
+            raise StudyError(f"cases.{axis}: {problem}")
     return axes
 
 
 def _combine_axes(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
-    """The product of axes, of which a case may put others in the place of later ones."""
+    """Yield the combinations of all axes; a case may replace later axes by its own."""
     if not axes:
         yield Combination({}, {}, {})
         return
@@ -358,22 +377,22 @@ def _combine_axes(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]
 
 
 def _apply_overrides(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
-    own = {f.name for f in dataclasses.fields(Study)}
-    of_experiment = {}
+    study_keys = {f.name for f in dataclasses.fields(Study)}
+    experiment_overrides = {}
     for key, value in overrides.items():
-        if key.partition(".")[0] in own:
+        if key.partition(".")[0] in study_keys:
             values = with_override(values, key, value)
             continue
         check_key(key)
         values["vary"] = {k: v for k, v in dict(values.get("vary", {})).items() if k != key}
-        of_experiment[key] = value
-    if of_experiment:
-        values["experiment"] = with_overrides(values.get("experiment", {}), of_experiment)
+        experiment_overrides[key] = value
+    if experiment_overrides:
+        values["experiment"] = with_overrides(values.get("experiment", {}), experiment_overrides)
     return values
 
 
 def _to_plain(value: Any) -> Any:
     if isinstance(value, Mapping):
         return dict(value)
-    told = f"{value!r} cannot stand in a study"  # a date, a set: YAML has such
-    raise StudyError(f"{told}: give numbers, texts, lists and mappings")
+    # YAML also has dates and sets.
+    raise StudyError(f"{value!r} is no value for a study: give numbers, texts, lists and mappings")

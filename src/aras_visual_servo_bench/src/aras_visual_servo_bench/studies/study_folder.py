@@ -1,14 +1,14 @@
-"""A study's folder: its file, its results part by part, and the manifest that says what is what.
+"""Folder of a study: its file, its results in parts, and a manifest.
 
-    study.yaml            as it was given
-    sha256sums.txt        the hash of every part, a line when it is written
-    manifest.json         what it is, with which code, and in the end the hash of every part
-    parts/000012.parquet  results of a chunk, a row a run
-    times/                wall times of the same runs, which are never the same twice
-    traces/               of every image, where they are wanted
+    study.yaml            file of the study
+    sha256sums.txt        hash of every part, added when the part is written
+    manifest.json         study, versions of the code, and at the end the hash of every part
+    parts/000012.parquet  results of a chunk, one row per run
+    times/                wall times of the runs, which differ from one execution to the next
+    traces/               one row per image, if requested
 
-A part is written under another name and renamed, so what bears its name is whole. The folder is
-all there is to know: nothing else remembers what has been done.
+A part is written under a temporary name and then renamed, so a part with its final name is
+complete. The state of a study is stored in this folder only.
 """
 
 from __future__ import annotations
@@ -38,10 +38,11 @@ _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
 class StudyFolder:
-    """An open folder.
+    """Open folder of a study.
 
     Attributes:
-        path, study: where and what. labels: words that every row carries.
+        path: of the folder. study: its study. manifest: content of manifest.json.
+        labels: texts that every row of the results contains, by column.
     """
 
     def __init__(self, path: Path, study: Study, manifest: dict[str, Any]) -> None:
@@ -50,32 +51,34 @@ class StudyFolder:
             "code": manifest["code"],
             "versions": " ".join(f"{k}={v}" for k, v in manifest["versions"].items()),
         }
-        # since when, how large
+        # By path: modification time and size of the file, and its content.
         self._cached_tables: dict[Path, tuple[tuple[int, int], pa.Table]] = {}
 
     # -- opening ---------------------------------------------------------------------------
 
     @classmethod
     def create(cls, path: Path, study: Study, text: str) -> StudyFolder:
-        """A new folder; one of the same study is opened as it is, one without a run begun anew.
+        """Create the folder of a study, or open the existing folder of the same study.
+
+        A folder without any run is created again.
 
         Args:
-            text: the study's file.
+            text: content of the study's file.
 
         Raises:
-            StudyError: it holds another study or something else, or cannot be written.
+            StudyError: the folder contains another study or other files, or cannot be written.
         """
         if (path / MANIFEST).exists():
             folder = cls.open(path)
             if folder.has_runs:
                 folder.check_same(study)
                 return folder
-            with folder.lock():  # no run of it was ever kept: a scheduler did not answer
+            with folder.lock():  # no run was ever stored, for example without a scheduler
                 (path / MANIFEST).unlink()
                 (path / STUDY).unlink(missing_ok=True)
         with _catch_write_errors(path):
             if path.exists() and (not path.is_dir() or any(path.iterdir())):
-                raise StudyError(f"{path} is not empty and holds no study: name a new folder")
+                raise StudyError(f"{path} is not empty and has no study: name a new folder")
             path.mkdir(parents=True, exist_ok=True)
             manifest = {
                 "format": FORMAT_VERSION, "runs": study.run_count, "chunk": study.chunk_size,
@@ -89,65 +92,90 @@ class StudyFolder:
 
     @classmethod
     def open(cls, path: str | Path) -> StudyFolder:
-        """The folder of a study that was begun.
+        """Open the folder of a study.
 
         Raises:
-            StudyError: there is none, or its study.yaml was changed since.
+            StudyError: the folder has no study, or one in an unreadable format.
         """
         path = Path(path)
         try:
             manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
             study = Study.from_mapping(manifest["study"])
         except OSError as error:
-            raise StudyError(f"{path} holds no study: {MANIFEST}: {error.strerror}") from None
+            raise StudyError(f"{path} has no study: {MANIFEST}: {error.strerror}") from None
+        except StudyError as error:
+            raise StudyError(
+                f"{path} has a study that this version cannot read: {error}; correct its "
+                "study.yaml and run it again in a new folder"
+            ) from None
         except (ValueError, KeyError, TypeError, RecursionError):
-            raise StudyError(f"{path / MANIFEST} is damaged: it is no study's manifest") from None
+            raise StudyError(
+                f"{path / MANIFEST} is damaged: run the study again in a new folder"
+            ) from None
         if manifest.get("format") != FORMAT_VERSION:
             raise StudyError(
                 f"{path} was written in format {manifest.get('format')}, not {FORMAT_VERSION}: "
-                "read it "
-                "with the version that wrote it, or run the study anew"
+                "read it with the version that wrote it, or run the study again"
             )
         if manifest.get("chunk") != study.chunk_size:
-            raise StudyError(f"{path} was cut into other chunks: begin it anew")
+            raise StudyError(
+                f"{path} has chunks of another size: run the study again in a new folder"
+            )
         return cls(path, study, manifest)
 
     @property
     def has_runs(self) -> bool:
-        """Whether anything of a run was ever kept."""
+        """True if results of a run were ever stored."""
         return any((self.path / kind).exists() for kind in (PARTS, TIMES, TRACES))
 
     def check_file(self) -> None:
-        """StudyError with the difference where study.yaml was changed since it was begun."""
+        """Check that study.yaml has not been changed since the study was started.
+
+        Raises:
+            StudyError: it was changed; the message contains the difference.
+        """
         self.check_same(Study.from_yaml(self.path / STUDY))
 
     def check_same(self, study: Study) -> None:
-        """StudyError with the difference where the folder's study is another."""
+        """Check that the folder has the given study.
+
+        Raises:
+            StudyError: it has another one; the message contains the difference.
+        """
         if study.digest != self.manifest["digest"]:
             raise StudyError(
-                f"{self.path} holds another study: {describe_difference(self.study, study)}; name "
-                "another "
-                "folder, or take the change back"
+                f"{self.path} has another study: {describe_difference(self.study, study)}; name "
+                "another folder, or undo the change"
             )
 
     def check_code(self) -> None:
-        """StudyError where the folder's runs were computed by other code than would go on."""
-        here = versions.read_study_versions(self.study.to_mapping())
-        told = versions.describe_difference(here, self.manifest["versions"])
-        if told:
+        """Check that the folder's runs were computed with the current code.
+
+        Raises:
+            StudyError: they were computed with other code.
+        """
+        current = versions.read_study_versions(self.study.to_mapping())
+        difference = versions.describe_difference(current, self.manifest["versions"])
+        if difference:
             raise StudyError(
-                f"{self.path} was begun with other code ({told}): its runs would not go together; "
-                "run it anew, or say --mix"
+                f"{self.path} was started with other code ({difference}), so its runs would not be "
+                "comparable; run the study again in a new folder, or add --mix"
             )
 
     @contextlib.contextmanager
     def lock(self) -> Iterator[None]:
-        """For one who writes at a time; StudyError where another does."""
+        """Lock the folder for writing.
+
+        Raises:
+            StudyError: another process has locked it.
+        """
         with _catch_write_errors(self.path), open(self.path / LOCK, "wb") as file:
             try:
                 fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
             except OSError:
-                raise StudyError(f"{self.path} is being written by another bench") from None
+                raise StudyError(
+                    f"{self.path} is being written by another process: wait for its end"
+                ) from None
             try:
                 yield
             finally:
@@ -157,27 +185,28 @@ class StudyFolder:
     # -- parts -----------------------------------------------------------------------------
 
     def find_part(self, chunk: int, kind: str = PARTS) -> Path:
-        """The file of a chunk."""
+        """Return the path of a chunk's file."""
         return self.path / kind / f"{chunk:06d}.parquet"
 
     def find_missing_chunks(self) -> list[int]:
-        """Chunks whose part is not there, or is not the one that was written for it.
-
-        The leavings of a crash are removed.
-        """
-        for leaving in self.path.glob("*/.*.new"):
-            leaving.unlink(missing_ok=True)
+        """Return the chunks whose part is missing or damaged; remove temporary files of a crash."""
+        for temporary in self.path.glob("*/.*.new"):
+            temporary.unlink(missing_ok=True)
         folder = self.path / PARTS
-        there = {int(p.stem) for p in folder.glob("*.parquet")} if folder.is_dir() else set()
+        stored = {int(p.stem) for p in folder.glob("*.parquet")} if folder.is_dir() else set()
         sums = self._read_checksums()
         return [
             c
             for c in range(self.study.chunk_count)
-            if c not in there or not self._is_complete(c, sums)
+            if c not in stored or not self._is_complete(c, sums)
         ]
 
     def write_chunk(self, chunk: int, chunk_rows: rows.Rows) -> None:
-        """Keep a chunk's rows; StudyError where the disk is full."""
+        """Write the rows of a chunk.
+
+        Raises:
+            StudyError: the files cannot be written, for example because the disk is full.
+        """
         with _catch_write_errors(self.path):
             self._write_table(
                 TIMES, chunk, pa.Table.from_pylist(chunk_rows.times, schema=rows.TIMES_SCHEMA)
@@ -187,13 +216,13 @@ class StudyFolder:
                     chunk_rows.images, schema=images.make_schema(self.study)
                 )
                 self._write_table(TRACES, chunk, table)
-            # The last one, for it is the one that says that the chunk is done.
+            # The part is written last, because its presence marks the chunk as finished.
             self._write_table(
                 PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
             )
 
     def finish(self) -> None:
-        """Write into the manifest what every part's hash is."""
+        """Write the hash of every part into the manifest."""
         sums = self._read_checksums()
         names = (
             self._find_name(self.find_part(chunk, kind)) for kind in self._stable_kinds
@@ -205,16 +234,19 @@ class StudyFolder:
             _write_file(self.path / MANIFEST, _to_json(self.manifest))
 
     def count_stored_runs(self) -> int:
-        """How many runs are kept."""
-        gone = sum(len(self.study.list_chunk_runs(chunk)) for chunk in self.find_missing_chunks())
-        return self.study.run_count - gone
+        """Count the stored runs."""
+        missing = sum(
+            len(self.study.list_chunk_runs(chunk)) for chunk in self.find_missing_chunks()
+        )
+        return self.study.run_count - missing
 
     def read_results(self, kind: str = PARTS) -> pa.Table:
-        """All rows that are there, in order of their runs. What was read before and is as it was
-        is not read again.
+        """Read all stored rows, in order of their runs; unchanged files are cached.
+
+        kind: PARTS, TIMES or TRACES.
 
         Raises:
-            StudyError: there are none, or a part does not have the hash that it had.
+            StudyError: there are no rows, or a part does not have its recorded hash.
         """
         paths = sorted((self.path / kind).glob("*.parquet"))
         if not paths:
@@ -233,7 +265,7 @@ class StudyFolder:
                 if kind in self._stable_kinds and hashlib.sha256(data).hexdigest() != sums.get(
                     self._find_name(path)
                 ):
-                    raise StudyError(f"{path} is not as it was written: resume the study")
+                    raise StudyError(f"{path} was changed since it was written: resume the study")
                 tables.append(pq.read_table(pa.BufferReader(data)))
                 self._cached_tables[path] = (mark, tables[-1])
             except (OSError, pa.ArrowException) as error:
@@ -243,14 +275,14 @@ class StudyFolder:
 
     @property
     def _stable_kinds(self) -> tuple[str, ...]:
-        """Those files that are the same whenever they are written; wall times are not."""
+        """Kinds of files whose content is reproducible, unlike that of wall times."""
         return (PARTS, TRACES) if self.study.has_image_rows else (PARTS,)
 
     def _find_name(self, path: Path) -> str:
         return str(path.relative_to(self.path))
 
     def _read_checksums(self) -> dict[str, str]:
-        """Hash of each file by its name, as it was written last."""
+        """Read the hash of each file as it was written last, by file name."""
         try:
             lines = (
                 (self.path / CHECKSUM_FILE)
@@ -262,14 +294,17 @@ class StudyFolder:
         except OSError as error:
             raise StudyError(f"cannot read {self.path / CHECKSUM_FILE}: {error.strerror}") from None
         pairs = (line.split("  ", 1) for line in lines if "  " in line)
-        return {name: told for told, name in pairs}
+        return {name: checksum for checksum, name in pairs}
 
     def _is_complete(self, chunk: int, sums: Mapping[str, str]) -> bool:
-        """Whether all files of a chunk are as they were written, and hold its own runs."""
+        """Return True if all files of a chunk are unchanged and contain its runs.
+
+        sums: recorded hashes by file name.
+        """
         try:
             for kind in self._stable_kinds:
                 path = self.find_part(chunk, kind)
-                if not path.is_file():  # a pipe would be read for ever
+                if not path.is_file():  # reading a pipe would never end
                     return False
                 data = path.read_bytes()
                 if hashlib.sha256(data).hexdigest() != sums.get(self._find_name(path)):
@@ -288,23 +323,23 @@ class StudyFolder:
         path, data = self.find_part(chunk, kind), sink.getvalue().to_pybytes()
         path.parent.mkdir(exist_ok=True)
         if kind in self._stable_kinds:
-            # Before the file, which is the one that says that the chunk is done.
+            # The hash is written first, because the file's presence marks the chunk as finished.
             with open(self.path / CHECKSUM_FILE, "a", encoding="utf-8") as sums:
                 sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._find_name(path)}\n")
         _write_file(path, data)
 
 
 def count_stored_runs(path: Path) -> int:
-    """How many runs the folder of a study holds; 0 where there is none."""
+    """Count the stored runs in the folder of a study; 0 if it has no study."""
     return StudyFolder.open(path).count_stored_runs() if (path / MANIFEST).exists() else 0
 
 
 def describe_difference(old: Study, new: Study) -> str:
-    """In what two studies differ, key by key, in a line."""
+    """Describe the differences of two studies, key by key, in one line."""
     before, after = _flatten(old.to_mapping()), _flatten(new.to_mapping())
     keys = [k for k in {**before, **after} if before.get(k) != after.get(k)]
-    told = [f"{k} was {before.get(k, 'not given')}, is {after.get(k, 'not given')}" for k in keys]
-    return "; ".join(told[:5]) + (f"; and {len(told) - 5} more" if len(told) > 5 else "")
+    texts = [f"{k} was {before.get(k, 'not given')}, is {after.get(k, 'not given')}" for k in keys]
+    return "; ".join(texts[:5]) + (f"; and {len(texts) - 5} more" if len(texts) > 5 else "")
 
 
 def _flatten(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
@@ -322,7 +357,7 @@ def _to_json(values: Mapping[str, Any]) -> bytes:
 
 
 def _write_file(path: Path, data: bytes) -> None:
-    """Whole or not at all, and on the disk when this returns."""
+    """Write a file atomically, and wait until it is on the disk."""
     new = path.with_name(f".{path.name}.new")
     try:
         with open(new, "wb") as file:
@@ -338,13 +373,13 @@ def _write_file(path: Path, data: bytes) -> None:
 
 @contextlib.contextmanager
 def _catch_write_errors(path: Path) -> Iterator[None]:
-    """What cannot be written as one line."""
+    """Convert an OSError of the `with` block into a StudyError with a one-line message."""
     try:
         yield
     except OSError as error:
         if error.errno in _DISK_FULL:
             raise StudyError(
-                f"the disk of {path} is full: what was done before is kept; make room, then "
+                f"the disk of {path} is full; the results so far are stored: free some space, then "
                 f"{find_program_name()} resume {path}"
             ) from error
         raise StudyError(f"cannot write {path}: {error.strerror or error}") from error

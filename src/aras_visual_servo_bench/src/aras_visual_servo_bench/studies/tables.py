@@ -1,4 +1,4 @@
-"""Tables of results: a row for each setting, with intervals; Markdown, CSV or LaTeX."""
+"""Tables of results in Markdown, CSV or LaTeX: one row per setting, with confidence intervals."""
 
 from __future__ import annotations
 
@@ -19,16 +19,17 @@ from .results import Results
 
 FORMATS = ("md", "csv", "tex")
 FAILURE_HEADING = "commonest failure"
-MAX_REASON_LENGTH = 90  # letters of a reason in a cell
+MAX_REASON_LENGTH = 90  # characters of a reason in a cell
 NUMBER = re.compile(r"[-+]?\d+(\.\d+)?")
 
 
 @dataclass(frozen=True)
 class Table:
-    """Cells.
+    """Content of a table.
 
-    keys: names of the leading columns. measured: of the estimates, with their units.
-    failures: of each row, why runs did not succeed; empty: the table has no such column.
+    keys: names of the columns with settings. measured: names and units of the columns with
+    estimates. rows: settings and estimates of each row. failures: most frequent failure of each
+    row; empty: no such column.
     """
 
     keys: tuple[str, ...]
@@ -40,10 +41,12 @@ class Table:
 def make_table(
     all_results: Sequence[Results], by: Sequence[str] = (), metrics: Sequence[str] = ()
 ) -> Table:
-    """Success with Wilson's interval, and medians with the bootstrap's, of each group of rows.
+    """Make the table of success rates and medians of each group of runs.
+
+    Success rates have Wilson's interval, medians a bootstrap interval.
 
     Args:
-        by: keys that make the groups; empty: the grid's and the cases'.
+        by: keys that define the groups; empty: those of the grid and the cases.
         metrics: names; empty: all.
     """
     first = all_results[0]
@@ -71,21 +74,27 @@ def make_table(
 
 
 def _find_commonest_failure(failed: Sequence[tuple[str, str]]) -> str:
-    """The end and reason that most of the failed runs have, with how many of them end so."""
+    """Describe the most frequent outcome of failed runs with its most frequent reason."""
     if not failed:
         return ""
     (end, count), = Counter(end for end, _ in failed).most_common(1)
-    # Reasons that differ by their numbers are one reason, told of the first such run.
-    kinds = Counter(NUMBER.sub("", why) for of, why in failed if of == end)
+    # Reasons that differ only in numbers count as the same; the first of them is shown.
+    kinds = Counter(NUMBER.sub("", reason) for outcome, reason in failed if outcome == end)
     (kind, _), = kinds.most_common(1)
-    reason = next(why for of, why in failed if of == end and NUMBER.sub("", why) == kind)
+    reason = next(r for outcome, r in failed if outcome == end and NUMBER.sub("", r) == kind)
     if len(reason) > MAX_REASON_LENGTH:
         reason = f"{reason[:MAX_REASON_LENGTH].rpartition(' ')[0]} …"
     return f"{count} of {len(failed)} {end}" + (f": {reason}" if reason else "")
 
 
 def format_table(table: Table, style: str) -> str:
-    """The table as text; StudyError for a style that there is not."""
+    """Return the table as text.
+
+    style: one of FORMATS.
+
+    Raises:
+        StudyError: the style is unknown.
+    """
     check_formats([style], FORMATS)
     return {"md": _format_markdown, "csv": _format_csv, "tex": _format_latex}[style](table)
 
@@ -96,20 +105,24 @@ def _make_headings(table: Table) -> list[str]:
     return [*keys, "runs", *measured, *([FAILURE_HEADING] if table.failures else [])]
 
 
-IntervalFormat = Callable[[str, str, str], str]  # of value, low and high as they are printed
+# Combines the texts of value, lower and upper bound.
+IntervalFormat = Callable[[str, str, str], str]
 
 
 def _format_cells(table: Table, interval: IntervalFormat, none: str) -> Iterator[list[str]]:
-    """Words of each row; numbers of a column are all printed with powers of ten, or none is."""
+    """Yield the cells of each row; the numbers of a column share one format.
+
+    none: text of a missing value.
+    """
     columns = zip(*(estimates for _, estimates in table.rows), strict=True)
-    printed = [make_number_format([n for e in column for n in (e.value, e.low, e.high)])
+    formats = [make_number_format([n for e in column for n in (e.value, e.low, e.high)])
                for column in columns]  # fmt: skip
     for row, (values, estimates) in enumerate(table.rows):
         known = [e.count and not np.isnan(e.value) for e in estimates]
         yield [
             *map(format_value, values), str(estimates[0].count),
-            *(interval(*map(p, (e.value, e.low, e.high))) if there else none
-              for p, e, there in zip(printed, estimates, known, strict=True)),
+            *(interval(*map(text, (e.value, e.low, e.high))) if is_known else none
+              for text, e, is_known in zip(formats, estimates, known, strict=True)),
             *([table.failures[row] or none] if table.failures else []),
         ]  # fmt: skip
 
@@ -121,8 +134,8 @@ def _format_markdown(table: Table) -> str:
         table, lambda value, low, high: f"{value} [{low}, {high}]", NO_NUMBER
     ):
         lines.append([cell.replace("|", "\\|") for cell in cells])
-    told = "\n".join(f"| {' | '.join(line)} |" for line in lines)
-    return f"{told}\n\nRates with Wilson's 95 % interval, medians with the bootstrap's.\n"
+    text = "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return f"{text}\n\nRates with Wilson's 95 % interval, medians with a bootstrap 95 % interval.\n"
 
 
 def _format_csv(table: Table) -> str:
@@ -148,17 +161,17 @@ def _escape_tex(text: str) -> str:
 
 
 def _format_power(number: str) -> str:
-    """A number in a formula, where 1e-04 would be read as a product with e."""
+    """Write a number such as 1e-04 as a power of ten for a LaTeX formula."""
     digits, e, exponent = number.partition("e")
     return f"{digits} \\cdot 10^{{{int(exponent)}}}" if e else number
 
 
 def _format_latex(table: Table) -> str:
-    """For the package booktabs."""
-    heading, told = _make_headings(table), "l" if table.failures else ""
-    numbers = len(heading) - len(table.keys) - len(told)
+    """Format a table for the LaTeX package booktabs."""
+    heading, text_columns = _make_headings(table), "l" if table.failures else ""
+    numbers = len(heading) - len(table.keys) - len(text_columns)
     lines = [
-        r"\begin{tabular}{" + "l" * len(table.keys) + "r" * numbers + told + "}",
+        r"\begin{tabular}{" + "l" * len(table.keys) + "r" * numbers + text_columns + "}",
         r"\toprule", " & ".join(map(_escape_tex, heading)) + r" \\", r"\midrule",
     ]  # fmt: skip
     for cells in _format_cells(table, _format_tex_interval, "--"):

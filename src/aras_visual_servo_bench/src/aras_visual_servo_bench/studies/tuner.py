@@ -1,8 +1,8 @@
-"""Searches settings that make a metric best, by SciPy's differential evolution over a study.
+"""Optimize settings for a metric, by SciPy's differential evolution over the runs of a study.
 
-Every generation is a study of its own in a folder of its own: its candidates are the cases, and
-all meet the same starts and the same noise. So a search that was broken off goes on where it was,
-and every run of it can be looked at.
+Every generation is a separate study in a separate folder. Its cases are the candidates, which all
+have the same starts and noise. An interrupted search therefore continues, and every run can be
+inspected.
 """
 
 from __future__ import annotations
@@ -26,14 +26,14 @@ from ..metrics.metrics import GREATER, Metric
 from .results import Results
 from .study import Study
 
-LOGARITHMIC_RATIO = 10.0  # ranges of this factor or more are searched by factors
-DIGITS = 6
-MIN_CANDIDATES = 8  # candidates a generation
+LOGARITHMIC_RATIO = 10.0  # a range with at least this ratio of its ends has a logarithmic scale
+DIGITS = 6  # significant digits of a candidate's values
+MIN_CANDIDATES = 8  # per generation
 
 
 @dataclass(frozen=True)
 class SearchRange:
-    """A key and the ends between which its value is looked for."""
+    """Range in which the value of a key is searched."""
 
     key: str
     low: float
@@ -42,33 +42,42 @@ class SearchRange:
     def __post_init__(self) -> None:
         check_key(self.key)
         if not (math.isfinite(self.low) and math.isfinite(self.high) and self.low < self.high):
-            raise StudyError(f"{self.key}={self.low:g}:{self.high:g} is no range: it must rise")
+            raise StudyError(
+                f"{self.key}={self.low:g}:{self.high:g} is no range: give finite ends, low < high"
+            )
 
     @classmethod
     def parse(cls, text: str) -> SearchRange:
-        """Of `key=low:high`; StudyError where it is none."""
+        """Parse `key=low:high`.
+
+        Raises:
+            StudyError: the text has another form.
+        """
         key, _, ends = text.partition("=")
         try:
             low, high = map(float, ends.split(":"))
         except ValueError:
-            raise StudyError(f"'{text}' is no range: write key=low:high, gain=0.5:8") from None
+            raise StudyError(
+                f"'{text}' is no range: write key=low:high, such as gain=0.5:8"
+            ) from None
         return cls(key, low, high)
 
     def interpolate(self, unit: float) -> float:
-        """The value at a part from 0 to 1 of the range, in few digits."""
+        """Return the value at a fraction (0 to 1) of the range, rounded to DIGITS."""
         if self.low > 0.0 and self.high / self.low >= LOGARITHMIC_RATIO:
-            found = self.low * (self.high / self.low) ** unit
+            value = self.low * (self.high / self.low) ** unit
         else:
-            found = self.low + unit * (self.high - self.low)
-        return min(max(float(f"{found:.{DIGITS}g}"), self.low), self.high)
+            value = self.low + unit * (self.high - self.low)
+        return min(max(float(f"{value:.{DIGITS}g}"), self.low), self.high)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """Settings that were tried. values: of the ranges. cost: mean of the metric, smaller is better.
+    """Settings that were tried, and their results.
 
-    violation: 0 where nothing left the image and enough runs succeeded. success: part of the runs.
-    excursion: the farthest of all, in half sizes of the image.
+    values: of the searched keys. cost: mean of the metric; smaller is better.
+    violation: 0 if the target stayed in the image and enough runs succeeded. success: success rate.
+    excursion: largest distance from the image centre of all runs, in half image sizes.
     """
 
     values: tuple[float, ...]
@@ -79,35 +88,39 @@ class Candidate:
 
 
 class Tuner:
-    """A search under way. tried: all candidates so far, in order."""
+    """Search for the settings of a study that optimize a metric."""
 
     def __init__(
         self, study: Study, ranges: Sequence[SearchRange], metric: str, out: Path,
         carry_out: Callable[[Study, Path], None], min_success: float = 1.0,
     ) -> None:  # fmt: skip
-        """Of a study whose own runs every candidate meets.
+        """Prepare a search in which every candidate makes all runs of a study.
 
         Args:
-            metric: name of what is to be best. needed: part of the runs that must succeed.
-            carry_out: runs a study into a folder.
+            metric: name of the metric to optimize.
+            out: folder of the search.
+            carry_out: function that runs a study in a folder.
+            min_success: minimum success rate of a candidate.
 
         Raises:
-            StudyError: a key that varies already or is given twice, or nothing to look for.
+            StudyError: there is no range, or a key is already varied or given twice.
         """
         if not ranges:
-            raise StudyError("say what is looked for: --over key=low:high")
+            raise StudyError("nothing to search: give --over key=low:high")
         keys = [r.key for r in ranges]
         for key in keys:
             if key in study.keys or keys.count(key) > 1:
-                raise StudyError(f"'{key}' is given twice: by the study or by two ranges")
+                raise StudyError(
+                    f"'{key}' is given twice, by the study or by two ranges: remove one of them"
+                )
         if study.cases:
             raise StudyError("a study with cases cannot be tuned: put them under vary")
         if not 0.0 <= min_success <= 1.0:
-            raise StudyError(f"the part that must succeed is {min_success:g}, must be from 0 to 1")
+            raise StudyError(f"the minimum success rate is {min_success:g}, must be from 0 to 1")
         self._metric: Metric = known_metrics.find_metric(metric)
-        watched = (known_metrics.success.name, known_metrics.image_excursion.name, metric)
+        needed = (known_metrics.success.name, known_metrics.image_excursion.name, metric)
         self._study = dataclasses.replace(
-            study, seeds="repeats", metrics=tuple(dict.fromkeys((*study.metrics, *watched)))
+            study, seeds="repeats", metrics=tuple(dict.fromkeys((*study.metrics, *needed)))
         )
         self._ranges, self._out, self._min_success = tuple(ranges), out, min_success
         self._carry_out = carry_out
@@ -120,18 +133,22 @@ class Tuner:
         return list(self._cached_candidates.values())
 
     def search(self, evaluations: int) -> Candidate:
-        """The best of about so many candidates.
+        """Search with about `evaluations` candidates, and return the best one.
 
         Raises:
-            StudyError: too few to search with.
+            StudyError: there are fewer than two generations.
         """
         size = max(MIN_CANDIDATES, 4 * len(self._ranges))
         generations = evaluations // size - 1
         if generations < 1:
-            raise StudyError(f"{evaluations} evaluations are too few: {2 * size} are two rounds")
+            raise StudyError(
+                f"{evaluations} evaluations are too few: give at least {2 * size}, which are two "
+                "generations"
+            )
         rng = np.random.default_rng(self._study.seed)
         first = qmc.LatinHypercube(len(self._ranges), rng=rng).random(size)
-        # The constraint is asked first, and for all; both answers come from the same runs.
+        # SciPy first evaluates the constraint of all candidates; cost and constraint use the same
+        # cached runs.
         differential_evolution(
             lambda x: np.array([c.cost for c in self._evaluate(x.T)]),
             [(0.0, 1.0)] * len(self._ranges),
@@ -145,11 +162,11 @@ class Tuner:
 
     @property
     def best(self) -> Candidate:
-        """The cheapest that violates nothing, or what violates least."""
+        """Candidate with the smallest violation, and among these with the smallest cost."""
         return min(self._cached_candidates.values(), key=lambda c: (c.violation, c.cost))
 
     def write(self) -> Path:
-        """best.yaml, the settings found, and candidates.csv beside it."""
+        """Write best.yaml with the best settings, and candidates.csv; return best.yaml's path."""
         keys = [r.key for r in self._ranges]
         self._out.mkdir(parents=True, exist_ok=True)
         with open(self._out / "candidates.csv", "w", encoding="utf-8", newline="") as file:
@@ -157,21 +174,22 @@ class Tuner:
             writer.writerow([*keys, self._metric.name, "violation", "success", "image_excursion"])
             for c in self.candidates:
                 writer.writerow([*c.values, c.cost, c.violation, c.success, c.excursion])
-        found = dict(zip(keys, self.best.values, strict=True))
-        (self._out / "best.yaml").write_text(yaml.safe_dump(found, sort_keys=False))
+        settings = dict(zip(keys, self.best.values, strict=True))
+        (self._out / "best.yaml").write_text(yaml.safe_dump(settings, sort_keys=False))
         return self._out / "best.yaml"
 
     def _evaluate(self, units: np.ndarray) -> list[Candidate]:
-        """Candidates of rows (n, k) of parts from 0 to 1, run if they are new."""
+        """Evaluate candidates, given as fractions (n, k) of the ranges; known ones are cached."""
         rows = np.atleast_2d(units)
-        wanted = [
+        requested = [
             tuple(r.interpolate(u) for r, u in zip(self._ranges, row, strict=True))
             for row in rows.tolist()
         ]
-        new = [values for values in dict.fromkeys(wanted) if values not in self._cached_candidates]
+        new = [values for values in dict.fromkeys(requested)
+               if values not in self._cached_candidates]  # fmt: skip
         if new:
             self._run(new)
-        return [self._cached_candidates[values] for values in wanted]
+        return [self._cached_candidates[values] for values in requested]
 
     def _run(self, new: Sequence[tuple[float, ...]]) -> None:
         keys = [r.key for r in self._ranges]
@@ -187,7 +205,7 @@ class Tuner:
         for values, rows in results.group_rows(keys).items():
             known = measured[rows][np.isfinite(measured[rows])]
             rate = float(success[rows].mean())
-            # What was refused or died has shown nothing, least of all that it stays in view.
+            # A run without a measured excursion counts as one that left the image.
             worst = float(np.max(np.where(np.isnan(excursion[rows]), np.inf, excursion[rows])))
             self._cached_candidates[values] = Candidate(
                 values, sign * float(known.mean()) if known.size else np.inf,

@@ -1,12 +1,17 @@
-"""What a study varies: values in turn, and numbers drawn from distributions.
+"""Variations of a study: lists and grids of values, and random values from distributions.
 
-Written under `vary`, by dotted key: a list of values, or one of
+Each dotted key under `vary` has a list of values, or one of
 
-    linear: [from, to, count]     evenly spaced         log: [from, to, count]   by equal factors
-    uniform: [low, high]          drawn                 loguniform: [low, high]
-    normal: [mean, deviation]     integers: [low, high] (both included)          choice: [values]
+    linear: [from, to, count]     evenly spaced
+    log: [from, to, count]        with a constant ratio
+    uniform: [low, high]          random
+    loguniform: [low, high]       random, with uniform logarithm
+    normal: [mean, deviation]     random
+    integers: [low, high]         random, both ends included
+    choice: [values]              random
 
-Lists and spacings make a grid; what is drawn is drawn for all keys together, `samples` times.
+Lists, linear and log form a grid. The random values of all keys are drawn together, `samples`
+times.
 """
 
 from __future__ import annotations
@@ -25,14 +30,14 @@ from aras_visual_servo_base.settings import convert
 
 from ..errors import StudyError
 
-SOBOL_BLOCK = 1024  # Sobol points made at a time
-STREAM_KEY = 0x706F696E  # tells the stream of parameters from those of runs
+SOBOL_BLOCK = 1024  # Sobol points that are computed at a time
+STREAM_KEY = 0x706F696E  # separates the random numbers of settings from those of runs
 MAX_VALUES = 1_000_000
 
 
 @dataclass(frozen=True)
 class Axis:
-    """A key whose values are taken in turn."""
+    """Key with a list of values."""
 
     key: str
     values: tuple[Any, ...]
@@ -40,7 +45,11 @@ class Axis:
 
 @dataclass(frozen=True)
 class RandomVariation:
-    """A key whose value is drawn; value: of a number from 0 to 1. ends: of the range, to check."""
+    """Key with a distribution.
+
+    value: function that maps a uniform random number from 0 to 1 to the key's value.
+    ends: extreme values of the distribution, to check them before the first run.
+    """
 
     key: str
     value: Callable[[float], Any]
@@ -48,25 +57,24 @@ class RandomVariation:
 
 
 def parse_variation(key: str, value: Any) -> Axis | RandomVariation:
-    """What is written under a key of `vary`.
+    """Parse the value of a key under `vary`.
 
     Raises:
-        StudyError: naming what is wrong.
+        StudyError: the value is wrong.
     """
     if isinstance(value, list | tuple):
         if not value:
-            raise StudyError(f"vary.{key} is an empty list: a study of no runs")
+            raise StudyError(f"vary.{key} is an empty list: give at least one value")
         return Axis(key, tuple(value))
     if not (isinstance(value, Mapping) and len(value) == 1):
         raise StudyError(
             f"vary.{key} is {value!r}, must be a list, or one of {', '.join(_PARSERS)} with its "
-            "numbers; what does not vary belongs under experiment"
+            "numbers; put a constant value under experiment"
         )
     kind, numbers = next(iter(value.items()))
     if kind not in _PARSERS:
         raise StudyError(
-            f"vary.{key}: unknown '{kind}': {suggest(kind, _PARSERS)}; a key below {key} is "
-            "written "
+            f"vary.{key}: unknown '{kind}': {suggest(kind, _PARSERS)}; write a key below {key} "
             f"with a dot: {key}.{kind}"
         )
     return _PARSERS[kind](key, kind, numbers)
@@ -81,15 +89,15 @@ def _parse_range(
 ) -> tuple[float, float]:
     low, high = _parse_numbers(key, kind, value, 2)
     if not lower_bound < low < high:
-        floor = "" if lower_bound == -math.inf else f" from above {lower_bound:g}"
-        raise StudyError(f"vary.{key}.{kind} is {low:g} to {high:g}, must rise{floor}")
+        floor = "" if lower_bound == -math.inf else f"{lower_bound:g} < "
+        raise StudyError(f"vary.{key}.{kind} is {low:g} to {high:g}, must be {floor}low < high")
     return low, high
 
 
 def _parse_grid(key: str, kind: str, value: Any) -> Axis:
     first, last, count = _parse_numbers(key, kind, value, 3)
     if not (count == int(count) and 2 <= count <= MAX_VALUES):
-        raise StudyError(f"vary.{key}.{kind}: {count:g} is no count from 2 to {MAX_VALUES}")
+        raise StudyError(f"vary.{key}.{kind}: count is {count:g}, must be from 2 to {MAX_VALUES}")
     if kind == "log" and min(first, last) <= 0.0:
         raise StudyError(f"vary.{key}.log: both ends must be above 0")
     make = np.geomspace if kind == "log" else np.linspace
@@ -148,7 +156,11 @@ _PARSERS: dict[str, Callable[[str, str, Any], Axis | RandomVariation]] = {
 def draw_values(
     variations: Sequence[RandomVariation], sampling: str, entropy: int, sample: int
 ) -> dict[str, Any]:
-    """Values of the keys that are drawn, in the sample of that number; the same on any machine."""
+    """Draw the values of all random keys; they are the same on every machine.
+
+    Args:
+        sampling: 'random' or 'sobol'. entropy: seed of the study. sample: number of the sample.
+    """
     if not variations:
         return {}
     if sampling == "sobol":
@@ -158,13 +170,14 @@ def draw_values(
     else:
         seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY, sample))
         unit = np.random.default_rng(seeds).random(len(variations))
-    inside = np.maximum(unit, 1e-12).tolist()  # of a normal 0 is infinite, and 1 never comes
-    return {draw.key: draw.value(u) for draw, u in zip(variations, inside, strict=True)}
+    # At 0 the value of a normal distribution is infinite; 1 does not occur.
+    bounded = np.maximum(unit, 1e-12).tolist()
+    return {draw.key: draw.value(u) for draw, u in zip(variations, bounded, strict=True)}
 
 
 @lru_cache(maxsize=4)
 def _make_sobol_points(dimensions: int, entropy: int, block: int) -> np.ndarray:
-    """Points (BLOCK, dimensions) of the scrambled sequence, from block * BLOCK on."""
+    """Compute a block of points (SOBOL_BLOCK, dimensions) of the scrambled Sobol sequence."""
     seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY,))
     sequence = scipy.stats.qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
     if block:

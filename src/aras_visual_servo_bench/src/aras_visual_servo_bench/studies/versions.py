@@ -1,4 +1,4 @@
-"""Which code computes: what results are told with, and what workers must agree on."""
+"""Versions of the code and libraries that affect results; all workers must have the same."""
 
 from __future__ import annotations
 
@@ -17,27 +17,26 @@ from ..errors import ExperimentError
 from ..experiment.packages import PackagePath
 
 SOURCE_FOLDER = Path(__file__).resolve().parents[4]  # src/ of the workspace
-# beside this package are the others, installed
-INSTALL_FOLDER = Path(__file__).resolve().parents[2]
+INSTALL_FOLDER = Path(__file__).resolve().parents[2]  # contains all packages when installed
 PACKAGES = (
     "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
     "aras_visual_servo_bench", "aras_visual_servo_gazebo",
 )  # fmt: skip
-# Studies' settings: a study stores its own with its digest.
+# Files of studies are excluded, because the folder of a study contains its own settings.
 EXCLUDED_FOLDER = ("config", "studies")
 SOURCE_SUFFIXES = (
     ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
     ".npz",
 )  # fmt: skip
 CLASS_PATH = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*")  # package.module:Class
-# Those whose numbers go into a run.
+# Libraries that affect the numbers of a run.
 LIBRARIES = ("numpy", "scipy", "numba", "pin", "pybullet", "opencv-python-headless", "pyarrow")
 UNKNOWN = "unknown"
 
 
 @functools.lru_cache(maxsize=1)
 def compute_source_digest() -> str:
-    """Digest of all files of the simulator that decide how a run goes."""
+    """Compute a digest of all files of the simulator that affect a run."""
     digest = hashlib.sha256()
     for package in PACKAGES:
         for folder in _find_folders(package):
@@ -53,9 +52,9 @@ def compute_source_digest() -> str:
 
 
 def _find_folders(package: str) -> list[Path]:
-    """Where its files are: one folder in a workspace, two where it is installed.
+    """Return the folders of a package: one in a workspace, two if it is installed.
 
-    Not by Python's path, which in a sourced workspace leads to catkin's own stubs first.
+    Python's import path is not used, because in a sourced workspace it leads to catkin's stubs.
     """
     code = INSTALL_FOLDER / package
     try:
@@ -67,24 +66,24 @@ def _find_folders(package: str) -> list[Path]:
 
 @functools.lru_cache(maxsize=1)
 def read_versions() -> dict[str, str]:
-    """Of Python, of what computes, and of the sources."""
-    found = {"python": platform.python_version(), "machine": platform.machine()}
+    """Return the versions of Python and the libraries, and the digest of the sources, by name."""
+    versions = {"python": platform.python_version(), "machine": platform.machine()}
     for library in LIBRARIES:
         try:
-            found[library] = importlib.metadata.version(library)
+            versions[library] = importlib.metadata.version(library)
         except importlib.metadata.PackageNotFoundError:
-            found[library] = UNKNOWN
-    return {**found, "sources": compute_source_digest()}
+            versions[library] = UNKNOWN
+    return {**versions, "sources": compute_source_digest()}
 
 
 def read_study_versions(study: Mapping[str, Any]) -> dict[str, str]:
-    """`read_versions`, and a digest of each module that the values of a study name."""
-    found = dict(read_versions())
+    """Return the versions, with a digest of each module that a study's values refer to."""
+    versions = dict(read_versions())
     for module in sorted(
         {match[1] for word in _collect_strings(study) if (match := CLASS_PATH.fullmatch(word))}
     ):
-        found[module] = _digest_module(module)
-    return found
+        versions[module] = _digest_module(module)
+    return versions
 
 
 def _collect_strings(value: Any) -> Iterator[str]:
@@ -103,11 +102,11 @@ def _digest_module(name: str) -> str:
         spec = importlib.util.find_spec(name)
         return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
     except (ImportError, AttributeError, TypeError, ValueError, OSError):
-        return UNKNOWN  # no file: whoever uses it says so
+        return UNKNOWN  # the import of the module raises an error later
 
 
 def read_commit() -> str:
-    """The commit that is checked out, '-dirty' where files differ from it; 'unknown' without."""
+    """Return the current Git commit, with '-dirty' after changes; 'unknown' without Git."""
     command = ["git", "-C", str(SOURCE_FOLDER), "describe", "--always", "--dirty", "--abbrev=12"]
     try:
         done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
@@ -117,7 +116,7 @@ def read_commit() -> str:
 
 
 def describe_difference(here: dict[str, str], there: dict[str, str]) -> str:
-    """In what two versions differ, in words; '' where they are the same."""
+    """Describe the differences of two sets of versions; '' if they are equal."""
     keys = [key for key in {**here, **there} if here.get(key) != there.get(key)]
     return ", ".join(
         f"{key} {here.get(key, 'none')} here and {there.get(key, 'none')} there" for key in keys

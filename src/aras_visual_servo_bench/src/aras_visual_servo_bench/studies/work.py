@@ -1,4 +1,4 @@
-"""What a worker does: the runs of a chunk one after the other, or each guarded by a process."""
+"""Work of a worker: run a chunk's runs one after the other, directly or in child processes."""
 
 from __future__ import annotations
 
@@ -19,22 +19,23 @@ from ..errors import StudyError
 from . import rows, versions
 from .study import Study
 
-# One thread each for what would take as many as there are cores: BLAS, OpenMP, numba, OpenCV, Mesa.
+# Limit libraries that by default use one thread per core (BLAS, OpenMP, numba, OpenCV, Mesa).
 ONE_THREAD = {
     "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
     "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
     "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
 }  # fmt: skip
-GRACE_TIME = 60.0  # s beyond a run's limit, in which a child process is begun
-MAX_TRIES = 2  # of a run that ended its process: someone may have killed it by mistake
+GRACE_TIME = 60.0  # s beyond a run's limit, for the start of a child process
+MAX_TRIES = 2  # of a run that ended its process, which may have been killed from outside
 
 
 @dataclass(frozen=True)
 class StudyTask:
-    """A chunk to be carried out.
+    """Chunk of a study to run.
 
-    study: of `Study.to_mapping`, as JSON. guarded: each run in a process that may end.
-    versions: what the code must be, None for any.
+    study: result of `Study.to_mapping`, as JSON. chunk: number of the chunk.
+    is_isolated: run the chunk in a child process, whose end does not end the worker.
+    versions: required versions of the code; None: any.
     """
 
     study: str
@@ -44,27 +45,27 @@ class StudyTask:
 
     @property
     def runs(self) -> range:
-        """Numbers of its runs."""
+        """Numbers of the runs of the chunk."""
         return _load_study(self.study).list_chunk_runs(self.chunk)
 
 
 def carry_out(task: StudyTask) -> rows.Rows:
-    """All runs of a chunk.
+    """Run all runs of a chunk and return their rows.
 
     Raises:
-        StudyError: this process has other code than the study was begun with.
+        StudyError: this process has other code than the process that started the study.
     """
     if task.versions is not None:
-        here = versions.read_study_versions(json.loads(task.study))
-        told = versions.describe_difference(dict(task.versions), here)
-        if told:
-            raise StudyError(f"a worker has another version: {told}")
-    limit_threads()  # here, for a cluster's workers come at any time
+        current = versions.read_study_versions(json.loads(task.study))
+        difference = versions.describe_difference(dict(task.versions), current)
+        if difference:
+            raise StudyError(f"a worker has other versions: {difference}")
+    limit_threads()  # for each chunk, because workers of a cluster may start at any time
     return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
 
 
 def limit_threads() -> None:
-    """Keep this process to one thread, as far as can be said while it runs."""
+    """Limit OpenCV to one thread; other libraries read their environment variables at import."""
     import cv2
 
     cv2.setNumThreads(1)
@@ -76,76 +77,78 @@ def _load_study(text: str) -> Study:
 
 
 def _run_directly(task: StudyTask) -> rows.Rows:
-    study, here = _load_study(task.study), make_worker_name()
-    done = rows.Rows()
+    study, worker = _load_study(task.study), make_worker_name()
+    chunk_rows = rows.Rows()
     for run in task.runs:
-        done.add(rows.compute_row(study, run, here))
-    return done
+        chunk_rows.add(rows.compute_row(study, run, worker))
+    return chunk_rows
 
 
 def make_worker_name() -> str:
-    """This process, for the times."""
+    """Return the name of this process for the table of wall times."""
     return f"{socket.gethostname()}:{os.getpid()}"
 
 
-# -- guarded -------------------------------------------------------------------------------
+# -- child processes -----------------------------------------------------------------------
 
 
 def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
-    """The runs in child processes: one that ends is known, and is that run's outcome."""
+    """Run a chunk in child processes; if a run ends its process, this becomes its outcome."""
     study = _load_study(task.study)
-    done, tries, end = rows.Rows(), 0, ""
+    chunk_rows, tries, end = rows.Rows(), 0, ""
     todo = task.runs
     while len(todo):
         finished, end = _run_child(task.study, todo, study.limit + GRACE_TIME)
-        done.add(finished)
+        chunk_rows.add(finished)
         todo = todo[len(finished.values):]
         tries = 1 if finished.values else tries + 1
         if len(todo) and (tries >= MAX_TRIES or end is None):
-            told = {"outcome": rows.DIED, "reason": end} if end else rows.describe_timeout(study)
-            lost = {**rows.make_blank_row(study, todo[0]), **told}
+            result = {"outcome": rows.DIED, "reason": end} if end else rows.describe_timeout(study)
+            lost = {**rows.make_blank_row(study, todo[0]), **result}
             times = {"run": todo[0], "worker": make_worker_name()}
-            done.add(rows.Rows([lost], [times]))
+            chunk_rows.add(rows.Rows([lost], [times]))
             todo, tries = todo[1:], 0
-    return done
+    return chunk_rows
 
 
 def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | None]:
-    """The rows that a child process gave before it ended, and how it ended.
+    """Run some runs in a child process.
 
-    None: it was ended here, for it gave no row for `limit`, s: it did not hear its own alarm.
+    Returns:
+        The rows that the child process returned, and a description of its end; None if it was
+        killed because it returned no row for `limit` (s), so that its own timeout had failed.
     """
     environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)}
     child = subprocess.Popen(
         [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
         env=environment,
     )  # fmt: skip
-    done, hangs = rows.Rows(), threading.Event()
+    child_rows, is_killed = rows.Rows(), threading.Event()
 
     def kill_child() -> None:
-        hangs.set()
+        is_killed.set()
         child.kill()
 
-    watch = threading.Timer(limit, kill_child)
-    watch.start()
+    watchdog = threading.Timer(limit, kill_child)
+    watchdog.start()
     try:
         with child.stdin as pipe:
             pickle.dump((study, todo.start, todo.stop), pipe)
-        for one in _read_pickles(child.stdout):
-            done.add(one)
-            watch.cancel()
-            watch = threading.Timer(limit, kill_child)
-            watch.start()
+        for run_rows in _read_pickles(child.stdout):
+            child_rows.add(run_rows)
+            watchdog.cancel()
+            watchdog = threading.Timer(limit, kill_child)
+            watchdog.start()
     except BrokenPipeError:
-        pass  # it ended before it began: how is told below
+        pass  # the child ended before its first run; its exit code is described below
     finally:
         code = child.wait()
-        watch.cancel()
-    return done, None if hangs.is_set() else _describe_exit(code)
+        watchdog.cancel()
+    return child_rows, None if is_killed.is_set() else _describe_exit(code)
 
 
 def _read_pickles(pipe: BinaryIO) -> Iterator[Any]:
-    """What is written into a pipe, until its end; what was cut off is left out."""
+    """Yield the pickled objects from a pipe until its end; an incomplete last one is ignored."""
     while True:
         try:
             yield pickle.load(pipe)
@@ -156,11 +159,14 @@ def _read_pickles(pipe: BinaryIO) -> Iterator[Any]:
 def _describe_exit(code: int) -> str:
     if code < 0:
         return f"its process was ended by {signal.Signals(-code).name}"
-    return f"its process ended by itself with {code}"
+    return f"its process ended with exit code {code}"
 
 
 def _run_as_child() -> None:
-    """Runs told on the standard input; rows go to the standard output, and nothing else."""
+    """Run the runs that the standard input names, and write their rows to the standard output.
+
+    Any other output goes to the standard error.
+    """
     output = os.fdopen(os.dup(1), "wb")
     os.dup2(2, 1)
     text, start, stop = pickle.load(sys.stdin.buffer)
@@ -172,7 +178,7 @@ def _run_as_child() -> None:
 
 
 if __name__ == "__main__":
-    # The rows must be of the classes that the parent knows, not of this module as __main__.
+    # Import this module by its name, so that the parent can unpickle the classes of the rows.
     from aras_visual_servo_bench.studies import work
 
     work._run_as_child()

@@ -1,4 +1,4 @@
-"""Pictures of a target alone before white ground, by the renderer that the arm's cameras use."""
+"""Render images of a target on a white background, with the renderer of the arm's cameras."""
 
 from __future__ import annotations
 
@@ -20,16 +20,16 @@ from .scratch import make_scratch_folder
 from .target_spec import Vector2
 
 MAX_DEPTH = 1e3  # m
-# colours as they are
+# Ambient light only, so that a flat target has the colours of its texture.
 FLAT_LIGHT = Lighting(ambient=1.0, diffuse=0.0, background=(1.0, 1.0, 1.0, 1.0))
-# a solid is seen by the light on its faces
+# Directional light, because shading makes the faces of a solid visible.
 SHADED_LIGHT = Lighting(background=(1.0, 1.0, 1.0, 1.0))
-CACHED_TARGETS = 2  # targets: a picture as the renderer reads it takes up to 11 MB
-CANVAS_BYTES = 1 << 22  # bytes for the cameras that see one of them; the last one stays in any case
+CACHED_TARGETS = 2  # renderers that are cached; a texture takes up to 11 MB
+CANVAS_BYTES = 1 << 22  # bytes of cached camera buffers per renderer
 
 
 class _StaticWorld:
-    """What a renderer asks of a world and of its only model, which stands at the origin."""
+    """World with one model at the origin, with the interface that a renderer needs."""
 
     revision, name, body_id = 0, "target", 0
 
@@ -38,15 +38,15 @@ class _StaticWorld:
         self.models = {self.name: self}
 
     def link_index(self, _: str) -> int:
-        """Of the root, the only link."""
+        """Return the index of the root, which is the only link."""
         return -1
 
     def pose(self) -> Pose:
-        """In the target's frame."""
+        """Return the pose of the model, which defines the frame of the world."""
         return IDENTITY
 
     def get_scoped_name(self, link: str) -> str:
-        """The name of the link with the model's before it."""
+        """Return the name of the link, after that of the model."""
         return f"{self.name}::{link}"
 
 
@@ -54,13 +54,17 @@ def render_target(
     target: Target, camera: CameraModel, target_T_camera: np.ndarray,
     occluder: tuple[Vector2, Vector2] | None = None,
 ) -> np.ndarray:
-    """(rows, columns) uint8 as a camera at target_T_camera (4, 4) sees a flat target and the white
-    rectangle on it, whose low and high corner (x, y), m, are `occluder`."""
+    """Render the grey image (rows, columns), uint8, of a target.
+
+    Args:
+        target_T_camera: pose of the camera (4, 4).
+        occluder: lower and upper corner (x, y), m, of a white rectangle on a flat target.
+    """
     return _make_renderer(target, occluder).render(_make_view(camera, target_T_camera))[..., 0]
 
 
 def render_mask(target: Target, camera: CameraModel, target_T_camera: np.ndarray) -> np.ndarray:
-    """(rows, columns) uint8, 255 where a camera at target_T_camera (4, 4) sees the target."""
+    """Render the mask (rows, columns), uint8, of a target: 255 where the camera sees the target."""
     label = _make_renderer(target, None).measure(_make_view(camera, target_T_camera))[1]
     return (label >= 0).view(np.uint8) * 255
 
@@ -78,7 +82,7 @@ def _make_view(camera: CameraModel, target_T_camera: np.ndarray) -> View:
 
 
 def _compute_rays(camera: CameraModel, pixels: np.ndarray) -> np.ndarray:
-    """Unit rays (n, 3) of pixels (n, 2), NaN where there is none."""
+    """Compute the unit rays (n, 3) of pixels (n, 2); NaN for pixels without a ray."""
     x, y, valid = camera.normalise(*pixels.T)
     rays = np.stack([x, y, np.ones_like(x)], axis=1)
     rays /= np.linalg.norm(rays, axis=1, keepdims=True)

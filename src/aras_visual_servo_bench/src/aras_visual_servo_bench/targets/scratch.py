@@ -1,4 +1,4 @@
-"""Folders for files that are made for one process alone."""
+"""Temporary folders, which are deleted at the end of the process."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from tempfile import mkdtemp
 
 
 def make_scratch_folder() -> Path:
-    """A new folder, which goes with the process."""
+    """Make a temporary folder, which is deleted at the end of the process."""
     return Path(mkdtemp(dir=_make_root()))
 
 

@@ -1,4 +1,4 @@
-"""Solid targets: a mesh file, in metres, or a box, a cylinder, an ellipsoid of a given size."""
+"""Solid targets: mesh files, and boxes, cylinders and ellipsoids of a given size."""
 
 from __future__ import annotations
 
@@ -25,10 +25,11 @@ from .scratch import make_scratch_folder
 
 @dataclass(frozen=True, eq=False)
 class SolidTarget(Target):
-    """A solid; as plane and points it has those halfway up its z axis (Solid.points).
+    """Solid target; its plane and points are those of its section halfway up the z axis.
 
-    path: of its mesh file, m. made: whether that file was made for this process.
-    drawn: the file with its colours; None: path. factor: on the lengths of that along x, y and z.
+    path: mesh file, in m. is_temporary: whether that file was written by this process.
+    coloured_path: mesh file with colours; None: `path`. scale: factors on the lengths of that file
+    along x, y and z.
     """
 
     is_solid = True
@@ -41,34 +42,38 @@ class SolidTarget(Target):
 
     @property
     def has_colour(self) -> bool:
-        """Whether its file says a colour of any part."""
+        """True if a part of the mesh file has a colour or a texture."""
         meshes = files.read(str(self.coloured_path or self.path))
         return any(mesh.rgba is not None or mesh.texture for mesh in meshes)
 
     def vertices(self) -> np.ndarray:
-        """Corners of its middle plane."""
+        """Return the corners (n, 3) of the section halfway up the z axis."""
         return self.solid.compute_section_corners()
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """The convex hull of all its vertices in the view."""
-        rim = find_silhouette_points(self._to_camera_frame(target_T_camera))
-        return rim[:, :2] / rim[:, 2:]
+        """Project the convex hull of all vertices."""
+        silhouette = find_silhouette_points(self._to_camera_frame(target_T_camera))
+        return silhouette[:, :2] / silhouette[:, 2:]
 
     def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
-        """The plane that fits where its outline touches it."""
+        """Fit a plane to the points of the solid that form its outline in the image."""
         try:
             return fit_outline_plane(self._to_camera_frame(target_T_camera), self.path.name)
         except ModelError as error:
             raise ViewError(str(error)) from error
 
     def _to_camera_frame(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """(n, 3) vertices on its convex hull, in the camera's frame, m."""
+        """Return the vertices (n, 3) of the convex hull in the camera frame, m.
+
+        Raises:
+            ViewError: a vertex is behind the camera.
+        """
         project(self._hull_vertices, target_T_camera)
         return (self._hull_vertices - target_T_camera[:3, 3]) @ target_T_camera[:3, :3]
 
     @cached_property
     def _hull_vertices(self) -> np.ndarray:
-        """(n, 3) vertices on its convex hull: no others bound a view of it."""
+        """Vertices (n, 3) of the convex hull, which alone determine the outline."""
         from scipy.spatial import ConvexHull
 
         return self.solid.vertices[ConvexHull(self.solid.vertices).vertices]
@@ -76,17 +81,21 @@ class SolidTarget(Target):
 
 @lru_cache(maxsize=32)
 def make_scaled_solid(unit: Geometry, size: tuple[float, float, float], name: str) -> SolidTarget:
-    """A solid of size 1 about its frame's origin, scaled along x, y and z, m.
+    """Make a target from a solid of size 1, scaled to `size` along x, y and z (m).
 
     Raises:
-        ExperimentError: no camera could see it.
+        ExperimentError: the result is no valid solid.
     """
     (mesh,) = make_meshes(unit)
     return make_solid(mesh.positions[mesh.triangles] * size, name)
 
 
 def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
-    """The target of triangles (n, 3, 3), m; ExperimentError: they are no closed solid in metres."""
+    """Make a target from triangles (n, 3, 3), m.
+
+    Raises:
+        ExperimentError: the triangles are no closed solid of plausible size.
+    """
     try:
         solid = Solid.from_triangles(corners, name)
     except ModelError as error:
@@ -94,18 +103,18 @@ def make_solid(corners: np.ndarray, name: str) -> SolidTarget:
     return SolidTarget(solid, _write_mesh(corners, name), is_temporary=True)
 
 
-@lru_cache(maxsize=4)  # meshes are large
+@lru_cache(maxsize=4)  # only few, because meshes are large
 def read_solid_target(
     path: Path, size: tuple[float, ...] | None = None, scale: float | None = None
 ) -> SolidTarget:
-    """The target of a mesh file.
+    """Make a target from a mesh file.
 
     Args:
-        size: of its box along x, y and z, m; None: the file's. scale: factor on the file's lengths,
-            0.001 where they are mm; None: 1.
+        size: of the bounding box along x, y and z, m; None: as in the file.
+        scale: factor on the lengths of the file, such as 0.001 for mm; None: 1.
 
     Raises:
-        ExperimentError: it cannot be read, or is no closed solid of that size in metres.
+        ExperimentError: the file cannot be read, or is no closed solid of plausible size.
     """
     require(path.is_file(), f"target.shape: there is no file {path}")
     require(size is None or scale is None,
@@ -131,7 +140,7 @@ def read_solid_target(
 
 
 def _write_mesh(corners: np.ndarray, name: str) -> Path:
-    """A mesh file of triangles (n, 3, 3), m, in a folder of this process."""
+    """Write triangles (n, 3, 3), m, as a mesh file in a temporary folder, and return its path."""
     path = make_scratch_folder() / f"{name.replace(':', '_')}.obj"
     lines = [f"v {x:.9g} {y:.9g} {z:.9g}" for x, y, z in np.reshape(corners, (-1, 3))]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(lines), 3)]

@@ -1,4 +1,4 @@
-"""Targets by name, of a PNG, of an SVG outline, of a mesh."""
+"""Make targets from a shape name, an image, the outline in an SVG file, or a mesh."""
 
 from __future__ import annotations
 
@@ -27,21 +27,24 @@ if TYPE_CHECKING:
     from svgelements import Shape
 
 Corners = tuple[tuple[float, float], ...]
-DEFAULT_SIZE = (0.2, 0.2)  # m, of a target that has no size of its own
-CIRCLE_EDGES = 180  # a turn of an SVG's arc
+DEFAULT_SIZE = (0.2, 0.2)  # m, of a target whose file or settings give no size
+CIRCLE_EDGES = 180  # edges per full circle of an SVG arc
 MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
-CLASS_PATH = re.compile(r"[\w.]+:\w+")  # a class of a user's own
-MAX_SVG_BYTES = 1_000_000  # bytes
-UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # of lengths of an SVG's page
-PPI = 96.0  # px in an inch, by CSS
+CLASS_PATH = re.compile(r"[\w.]+:\w+")  # 'package.module:Class'
+MAX_SVG_BYTES = 1_000_000
+UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # units of width and height of an SVG page
+PPI = 96.0  # px per inch in CSS
 MAX_ELEMENTS = 10_000  # of an SVG, with the copies that <use> makes
-SAMPLES = 24  # of each curve of an SVG path
-ASPECT_TOLERANCE = 0.01  # how far a page's may be from its viewBox's: files are rounded
-MAX_CORNER_DISTANCE = 100.0  # pages from the page's middle to a corner
+SAMPLES = 24  # edges per curve of an SVG path
+# Relative difference between the aspect ratios of page and viewBox, for files with rounded values.
+ASPECT_TOLERANCE = 0.01
+MAX_CORNER_DISTANCE = 100.0  # from the page centre to a corner, in page sizes
 
 
 def find_shape(shape: str | Corners) -> type[TargetShape] | None:
-    """The class of a named shape or of 'package.module:Class'; None: a file, corners, no name.
+    """Return the class of a shape name or of 'package.module:Class'.
+
+    The result is None for files, corners and unknown names.
 
     Raises:
         ExperimentError: there is no such class.
@@ -52,34 +55,35 @@ def find_shape(shape: str | Corners) -> type[TargetShape] | None:
 
 
 def is_mesh(shape: str | Corners) -> bool:
-    """Whether a target's shape is the path of a mesh file."""
+    """Return True if the shape of a target is the path of a mesh file."""
     return isinstance(shape, str) and Path(shape).suffix.lower() in MESHES
 
 
 def is_solid(shape: str | Corners) -> bool:
-    """Whether a target's shape is a mesh file, or a solid by name."""
+    """Return True if the shape of a target is a mesh file or the name of a solid."""
     return is_mesh(shape) or getattr(find_shape(shape), "is_solid", False)
 
 
 def find_tracker(shape: str | Corners) -> str:
-    """Name of the tracker of a target's points, by its shape as in TargetSpec or by its file."""
+    """Return the name of the tracker for the points of a target."""
     if is_mesh(shape):
         return MODEL_TRACKER
-    named = find_shape(shape)
-    if named is None and isinstance(shape, str):
-        named = SHAPES.get(Path(shape).stem)  # a file is named after the flat target that it shows
-        named = None if named is None or named.is_solid else named
-    return OUTLINE_TRACKER if named is None else named.tracker
+    found = find_shape(shape)
+    if found is None and isinstance(shape, str):
+        # The file of a flat shape has the shape's name, such as four_dots.png.
+        found = SHAPES.get(Path(shape).stem)
+        found = None if found is None or found.is_solid else found
+    return OUTLINE_TRACKER if found is None else found.tracker
 
 
 def list_parameters(shape: str | Corners) -> frozenset[str]:
-    """Names of the parameters of a named shape; none of a file and of corners."""
-    named = find_shape(shape)
-    return frozenset(() if named is None else (field.name for field in fields(named)))
+    """Return the names of the parameters of a named shape; empty for files and corners."""
+    found = find_shape(shape)
+    return frozenset(() if found is None else (field.name for field in fields(found)))
 
 
 def find_default_size(shape: str) -> tuple[float, ...] | None:
-    """Size, m, that programs give a target whose size is not given; None: its file has one."""
+    """Return the default size (m) for command-line programs; None if the file has a size."""
     if is_mesh(shape) or Path(shape).suffix.lower() == ".svg":
         return None
     return (0.1, 0.1, 0.1) if is_solid(shape) else (0.1, 0.1)
@@ -91,19 +95,18 @@ def make_target(
     scale: float | None = None,
     marker: str = "",
 ) -> Target:
-    """The target of a name, of a picture's, an SVG's or a mesh's path, or of a flat polygon's
-    corners.
+    """Make a target from a name, the path of an image, SVG or mesh, or the corners of a polygon.
 
     Args:
-        shape, size, scale: as in TargetSpec. marker: that a shape with such a parameter shows.
+        shape, size, scale: as in TargetSpec. marker: for a shape with this parameter.
 
     Raises:
-        ExperimentError: there is none of that name, or its file cannot be used.
+        ExperimentError: there is no shape of that name, or the file cannot be used.
     """
     return _make_target(shape, size, scale, marker)
 
 
-@lru_cache(maxsize=4)  # images and meshes are large
+@lru_cache(maxsize=4)  # only few, because images and meshes are large
 def _make_target(
     shape: str | Corners, size: tuple[float, ...] | None, scale: float | None, marker: str
 ) -> Target:
@@ -111,7 +114,7 @@ def _make_target(
         return PolygonTarget(shape)
     require(
         scale is None or is_mesh(shape),
-        f"target.scale is a factor on a mesh's lengths, and '{shape}' is none: give target.size",
+        f"target.scale is for meshes, and '{shape}' is none: give target.size",
     )
     if find_shape(shape) is not None:
         return _make_shape(shape, {"size": size and list(size), "marker": marker})
@@ -135,7 +138,7 @@ def _make_target(
 
 
 def _make_shape(name: str, parameters: Mapping[str, Any]) -> Target:
-    """The target of a named shape, with what is given of its parameters."""
+    """Make the target of a named shape; parameters that the shape does not have are ignored."""
     known = list_parameters(name)
     shape = SHAPES.create(name, **{k: v for k, v in parameters.items() if v and k in known})
     try:
@@ -155,10 +158,11 @@ def _make_shape(name: str, parameters: Mapping[str, Any]) -> Target:
 
 
 class SvgOutline(NamedTuple):
-    """The outline in an SVG file.
+    """Outline in an SVG file.
 
-    corners: (n, 2) about the middle of the page, x to the right and y up. page: width and height.
-    Both in px of CSS. metres: of a px; None where the file gives its page no length.
+    corners: (n, 2) relative to the page centre, x right and y up, CSS px.
+    page: width and height, CSS px.
+    metres: length of a px, m; None if the file gives no length for its page.
     """
 
     corners: np.ndarray
@@ -166,9 +170,9 @@ class SvgOutline(NamedTuple):
     metres: float | None
 
     def scale_to_page(self, size: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
-        """Corners, m, on a page of that size along x and y, m, as an image of the drawing has them.
+        """Return the corners (m) on a page of the given size along x and y (m).
 
-        size: None: the file's own; of one that has none, SIZE for the longer side.
+        size: None: the size in the file, else DEFAULT_SIZE for the longer side.
         """
         if size is None:
             factor = np.full(2, self.metres or DEFAULT_SIZE[0] / max(self.page))
@@ -178,16 +182,16 @@ class SvgOutline(NamedTuple):
 
 
 def read_svg(path: Path) -> SvgOutline:
-    """The one outline in an SVG file.
+    """Read the outline in an SVG file, which must contain exactly one.
 
-    Understood are polygon, polyline, rect, circle, ellipse and path, where their transforms and
-    viewBox put them, and lengths with the units mm, cm, in, pt, pc and px (1/96 in). A curve
-    becomes SAMPLES edges, an arc CIRCLE_EDGES a turn. A file without width, height and viewBox has
-    the box of its outline as its page.
+    Supported are polygon, polyline, rect, circle, ellipse and path with their transforms, the
+    viewBox, and lengths in mm, cm, in, pt, pc and px (1/96 in). A curve becomes SAMPLES edges, a
+    full circle CIRCLE_EDGES. The page of a file without width, height and viewBox is the bounding
+    box of the outline.
 
     Raises:
-        ExperimentError: it is no SVG, holds entities or too many copies, or none or several
-            outlines.
+        ExperimentError: the file is no SVG, has entities, too many elements, or not exactly one
+            outline.
     """
     from svgelements import SVG, Length, Shape
 
@@ -199,7 +203,7 @@ def read_svg(path: Path) -> SvgOutline:
         count = _count_elements(root)
         require(
             count <= MAX_ELEMENTS,
-            f"{where} draws more than {MAX_ELEMENTS} elements, copies by <use> counted: draw the "
+            f"{where} has more than {MAX_ELEMENTS} elements, including copies by <use>: draw the "
             "outline once, as one path",
         )
         lengths = _complete_page_size(root)
@@ -213,14 +217,14 @@ def read_svg(path: Path) -> SvgOutline:
         raise ExperimentError(str(error)) from None
     except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
         why = str(error) or "numbers are missing"
-        raise ExperimentError(f"{where} has a wrong outline: {why}") from None
+        raise ExperimentError(f"{where} has an invalid outline: {why}") from None
     require(
         bool(found),
-        f"{where} holds no outline: a polygon, rect, circle, ellipse or closed path",
+        f"{where} has no outline: add a polygon, rect, circle, ellipse or closed path",
     )
     require(
         len(found) == 1,
-        f"{where} holds {len(found)} outlines, and a target has one: leave one in the file",
+        f"{where} has {len(found)} outlines, and a target has one: keep only one in the file",
     )
     points = found[0]
     low, high = points.min(axis=0), points.max(axis=0)
@@ -232,20 +236,21 @@ def read_svg(path: Path) -> SvgOutline:
         require(bool((page > 0.0).all()), f"{where}: its width and height must be above 0")
     require(
         bool((np.abs(points - middle) <= MAX_CORNER_DISTANCE * page).all()),
-        f"{where}: a corner is more than {MAX_CORNER_DISTANCE:g} pages from the page's middle: "
-        "correct it, or "
-        "width, height and viewBox",
+        f"{where}: a corner is more than {MAX_CORNER_DISTANCE:g} page sizes from the page centre: "
+        "correct the corner, or width, height and viewBox",
     )
     metres = 1e-3 / Length("1mm").value(ppi=PPI) if lengths else None
     return SvgOutline((points - middle) * IMAGE_FLIP, tuple(page.tolist()), metres)
 
 
 def _complete_page_size(root: Element) -> bool:
-    """Whether an SVG gives its page a length; the side that it leaves out is set, as the aspect of
-    its viewBox has it.
+    """Set a missing width or height of an SVG page from the aspect ratio of its viewBox.
+
+    Returns:
+        True if the page has a length.
 
     Raises:
-        ValueError: a length or a viewBox that is none, or a page of another aspect than that.
+        ValueError: a length or the viewBox is invalid, or their aspect ratios differ.
     """
     from svgelements import Length
 
@@ -266,7 +271,7 @@ def _complete_page_size(root: Element) -> bool:
         if min(wide, high) > 0.0 and abs(wide * box[1] / (high * box[0]) - 1.0) > ASPECT_TOLERANCE:
             raise ValueError(
                 f"width {root.get('width')} and height {root.get('height')} have another aspect "
-                f"than the viewBox, which is {box[0]:g} by {box[1]:g}: correct one of them"
+                f"ratio than the viewBox, which is {box[0]:g} by {box[1]:g}: correct one of them"
             )
     if len(sides) == 1 and box:
         ((side, (length, unit)),) = sides.items()
@@ -280,7 +285,11 @@ def _complete_page_size(root: Element) -> bool:
 
 
 def _read_view_box(root: Element) -> tuple[float, float] | None:
-    """Width and height of an SVG's viewBox, None without one; ValueError for one that is wrong."""
+    """Return width and height of an SVG's viewBox; None without a viewBox.
+
+    Raises:
+        ValueError: the viewBox is invalid.
+    """
     text = root.get("viewBox")
     if text is None:
         return None
@@ -292,32 +301,32 @@ def _read_view_box(root: Element) -> tuple[float, float] | None:
 
 
 def _count_elements(root: Element) -> int:
-    """Elements that are drawn, each copy that <use> makes counted; no further than to the limit."""
-    named = {element.get("id"): element for element in root.iter()}
-    waiting, count = [root], 0
-    while waiting and count <= MAX_ELEMENTS:
-        element = waiting.pop()
+    """Count the elements of an SVG, including copies by <use>; stop above MAX_ELEMENTS."""
+    by_id = {element.get("id"): element for element in root.iter()}
+    pending, count = [root], 0
+    while pending and count <= MAX_ELEMENTS:
+        element = pending.pop()
         count += 1
-        waiting.extend(element)
+        pending.extend(element)
         if element.tag.endswith("use"):
-            used = (named.get(value.removeprefix("#")) for name, value in element.items()
-                    if name.endswith("href"))  # fmt: skip
-            waiting.extend(one for one in used if one is not None)
+            copied = (by_id.get(value.removeprefix("#")) for name, value in element.items()
+                      if name.endswith("href"))  # fmt: skip
+            pending.extend(one for one in copied if one is not None)
     return count
 
 
 def _find_outlines(shape: Shape) -> Iterator[np.ndarray]:
-    """Corners (n, 2), n >= 3, of each part of a shape.
+    """Yield the corners (n, 2), n >= 3, of each subpath of an SVG shape.
 
     Raises:
-        ValueError: a path that is wrong.
+        ValueError: the path has an unknown command.
     """
     from svgelements import Arc, Close, Line, Move
     from svgelements import Path as Curve
 
     unknown = re.search(r"[^MZLHVCSQTAE\d\s,.+-]", str(shape.values.get("d", "")), re.IGNORECASE)
     if unknown:
-        raise ValueError(f"path command '{unknown[0]}' is not understood")
+        raise ValueError(f"path command '{unknown[0]}' is unknown")
     parts: list[list[tuple[float, float]]] = [[]]
     for segment in Curve(shape).segments(transformed=False):
         if isinstance(segment, Move | Close):

@@ -63,6 +63,8 @@ class KernelEntry:
 class GoalEntries:
     """Entries of a goal file; see goal.py."""
 
+    renamed_keys = {"seen_by": "camera_name"}
+
     joints: Mapping[str, float] | None = None
     camera_pose: PoseEntry | None = None
     depth: float | None = parameter(None, "m: is it in metres?", least=MIN_DEPTH, most=MAX_DEPTH)

@@ -1,4 +1,4 @@
-"""What the shape of a target is, also one of a user's own."""
+"""Base classes of the shapes of targets, also for shapes of users."""
 
 from __future__ import annotations
 
@@ -21,15 +21,15 @@ Corners = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class TargetShape(ABC):
-    """Makes the geometry of a target from its parameters.
+    """Base class of shapes, which make the geometry of a target from its parameters.
 
-    Parameters are annotated attributes, with unit, bounds and help by `settings.parameter`: every
-    shape is a dataclass. `size` and `marker` get their values from the target's settings.
+    Every shape is a dataclass whose parameters are annotated attributes; `settings.parameter`
+    gives their unit, bounds and help. The target settings set the parameters `size` and `marker`.
 
     Attributes:
         name: short name, for messages.
-        tracker: name of the tracker that finds its points in images.
-        is_solid: whether it makes a SolidTarget.
+        tracker: name of the tracker that detects the target's points in images.
+        is_solid: whether `make` returns a SolidTarget.
     """
 
     name: ClassVar[str] = ""
@@ -37,7 +37,7 @@ class TargetShape(ABC):
     is_solid: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make a dataclass of every shape, and name it after its class unless it is registered."""
+        """Make every subclass a dataclass, named after its class until it is registered."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)
@@ -51,7 +51,7 @@ class TargetShape(ABC):
 
 
 class FlatShape(TargetShape):
-    """A flat shape within a rectangle."""
+    """Flat shape inside a rectangle."""
 
     size: tuple[float, float] = parameter(
         (0.2, 0.2),
@@ -63,10 +63,10 @@ class FlatShape(TargetShape):
 
 
 class OutlineShape(FlatShape):
-    """A polygon.
+    """Flat polygon.
 
     Attributes:
-        corners: (x, y) within a square of side 1 about the origin; the size scales them.
+        corners: (x, y) inside a square of side 1 around the origin; the size scales them.
     """
 
     corners: ClassVar[Corners] = ()
@@ -81,10 +81,10 @@ class OutlineShape(FlatShape):
 
 
 class SolidShape(TargetShape):
-    """A solid about the origin of its frame.
+    """Solid around the origin of its frame.
 
     Attributes:
-        unit: the solid of size 1 along x, y and z.
+        unit: geometry of the solid with size 1 along x, y and z.
     """
 
     tracker = MODEL_TRACKER
@@ -107,6 +107,6 @@ SHAPES = Registry("target shape", __package__, (TargetShape,), ExperimentError)
 
 
 def make_ring(count: int) -> Corners:
-    """Return corners (x, y) of a regular polygon in a circle of diameter 1."""
-    around = 2.0 * np.pi * np.arange(count) / count
-    return tuple(zip((0.5 * np.cos(around)).tolist(), (0.5 * np.sin(around)).tolist(), strict=True))
+    """Return the corners (x, y) of a regular polygon in a circle of diameter 1."""
+    angles = 2.0 * np.pi * np.arange(count) / count
+    return tuple(zip((0.5 * np.cos(angles)).tolist(), (0.5 * np.sin(angles)).tolist(), strict=True))

@@ -185,15 +185,15 @@ def test_words_about_a_study_change_nothing_of_it():
 
 
 @pytest.mark.parametrize(
-    ("value", "published", "is_met"),
+    ("value", "published", "expected"),
     [(191, 191, True), (190, 191, False), (0.869, 0.868, True), (0.88, 0.868, False),
      (252.0, 250.0, True), (0.00399, 0.004, True), (0.0041, 0.004, False),
      (3.0, [2.9, 3.0], True), (3.01, [2.9, 3.0], False), (2.9, [2.9, 3.0], True),
      ("converged", "converged", True),
      ("x", "converged", False), (None, 3, False), (None, 1.5, False)],
 )  # fmt: skip
-def test_met(value, published, is_met):
-    assert is_met(value, published) is is_met
+def test_met(value, published, expected):
+    assert is_met(value, published) is expected
 
 
 # -- starts ----------------------------------------------------------------------------------

@@ -85,7 +85,7 @@ def test_an_experiment_starts_about_its_goal_s_pose():
     start = RelativeStart("plane", angle=25.0, scatter=(0.01, 1.0))
     asked = Experiment(plant="free", goal={"pose": goal}, start=start, seed=9,
                        target={"shape": "square", "pose": target})  # fmt: skip
-    assert asked.with_absolute_start.start.compute_pose == start.compute_pose(GOAL, TARGET, 9)
+    assert asked.with_absolute_start.start.pose == start.compute_pose(GOAL, TARGET, 9)
     assert asked.with_absolute_start.with_absolute_start == asked.with_absolute_start
     with pytest.raises(ExperimentError, match="start.kind 'back' is relative to the goal: give it"):
         assemble(Experiment(start=RelativeStart("back")))

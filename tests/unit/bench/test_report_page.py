@@ -82,7 +82,7 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
             assert np.abs(picture.astype(int) - original).mean() < 4.0
         rim = told["arrays"][shown["desired_outline"]].reshape(-1, 2)
         if run is flying:  # the features are its corners, wherever the target has drifted to
-            wanted = np.column_stack(run.camera.project(*run.desired[0].reshape(-1, 2).T))
+            wanted = np.column_stack(run.camera.project(*run.desired_features[0].reshape(-1, 2).T))
             np.testing.assert_allclose(sorted(rim.tolist()), sorted(wanted.tolist()), atol=0.02)
             corners = compute_tracks(replace(run, states=tuple(
                 replace(s, scheme_output=None) for s in run.states)))  # fmt: skip

@@ -233,7 +233,7 @@ def test_each_joint_has_one_controller_of_one_kind(made):
             (("first", "fast"), ("a_j", "b_j"), r"several kinds \(position, velocity\): name one"),
             ((), ("a_j", "b_j"), "of several kinds")):
         with pytest.raises(ExperimentError, match=why):
-            made({"controllers": controllers}).controllers(joints)
+            made({"controllers": controllers}).find_controllers(joints)
     assert set(made({"namespace": "/other/r"}).parameters) == set(made().parameters)
     assert list(made({"namespace": "/other"}).parameters) == ["r"]
 

@@ -292,7 +292,7 @@ TWO = {"camera": "original", "cameras": {
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
     assert list(parts(**TWO).cameras) == ["left", "right", "other"]
-    found = parts(**TWO, has_unread_cameras=False)
+    found = assemble(Experiment.from_mapping(TWO), has_unread_cameras=False)
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
     assert (
         list(found.placements) == ["right"]

@@ -342,7 +342,7 @@ def outlines(monkeypatch):
 def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
     picture = tmp_path / "mine.png"
     cv2.imwrite(str(picture), np.full((20, 30), 90, np.uint8))
-    text = SCRIPT["described"](str(picture), (0.3, 0.2), tmp_path / "made")
+    text = SCRIPT["describe"](str(picture), (0.3, 0.2), tmp_path / "made")
     assert parse_urdf(text).static
     lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
@@ -352,7 +352,7 @@ def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
 def test_an_outline_by_its_path_is_a_polygon_of_that_size(tmp_path, outlines):
     outline = tmp_path / "mine.svg"
     outline.write_text('<svg><polygon points="0,0 40,0 40,20 20,20 20,40 0,40"/></svg>')
-    text = SCRIPT["described"](str(outline), (0.3, 0.2), tmp_path / "made")
+    text = SCRIPT["describe"](str(outline), (0.3, 0.2), tmp_path / "made")
     assert parse_urdf(text).static
     lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
@@ -362,20 +362,20 @@ def test_an_outline_by_its_path_is_a_polygon_of_that_size(tmp_path, outlines):
 
 def test_an_outline_without_what_makes_it_is_told(tmp_path, monkeypatch):
     (tmp_path / "mine.svg").write_text("<svg/>")
-    monkeypatch.setitem(SCRIPT["made"].__globals__, "MAKER", ("/no/such/program",))
+    monkeypatch.setitem(SCRIPT["make"].__globals__, "MAKER", ("/no/such/program",))
     with pytest.raises(ValueError, match="needs /no/such/program, which makes its mesh"):
-        SCRIPT["described"](str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
+        SCRIPT["describe"](str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
 
 
 def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
     shipped = (GAZEBO / "targets" / "poster.urdf").read_text()
-    assert SCRIPT["described"]("poster", None, tmp_path) == shipped
-    assert parse_urdf(SCRIPT["described"]("circle", (0.04, 0.06), tmp_path)).static
+    assert SCRIPT["describe"]("poster", None, tmp_path) == shipped
+    assert parse_urdf(SCRIPT["describe"]("circle", (0.04, 0.06), tmp_path)).static
     lines = next(tmp_path.rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
     assert np.ptp(corners, axis=0) == pytest.approx([0.04, 0.06, 0.0])
     with pytest.raises(ValueError, match="'aras' has one size"):
-        SCRIPT["described"]("aras", (0.1, 0.1), tmp_path)
+        SCRIPT["describe"]("aras", (0.1, 0.1), tmp_path)
 
 
 @pytest.mark.parametrize(
@@ -389,7 +389,7 @@ def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
     (tmp_path / "a.svg").write_text("<svg/>")
     (tmp_path / "b.SVG").write_text("no tree at all")
     with pytest.raises(ValueError, match=told):
-        SCRIPT["described"](given.format(tmp_path), (0.1, 0.1), tmp_path)
+        SCRIPT["describe"](given.format(tmp_path), (0.1, 0.1), tmp_path)
 
 
 def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkeypatch, capsys):

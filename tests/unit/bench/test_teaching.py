@@ -359,7 +359,7 @@ ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rat
 def test_networks_learn_with_these_settings(monkeypatch, module, given, options):
     """Adam makes all its epochs: no change is too small to go on."""
     seen = []
-    monkeypatch.setattr(module, "fitted", lambda *a, **k: seen.append((a, k)) or "arrays")
+    monkeypatch.setattr(module, "fit_network", lambda *a, **k: seen.append((a, k)) or "arrays")
     assert module.train("x", "y", 5) == "arrays"
     assert seen == [(("x", "y", *given), options)]
 
@@ -369,11 +369,11 @@ def test_networks_learn_with_these_settings(monkeypatch, module, given, options)
     (learned_pose, learned_pose.PoseNetwork, 24000, 400)])
 def test_programs_teach_their_own_network(monkeypatch, module, kind, count, unseen):
     seen = []
-    monkeypatch.setattr(module, "teach", lambda *a: seen.append(a) or 3)
+    monkeypatch.setattr(module, "run_training", lambda *a: seen.append(a) or 3)
     assert module.main(["--out", "x"]) == 3
     (got, argv, text, *rest), = seen
     assert (got, argv, rest) == (kind, ["--out", "x"], [
-        count, unseen, module.pictures, module.train, module.off])
+        count, unseen, module.make_training_data, module.train, module.off])
     assert text and "\n" not in text
 
 

@@ -60,11 +60,11 @@ def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path,
     asked(results.tables, "format_table", "a b\n")
     words = ["table", "x", "y", "--by", "p, q,", "--metrics", "m"]
     assert main([*words, "--format", "tex"]) == 0
-    assert asked.found == [("tabulated", ["<x>", "<y>"], ["p", "q"], ["m"]),
-                           ("written", "rows", "tex")]
+    assert asked.found == [("make_table", ["<x>", "<y>"], ["p", "q"], ["m"]),
+                           ("format_table", "rows", "tex")]
     assert capsys.readouterr().out == "a b\n"
     assert main([*words, "--out", str(tmp_path / "t.md")]) == 0
-    assert asked.found[-1] == ("written", "rows", "md") and not capsys.readouterr().out
+    assert asked.found[-1] == ("format_table", "rows", "md") and not capsys.readouterr().out
     assert (tmp_path / "t.md").read_text() == "a b\n"
     assert main([*words, "--out", str(tmp_path)]) == 1
     assert main([*words, "--format", "pdf"]) == 1 and "pdf" in capsys.readouterr().err
@@ -77,8 +77,8 @@ def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
     assert main(["plot", "x", "--format", "svg, pdf", "--out", "there"]) == 0
     assert [[str(one) if not isinstance(one, list) else list(map(str, one)) for one in call]
             for call in asked.found] == [
-        ["write_all", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"]],
-        ["write_all", ["<x>"], "there", ["svg", "pdf"], [], ["x"]]]
+        ["write_figures", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"]],
+        ["write_figures", ["<x>"], "there", ["svg", "pdf"], [], ["x"]]]
 
 
 def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
@@ -87,8 +87,8 @@ def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
     assert asked.found == [
-        ("differences", "<x>", "<y>", ["p"], ["m", "n"]), ("told", "found", False),
-        ("differences", "<x>", "<y>", [], []), ("told", "found", True)]
+        ("find_differences", "<x>", "<y>", ["p"], ["m", "n"]), ("describe_differences", "found", False),
+        ("find_differences", "<x>", "<y>", [], []), ("describe_differences", "found", True)]
     assert capsys.readouterr().out == 2 * "so and so\n"
 
 
@@ -141,7 +141,7 @@ def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, st
         asked.found.clear()
         assert main([*words, *more, "--in-process"]) == 7
         kept, room, (_, (folder, made, text), options) = asked.found
-        assert kept == ("kept_runs", out) and room == ("check_room", made, out, 2)
+        assert kept == ("count_stored_runs", out) and room == ("check_room", made, out, 2)
         assert folder == out and (made.pictures, made.depth, made.repeats) == (pictures, depth, 3)
         assert Study.from_mapping(yaml.safe_load(text)).digest == made.digest
         assert options.in_process and options.no_report and not options.mix | options.fail_fast

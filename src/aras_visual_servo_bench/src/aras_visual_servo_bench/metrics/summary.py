@@ -27,8 +27,7 @@ class Quantity:
     text: definition.
     better: 'smaller', 'greater', or '' if neither is better.
     is_feature_based: True if it depends on the scheme's features, so that it cannot be compared
-    between
-        schemes.
+        between schemes.
     """
 
     key: str

@@ -185,7 +185,7 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
         ({"target": {"shape": "marker"}}, {}, "tracked by the tracker 'marker'"),
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
         (STANDS, {}, "camera 'left' is fixed in the world"),
-        ({"target_frame": "y"}, {}, "look at what it carries"),
+        ({"target_frame": "y"}, {}, "point them at a target that this link carries"),
         ({}, {"controller_parameters": {"segmentation": {"method": "label", "label": "target"}}},
          "camera 'left' has its own"),
     ],

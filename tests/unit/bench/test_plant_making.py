@@ -234,7 +234,7 @@ def test_other_plants_have_their_lag_seed_and_cameras(built):
         (arm, start, sight), more = built[kind]
         assert (arm, start, sight.name) == ("arm", "start", "left")
         assert (more["lag"], more["seed"]) == (0.07, 6)
-        assert [one.name for one in more["other_cameras"]] == ["right"]
+        assert [one.name for one in more["other_imaging"]] == ["right"]
     believed = {"xyz": [0.01, 0.02, 0.03], "rpy": [0.1, 0.2, 0.3]}
     made = context_of(plant="ideal", calibration_offset=believed, seed=8)
     make_plant(made, FreeBody(ABOVE), np.zeros(6))

@@ -17,6 +17,7 @@ from aras_visual_servo_bench.errors import ExperimentError
 from aras_visual_servo_bench.experiment.experiment import CameraPose, Experiment
 from aras_visual_servo_bench.experiment.starts import RelativeStart
 from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies.results import is_met
 from aras_visual_servo_bench.studies.study import Study
 
 sys.path.insert(0, str(Path(__file__).parents[3] / "docs"))  # the page of schemes is made there

@@ -126,7 +126,7 @@ def test_a_mesh_is_found_beside_its_description(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "said"), [
     (None, "description .*x.urdf cannot be read"), ("", "the description is empty"),
-    ("<mujoco/>", "the root element is <mujoco>; <robot> .URDF. or <sdf> is needed"),
+    ("<mujoco/>", "the root element is <mujoco>; it must be <robot> .URDF. or <sdf>"),
     ("<robot name='r'/>", "description .*x.urdf: "),
 ])  # fmt: skip
 def test_what_is_no_description_is_refused(tmp_path: Path, text: str | None, said: str) -> None:

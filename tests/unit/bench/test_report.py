@@ -411,7 +411,7 @@ def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, 
 
     monkeypatch.setattr(write, "_encode_figure", watched)
     monkeypatch.setattr(write, "CHAPTERS", SIMPLE)
-    words = {"full": "No space left on device", "killed": "is there memory enough"}
+    words = {"full": "No space left on device", "killed": "check whether the memory is sufficient"}
     if fault:
         with pytest.raises(BenchError, match=words[fault]):
             write_report([points], tmp_path / "two", ("png", "svg"))
@@ -558,7 +558,7 @@ def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
         plt.close("all")
     write_report([early], tmp_path, ())
     told = (tmp_path / "report.html").read_text()
-    assert "A delay below 0: the picture came before the clock message" in told
+    assert "A negative delay means that the image arrived before the clock message" in told
     assert "negative if" in metrics.delay.source
 
 

@@ -230,7 +230,7 @@ def test_each_joint_has_one_controller_of_one_kind(made):
     for controllers, joints, why in (
             (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
             (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
-            (("first", "fast"), ("a_j", "b_j"), r"several kinds \(position, velocity\): name one"),
+            (("first", "fast"), ("a_j", "b_j"), r"several kinds \(position, velocity\): list controllers"),
             ((), ("a_j", "b_j"), "of several kinds")):
         with pytest.raises(ExperimentError, match=why):
             made({"controllers": controllers}).find_controllers(joints)

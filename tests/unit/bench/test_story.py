@@ -240,7 +240,7 @@ def test_what_is_drawn_has_a_legend_in_its_colours(story):
     drawn = {s.name: s for s in story.make_shapes()}
     legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
     for text, name in (
-        ("path", "path"), ("straight to the goal", "ideal path"), ("camera", "camera picture"),
+        ("path", "path"), ("straight path to the goal", "ideal path"), ("camera", "camera picture"),
         ("goal", "desired camera picture"), ("desired velocity", "desired velocity"),
         ("achieved rotation", "achieved turn"),
     ):  # fmt: skip

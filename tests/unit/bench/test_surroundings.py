@@ -279,7 +279,7 @@ ABOVE = matrix_from_xyz_rpy((0.01, 0.0, 0.85), (np.pi, 0.05, 0.0))
 
 
 def parts(**keys):
-    wrap = {k: keys.pop(k) for k in ("wrap", "watched", "depth") if k in keys}
+    wrap = {k: keys.pop(k) for k in ("wrap_scheme", "has_unread_cameras", "has_depth") if k in keys}
     return assemble(Experiment.from_mapping({**BASE, **keys}), **wrap)
 
 
@@ -292,16 +292,16 @@ TWO = {"camera": "original", "cameras": {
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
     assert list(parts(**TWO).cameras) == ["left", "right", "other"]
-    found = assemble(Experiment.from_mapping(TWO), has_unread_cameras=False)
+    found = parts(**TWO, has_unread_cameras=False)
     assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
     assert (
         list(found.placements) == ["right"]
         and found.calibrated_camera is found.cameras["left"].calibrated_camera
     )
     assert found.needs == found.rig.control.needs and found.postures is None
-    assert parts(depth=True).plant.imaging.depth and not parts().plant.imaging.depth
+    assert parts(has_depth=True).plant.imaging.has_depth and not parts().plant.imaging.has_depth
     wrapped = []
-    found = parts(wrap=lambda scheme: wrapped.append(scheme) or scheme)
+    found = parts(wrap_scheme=lambda scheme: wrapped.append(scheme) or scheme)
     assert wrapped == [found.servo.scheme]
 
 

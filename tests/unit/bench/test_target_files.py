@@ -381,7 +381,7 @@ def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
 @pytest.mark.parametrize(
     ("given", "told"),
     [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
-     ("{}/text.png", "no picture that can be read"), ("{}/a.svg", "has no outline"),
+     ("{}/text.png", "is not a readable image"), ("{}/a.svg", "has no outline"),
      ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
 def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
@@ -416,7 +416,7 @@ def test_a_motion_by_words():
 @pytest.mark.parametrize(
     ("words", "told"),
     [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "need a frequency"),
-     ([], "nothing moves"), (["circle"], "key=value"),
+     ([], "the target does not move"), (["circle"], "key=value"),
      (["hold=-1"], "motion.hold is -1.0, must be >= 0")],
 )  # fmt: skip
 def test_a_wrong_motion_is_told(words, told):

@@ -373,7 +373,7 @@ def test_programs_teach_their_own_network(monkeypatch, module, kind, count, unse
     assert module.main(["--out", "x"]) == 3
     (got, argv, text, *rest), = seen
     assert (got, argv, rest) == (kind, ["--out", "x"], [
-        count, unseen, module.make_training_data, module.train, module.off])
+        count, unseen, module.make_training_data, module.train, module.compute_errors])
     assert text and "\n" not in text
 
 

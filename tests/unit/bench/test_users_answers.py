@@ -44,9 +44,9 @@ def changed(**fields):
 CLEAR = {
     "Lists": changed(s=lambda m: m.s.tolist(), error=lambda m: m.error.tolist(),
                      L=lambda m: m.L.tolist()),
-    "Tuples": changed(desired=lambda m: tuple(m.desired), rate=lambda m: (0,) * 8),
+    "Tuples": changed(desired=lambda m: tuple(m.desired), error_drift=lambda m: (0,) * 8),
     "Columns": changed(s=lambda m: m.s[:, None], error=lambda m: m.error[None]),
-    "Singles": changed(L=lambda m: m.L.astype(np.float32), rate=lambda m: 0,
+    "Singles": changed(L=lambda m: m.L.astype(np.float32), error_drift=lambda m: 0,
                        notes=lambda m: "a word"),
 }  # fmt: skip
 WRONG = {

@@ -125,7 +125,7 @@ def test_depth_cameras_as_upstream_names_and_bounds_them():
     near = config("libgazebo_ros_openni_kinect.so", "<pointCloudCutoff>0</pointCloudCutoff>"
                   "<pointCloudCutoffMax>.5</pointCloudCutoffMax>", kind="depth").depth_topics
     assert (near.nearest, near.farthest) == (0.0, 0.5)
-    with pytest.raises(CameraError, match="depth_topics/points 'a b' is no name"):
+    with pytest.raises(CameraError, match="depth_topics/points 'a b' is not a valid ROS name"):
         config("libgazebo_ros_depth_camera.so", "<pointCloudTopicName>a b</pointCloudTopicName>")
 
 

@@ -286,7 +286,7 @@ def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys
     assert main(words) == 0
     told = capsys.readouterr().out
     assert "MB at most" in told or "kB at most" in told
-    assert "2 of 2 runs" in told and "README.md says what is kept" in told
+    assert "2 of 2 runs" in told and "README.md describes" in told
     table = StudyFolder.open(out).read_results(TRACES)
     assert table.num_rows == sum(pq.read_table(out / "parts")["images"].to_pylist())
     card = (out / "README.md").read_text()

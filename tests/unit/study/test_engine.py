@@ -334,7 +334,7 @@ def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
     monkeypatch.setattr(study_folder.versions, "read_versions", lambda: there)
     with pytest.raises(StudyError, match="started with other code .numpy 1.0 here and"):
         made.check_code()
-    with pytest.raises(StudyError, match="another version: numpy"):
+    with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         engine.carry_out(made, InProcessPool(), quiet(tiny()))
     task = work.StudyTask("{}", 0, versions=tuple(made.manifest["versions"].items()))
     with pytest.raises(StudyError, match="a worker has other versions: numpy"):

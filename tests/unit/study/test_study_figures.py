@@ -284,7 +284,7 @@ def test_pictures_are_of_what_varies_or_of_what_is_asked_for(tmp_path, monkeypat
     assert study_figures.write_figures([results], tmp_path / "out", paths=["there"]) == []
     assert seen["draw_success"] == ([results],) and seen["draw_trajectories"] == (["there"],)
     assert seen["draw_sensitivity"][0] is results
-    for name in ("distributions", "boxes", "sensitivity"):
+    for name in ("draw_distributions", "draw_boxes", "draw_sensitivity"):
         assert [m.name for m in seen[name][1]] == [DISTANCE]
     study_figures.write_figures([results, made("two")], tmp_path)
     assert [m.name for m in seen["draw_boxes"][1]] == [SETTLED, DISTANCE]

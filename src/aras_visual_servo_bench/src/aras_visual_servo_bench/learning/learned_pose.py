@@ -139,7 +139,7 @@ def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarra
         # Use other seeds than the runs of the protocol.
         pose = base.with_changes(
             seed=1_000_000 * (seed + 1) + number
-        ).with_absolute_start.start.compute_pose
+        ).with_absolute_start.start.pose
         displacement = logarithm(relative_pose(goal, matrix_from_xyz_rpy(pose[:3], pose[3:])))
         for step in range(1 + PLACES_BETWEEN):
             part = 1.0 if step == 0 else random.uniform(0.0, 1.0)

@@ -23,6 +23,7 @@ from .palette import BLUE, COLOURS, INK, PALE_BLUE, SOFT_INK, VERMILION, choose_
 from .style import FILE_FORMATS, apply_style, escape_math, make_axes
 
 MAX_GROUPS = 24  # boxes per panel; more boxes are not legible
+MAX_NAME = 40  # letters of a group on one line
 MAX_CURVES = 8  # per panel
 MAX_TRACES = 200  # runs per study in the figure of trajectories
 MAX_COLUMNS, PANEL_WIDTH = 3, 3.8  # panels in a row, and their width, inches
@@ -201,7 +202,11 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
     if not metrics or len(groups) < 2:
         return None
     columns = min(len(metrics), MAX_COLUMNS)
-    figure, axes = make_axes(len(metrics), 0.3 * len(groups) + 1.4, columns, width=PANEL_WIDTH)
+    # Long names would leave no width for the boxes, so that each setting gets its own line.
+    names = [name.replace(", ", ",\n") if len(name) > MAX_NAME else name for name, *_ in groups]
+    lines = max(1 + name.count("\n") for name in names)
+    height = max(0.3, 0.18 * lines) * len(groups) + 1.4
+    figure, axes = make_axes(len(metrics), height, columns, width=PANEL_WIDTH)
     for number, (axis, metric) in enumerate(zip(axes, metrics, strict=True)):
         values = [r.read_numbers(metric.name)[rows] for _, r, rows in groups]
         known = [v[np.isfinite(v)] for v in values]
@@ -215,8 +220,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         _set_scale(axis, "x", values)
         axis.set_xlabel(_make_label(metric))
         first = number % columns == 0
-        axis.set_yticks(range(1, len(groups) + 1),
-                        [name for name, *_ in groups[::-1]] if first else [])
+        axis.set_yticks(range(1, len(groups) + 1), names[::-1] if first else [])
         axis.yaxis.grid(False)
     return figure
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterable, Sequence
 from pathlib import Path
 
@@ -203,7 +204,7 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         return None
     columns = min(len(metrics), MAX_COLUMNS)
     # Long names would leave no width for the boxes, so that each setting gets its own line.
-    names = [name.replace(", ", ",\n") if len(name) > MAX_NAME else name for name, *_ in groups]
+    names = [_split_lines(name) for name, *_ in groups]
     lines = max(1 + name.count("\n") for name in names)
     height = max(0.3, 0.18 * lines) * len(groups) + 1.4
     figure, axes = make_axes(len(metrics), height, columns, width=PANEL_WIDTH)
@@ -223,6 +224,11 @@ def draw_boxes(all_results: Sequence[Results], metrics: Sequence[Metric]) -> Fig
         axis.set_yticks(range(1, len(groups) + 1), names[::-1] if first else [])
         axis.yaxis.grid(False)
     return figure
+
+
+def _split_lines(name: str) -> str:
+    """Put each setting of a long group name on its own line; lists in brackets stay whole."""
+    return re.sub(r", (?![^\[]*\])", ",\n", name) if len(name) > MAX_NAME else name
 
 
 def draw_sensitivity(results: Results, metrics: Sequence[Metric]) -> Figure | None:

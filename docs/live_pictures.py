@@ -80,7 +80,9 @@ class Run:
         while subprocess.run(["rosservice", "info", "/gazebo/pause_physics"], check=False,
                              capture_output=True).returncode:  # fmt: skip
             if time.monotonic() > deadline:
-                raise SystemExit(f"the simulator did not start: {self._launches[0].read_last_lines()}")
+                raise SystemExit(
+                    f"the simulator did not start: {self._launches[0].read_last_lines()}"
+                )
             time.sleep(0.5)
         rospy.init_node("pictures", anonymous=True, disable_rostime=True, disable_signals=True)
         rospy.Subscriber("/aras_visual_servo/controller/state", ServoState, self._on_state)

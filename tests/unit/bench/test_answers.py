@@ -37,7 +37,14 @@ def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch
                         lambda arm, state: (heard.append(state), listen(arm, state)))
     single = run(experiment)
     assert len(heard) == len(joined.joint_stamp) > 60
-    for name in ("joint_stamp", "measured_positions", "measured_velocities", "joint_commands", "pose", "true_pose"):
+    for name in (
+        "joint_stamp",
+        "measured_positions",
+        "measured_velocities",
+        "joint_commands",
+        "pose",
+        "true_pose",
+    ):
         np.testing.assert_array_equal(getattr(joined, name), getattr(single, name), name)
     for one, other in zip(joined.states, single.states, strict=True):
         assert (one.stamp, one.phase, one.reason, one.outcome) == (

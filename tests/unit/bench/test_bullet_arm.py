@@ -56,8 +56,16 @@ def standing(robot, preset, tmp_path_factory):
                       ground_plane=False)
     course = PoseHistory()
     try:
-        plant = bullet(robot, preset, seed=7, renderer="exact", exposure="gazebo", target_models=shown,
-                       surroundings=world, tracked_link=TrackedLink("moves", "moves", course))
+        plant = bullet(
+            robot,
+            preset,
+            seed=7,
+            renderer="exact",
+            exposure="gazebo",
+            target_models=shown,
+            surroundings=world,
+            tracked_link=TrackedLink("moves", "moves", course),
+        )
     finally:
         dynamic_arm.SimulationConfig = make
     yield plant, asked[0], course, world
@@ -104,8 +112,11 @@ def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, a
         np.testing.assert_allclose(plant.read_rest_pose(), elsewhere @ arm.pose(q), atol=1e-6)
         places = plant.joint_origins(np.array([other, q]))
         assert places.shape[0] == 2
-        np.testing.assert_allclose(places[1], arm.joint_origins(np.array([q]))[0] @ elsewhere[:3, :3].T
-                                   + elsewhere[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(
+            places[1],
+            arm.joint_origins(np.array([q]))[0] @ elsewhere[:3, :3].T + elsewhere[:3, 3],
+            atol=1e-9,
+        )
     finally:
         model.set_pose(kept)
 
@@ -149,7 +160,9 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     finally:
         bare.close()
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
-        bullet(robot, preset, camera={"segmentation": True}, target_models=shown, labelled_link="plat")
+        bullet(
+            robot, preset, camera={"segmentation": True}, target_models=shown, labelled_link="plat"
+        )
 
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
@@ -167,7 +180,9 @@ def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
 def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
     specs = {"left": CameraSpec(preset), "right": CameraSpec(preset, xyz=(0.0, -0.05, 0.01))}
     robot = Robot(RobotSpec(), cameras=specs)
-    plant = bullet(robot, preset, name="left", other_cameras={"right": {**preset, "update_rate": 20.0}})
+    plant = bullet(
+        robot, preset, name="left", other_cameras={"right": {**preset, "update_rate": 20.0}}
+    )
     try:
         assert plant.control_camera_name == "left"
         simulation, q = plant.simulation, plant.read_joints()[0]

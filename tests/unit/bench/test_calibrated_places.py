@@ -125,8 +125,10 @@ def test_optical_axes_are_those_of_the_file(tmp_path):
     place = {"file": file, "units": "mm"}
     _, found = mounting.configure_world_camera("cam", {**base, "hand_eye": place}, {}, 0)
     np.testing.assert_allclose(optical_pose(found.matrix()), PLACE, atol=1e-9)
-    for wrong, reason in (({"hand_eye": file}, "units to mm"),
-                          ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both define its pose"),
-                          ({"hand_eye": {"path": file}}, "hand_eye")):
+    for wrong, reason in (
+        ({"hand_eye": file}, "units to mm"),
+        ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both define its pose"),
+        ({"hand_eye": {"path": file}}, "hand_eye"),
+    ):
         with pytest.raises(CameraError, match=reason):
             mounting.configure_world_camera("cam", {**base, **wrong}, {}, 0)

@@ -71,7 +71,9 @@ def test_a_recorder_that_writes_is_no_trouble(kept):
 def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
     with kept.by.log.open("a") as log:
         log.write(FULL.format(bag=kept.open_bag))
-    assert kept.find_recording_error().startswith("the recorder has stopped: Less than 256M of space free on")
+    assert kept.find_recording_error().startswith(
+        "the recorder has stopped: Less than 256M of space free on"
+    )
     with pytest.raises(RefusedError, match="Less than 256M .*; the bag until then is available: "):
         kept.stop_recording()
     assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()

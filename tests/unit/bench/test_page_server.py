@@ -517,7 +517,8 @@ def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
     with monkeypatch.context() as away:
         away.setattr(host.run_trace, "goal", None)
         assert page.make_update(host.run_trace, [], [], 1.3)["shapes"]["desired x"] is None
-    assert page.make_update(host.run_trace, [], [], 1.4)["shapes"]["desired x"]  # the same as before
+    # the same as before
+    assert page.make_update(host.run_trace, [], [], 1.4)["shapes"]["desired x"]
 
 
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):

@@ -33,7 +33,10 @@ def test_a_remedy_is_its_sentence_and_keeps_its_changes():
     assert made.changes == (Change("gain", "multiply", 0.12), Change("interaction", "set", "mean"))
     again = pickle.loads(pickle.dumps(made))
     assert again == made and again.changes == made.changes
-    assert str(Remedy("", remove("calibration_offset"))) == "remove calibration_offset" and not Remedy()
+    assert (
+        str(Remedy("", remove("calibration_offset"))) == "remove calibration_offset"
+        and not Remedy()
+    )
     assert str(multiply("start", 0.5)) == "multiply the start's offset from the goal by 0.5"
     with pytest.raises(ValueError, match="operation 'add' is none of set, multiply, remove"):
         Change("gain", "add", 1.0)

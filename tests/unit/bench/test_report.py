@@ -531,7 +531,8 @@ def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, 
 def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
     """Real-time factors come once a second: a short run has none, or one, of its own."""
     paces = {
-        "late": [[moments.start_stamp + 100.0, 1.0]], "unknown": [[moments.start_stamp + 0.1, np.nan]],
+        "late": [[moments.start_stamp + 100.0, 1.0]],
+        "unknown": [[moments.start_stamp + 0.1, np.nan]],
         "one": [[moments.start_stamp + 0.5, 0.98]],
     }  # fmt: skip
     for name, pace in paces.items():

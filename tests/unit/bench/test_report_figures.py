@@ -839,7 +839,10 @@ def test_joints_of_another_run_are_found_by_their_names(runs):
     assert (curve.name, curve.run, curve.colour_index) == (turned.name, 1, 1)
     for bound, shows in ((99.9, 1), (100.0, 0), (-np.inf, 0), (-99.9, 1)):
         limits = (np.array([bound, 0.0, 0.0]), np.array([np.inf] * 3))
-        assert len(panels.make_joint_panels([replace(runs[0], position_limits=limits)])[0].limits) == shows
+        assert (
+            len(panels.make_joint_panels([replace(runs[0], position_limits=limits)])[0].limits)
+            == shows
+        )
     given = {f.name: getattr(runs[0], f.name) for f in fields(Run)
              if f.default is MISSING and f.default_factory is MISSING}  # fmt: skip
     bare = Run(**given)  # of which nothing else is known
@@ -887,7 +890,8 @@ def test_distances_too_small_for_a_logarithm_are_cut(runs):
     distance, angle = panels.make_pose_panels([replace(runs[0], true_pose=poses)])
     assert distance.curves[0].values[-3:] == pytest.approx([1e-4] * 3)
     assert angle.curves[0].values[-3:] == pytest.approx([1e-4] * 3) and angle.is_logarithmic
-    zero = [replace(s, scheme_output=s.scheme_output and replace(s.scheme_output, error=np.zeros(3)))
+    zero = [replace(s, scheme_output=s.scheme_output
+        and replace(s.scheme_output, error=np.zeros(3)))
             for s in runs[0].states[5:]]  # fmt: skip
     exact = replace(runs[0], states=(*runs[0].states[:5], *zero))
     norm = titled(panels.make_error_panels([exact]))["norm of the errors, relative"]

@@ -140,7 +140,8 @@ def test_axes_over_time_have_room_for_their_labels(paper):
 
 
 @pytest.mark.parametrize("named", [
-    {}, {"left": 0.4}, {"row_gap": 0.2, "right": 0.1}, {"column_gap": 0.3, "bottom": 0.25, "top": 0.15},
+    {}, {"left": 0.4}, {"row_gap": 0.2, "right": 0.1},
+    {"column_gap": 0.3, "bottom": 0.25, "top": 0.15},
 ])  # fmt: skip
 def test_axes_fill_what_their_margins_leave(named, paper):
     """A margin that is not named is none; all axes are of one size."""

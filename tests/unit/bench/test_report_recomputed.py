@@ -131,7 +131,8 @@ def recomputed(run):
         "scale": min(s.ik_solution.scale for s in run.states),
         "images": len(record.stamp), "image_rate": 1 / gaps.mean(),
         "images_late": 3 + (waited > 1.5 * gaps.median()).sum(),
-        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computation_time for s in run.states]),
+        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computation_time
+            for s in run.states]),
         "real_time_factor": pace.factor.mean(),
         **{f"final_error_{n}": error[n][error.index >= error.index[-1] - 1.0].mean()
            for n in NAMES},
@@ -330,9 +331,15 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
                        ("distance to the goal (mm)", "settled")):  # fmt: skip
         assert panels[title]["marks"] == [[pytest.approx(numbers[key]), "settled"]], title
     for k, (title, letter) in enumerate((("linear velocity of the camera (m/s)", "v"),
-                                         ("angular velocity of the camera (rad/s)", "ω"))):  # fmt: skip
+                                         ("angular velocity of the camera (rad/s)",
+                                             "ω"))):  # fmt: skip
         for i, axis in enumerate("xyz"):
-            check(title, letter + axis, time, [s.ik_solution.achieved_twist[3 * k + i] for s in run.states])
+            check(
+                title,
+                letter + axis,
+                time,
+                [s.ik_solution.achieved_twist[3 * k + i] for s in run.states],
+            )
             check(title, f"{letter}{axis} desired", time,
                   [s.ik_solution.desired_twist[3 * k + i] for s in run.states])  # fmt: skip
     shown = run.joint_stamp >= began - 0.1

@@ -89,7 +89,9 @@ def hand(q=Q):
 
 
 def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
-    np.testing.assert_allclose(made().make_arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9)
+    np.testing.assert_allclose(
+        made().make_arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9
+    )
     assert made().make_arm().names == ("a_j", "b_j")
     moved = made(xyz=(0.01, 0.02, 0.03), rpy=(0.1, 0.2, 0.3))
     link = HAND_T_LINK @ matrix_from_xyz_rpy((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
@@ -198,7 +200,9 @@ def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
             name: dataclasses.replace(CAMERAS[name], calibration_offset=CalibrationOffset(**OFF))
         }
         found = (
-            made(cameras=cameras).make_camera_kinematics(name, robot.make_arm(), is_calibrated=True).pose(Q)
+            made(cameras=cameras)
+            .make_camera_kinematics(name, robot.make_arm(), is_calibrated=True)
+            .pose(Q)
         )
     else:
         found = robot.make_calibrated_arm(**OFF, camera=name).pose(Q)
@@ -228,10 +232,15 @@ def test_each_joint_has_one_controller_of_one_kind(made):
     assert made().find_controllers(("a_j",)) == ({"a_j": "first"}, "position")
     assert made({"controllers": ("fast",)}).find_controllers(("b_j",))[1] == "velocity"
     for controllers, joints, why in (
-            (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
-            (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
-            (("first", "fast"), ("a_j", "b_j"), r"several kinds \(position, velocity\): list controllers"),
-            ((), ("a_j", "b_j"), "of several kinds")):
+        (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
+        (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
+        (
+            ("first", "fast"),
+            ("a_j", "b_j"),
+            r"several kinds \(position, velocity\): list controllers",
+        ),
+        ((), ("a_j", "b_j"), "of several kinds"),
+    ):
         with pytest.raises(ExperimentError, match=why):
             made({"controllers": controllers}).find_controllers(joints)
     assert set(made({"namespace": "/other/r"}).parameters) == set(made().parameters)

@@ -59,7 +59,9 @@ def test_exact_features_are_where_the_target_is_at_the_stamp():
     np.testing.assert_allclose(found.points, exactly(POSE), atol=1e-9)
     np.testing.assert_array_equal(found.points, found.outline)
     place = CameraPlacement(matrix_from_xyz_rpy((0.1, 0.05, 0.0), (0.0, 0.1, 0.3)))
-    shaken = SimpleNamespace(compute_pose=lambda ns: matrix_from_xyz_rpy((ns * 1e-11, 0, 0), (0, 0, 0)))
+    shaken = SimpleNamespace(
+        compute_pose=lambda ns: matrix_from_xyz_rpy((ns * 1e-11, 0, 0), (0, 0, 0))
+    )
     beside = capture(
         replace(SIGHT, placement=place, vibration=shaken, is_unbounded=True), POSE, STAMP, drawn()
     )
@@ -386,7 +388,9 @@ class Shaken(Plant):
         matrix_from_xyz_rpy((1, 2, 3), (0.1, 0.2, 0.3)),
         matrix_from_xyz_rpy((0, 0.1, 0), (0.1, 0.0, 0.2)),
     )
-    vibrations = {"left": SimpleNamespace(compute_pose=lambda ns: Shaken.b if ns == 7 else np.eye(4))}
+    vibrations = {
+        "left": SimpleNamespace(compute_pose=lambda ns: Shaken.b if ns == 7 else np.eye(4))
+    }
 
     def advance(self, until_ns): ...
     def command(self, kind, values): ...

@@ -167,7 +167,9 @@ def test_border_of_a_fisheye_stays_in_front():
 
 def test_words_say_scheme_phase_reason_error_and_pace(story):
     story.factor = 0.987
-    story.add_state(replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT)
+    story.add_state(
+        replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT
+    )
     text = "\n".join(story.make_text_lines())
     for part in ("moments - servoing\njoint limit\n", "J2 stopped", "xn +0.0100", "yn -0.0200",
                  "real-time factor 0.99"):
@@ -224,7 +226,9 @@ def test_many_errors_and_long_reasons_are_cut(story):
 
 
 def test_six_errors_are_all_read_out(story):
-    story.add_state(told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT)
+    story.add_state(
+        told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT
+    )
     assert not [line for line in story.make_text_lines() if line.startswith("and ")]
 
 

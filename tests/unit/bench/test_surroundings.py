@@ -157,7 +157,8 @@ def of(kind=Postures, **more):
 def test_what_speaks_against_a_posture_is_said_and_weighed():
     joints = (0.1, 0.2)
     assert (
-        of(Told).compute_cost(joints) == 2.37 and of(Told, is_visible=False).compute_cost(joints) == 2.0
+        of(Told).compute_cost(joints) == 2.37
+        and of(Told, is_visible=False).compute_cost(joints) == 2.0
     )
     assert of(Told).list_faults(joints, "goal", True) == [
         "the arm is in collision at the goal, its link 'a' is in 'b': give other joints",

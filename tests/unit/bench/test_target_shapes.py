@@ -209,7 +209,9 @@ def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(
 
 
 def test_no_files_are_made_of_the_demo_s_plates(tmp_path):
-    with pytest.raises(ExperimentError, match="'aras' is part of the robot description and has no fil"):
+    with pytest.raises(
+        ExperimentError, match="'aras' is part of the robot description and has no fil"
+    ):
         write_target(ARAS, tmp_path)
 
 

@@ -57,7 +57,10 @@ WRONG = {
     "Complex": (changed(L=lambda m: m.L * 1j), "returned L ndarray"),
     "Ragged": (changed(L=lambda m: [[1.0], [1.0, 2.0]]), "returned L list"),
     "Infinite": (changed(L=lambda m: m.L * np.inf), "returned L that is not finite"),
-    "Text": (changed(error_drift=lambda m: "fast"), "returned error_drift str 'fast': a finite number"),
+    "Text": (
+        changed(error_drift=lambda m: "fast"),
+        "returned error_drift str 'fast': a finite number",
+    ),
 }
 
 
@@ -155,4 +158,6 @@ class Lost(Proportional):
 def test_so_is_what_a_law_returns():
     assert servoed("numbered_points", law=f"{__name__}:Halves", gain=None, duration=3.0).converged
     result = servoed("numbered_points", law=f"{__name__}:Lost", gain=None, duration=0.3)
-    assert result.reason.startswith("Lost.desired_error_rate returned NoneType None: (8,) finite numbers")
+    assert result.reason.startswith(
+        "Lost.desired_error_rate returned NoneType None: (8,) finite numbers"
+    )

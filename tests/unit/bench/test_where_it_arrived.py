@@ -128,7 +128,9 @@ def test_the_image_of_an_arrival_is_compared_with_the_goal_s(scheme, is_right):
         assert result.outcome == "converged" and result.verdict.distance < 1e-3
     else:
         assert result.verdict.distance > 5e-3
-        assert result.outcome == "ambiguous" and "the image differs from the goal's" in result.reason
+        assert (
+            result.outcome == "ambiguous" and "the image differs from the goal's" in result.reason
+        )
 
 
 def test_what_a_scheme_does_not_control_and_the_image_shows_is_left_open():

@@ -87,8 +87,11 @@ def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
     assert asked.found == [
-        ("find_differences", "<x>", "<y>", ["p"], ["m", "n"]), ("describe_differences", "found", False),
-        ("find_differences", "<x>", "<y>", [], []), ("describe_differences", "found", True)]
+        ("find_differences", "<x>", "<y>", ["p"], ["m", "n"]),
+        ("describe_differences", "found", False),
+        ("find_differences", "<x>", "<y>", [], []),
+        ("describe_differences", "found", True),
+    ]
     assert capsys.readouterr().out == 2 * "so and so\n"
 
 

@@ -54,7 +54,8 @@ def test_grey_levels_lead_the_arm_home_on_the_workbench():
                 "scheme": "luminance",
                 "target": poster,
                 "time_after_convergence": 0.0,
-                "friction": False,  # with it the arm stands where rounding lets it, up to 0.7 mm off
+                # with it the arm stands where rounding lets it, up to 0.7 mm off
+                "friction": False,
                 "camera": {**SMALL, "width": 80, "height": 60},
                 "goal": [0.05, 0.0, -0.09, 0.045, 0.045, 0.0],
                 "start": [0.055, 0.0, -0.085, 0.045, 0.045, 0.04],

@@ -63,7 +63,9 @@ def test_what_the_loop_was_set_to_is_read():
     unlimited = ARM.replace('<limit lower="-1.5" upper="2" effort="5" velocity="1.9"/>', "")
     endless.content["parameters"]["robot_description"] = unlimited.replace("revolute", "continuous")
     assert [len(one) for one in endless.read_limits()] == [0, 0, 0]
-    assert endless.notes[0].startswith("the recorded limits cannot be used: elbow has no speed limit")
+    assert endless.notes[0].startswith(
+        "the recorded limits cannot be used: elbow has no speed limit"
+    )
     wrong = of({"gain": "high"})
     assert wrong.settings is None and wrong.arm is None and wrong.goal is None
     assert len(wrong.notes) == 1 and "the recorded parameters cannot be used: " in wrong.notes[0]

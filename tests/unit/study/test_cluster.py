@@ -92,7 +92,9 @@ def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(
     assert history.ended != history.begun
     here = history.here
     for chunk in (0, 2):
-        here.write_chunk(chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk)))
+        here.write_chunk(
+            chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk))
+        )
     there = parts(made.path)
     assert parts(here.path) == {name: there[name] for name in parts(here.path)} and len(there) == 3
 

@@ -441,7 +441,10 @@ def test_the_digest_is_the_same_where_catkins_stubs_come_first(tmp_path):
     place = importlib.util.find_spec(stub.name).submodule_search_locations[0]
     (stub / "__init__.py").write_text(f"__path__.append({place!r})\n")
     (stub / "generated.py").write_text("")
-    command = "from aras_visual_servo_bench.studies import versions; print(versions.compute_source_digest())"
+    command = (
+        "from aras_visual_servo_bench.studies.versions import compute_source_digest\n"
+        "print(compute_source_digest())"
+    )
     told = subprocess.run(
         [sys.executable, "-c", command], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},

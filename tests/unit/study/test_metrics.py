@@ -231,7 +231,9 @@ def test_reduced_wants_a_tenth_of_both_distance_and_angle(x, angle, reduced):
     ((-1.0, np.inf), -1.0, 1.0),
 ])  # fmt: skip
 def test_a_joint_is_at_a_limit_within_a_thousandth_of_its_range(limits, place, part):
-    found = replace(run(joints=np.full(len(TIME), place)), position_limits=tuple(np.array([limits]).T))
+    found = replace(
+        run(joints=np.full(len(TIME), place)), position_limits=tuple(np.array([limits]).T)
+    )
     assert measured("limit_time", found) == pytest.approx(2.99 * part)
 
 
@@ -255,8 +257,10 @@ def test_the_real_time_factor_is_the_mean_since_the_first_image():
 
 def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():
     nothing, none = np.zeros((0, 1)), np.zeros((0, 4, 4))
-    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0), measured_positions=nothing,
-                    measured_velocities=nothing, joint_commands=nothing, true_pose=none)  # fmt: skip
+    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0),
+        measured_positions=nothing,
+                    measured_velocities=nothing, joint_commands=nothing,
+                    true_pose=none)  # fmt: skip
     known = {name: measured(name, found) for name in metrics.METRICS}
     zero = ("reduced", "contradicts", "iterations", "servoing_time", "top_speed", "images",
             "images_late")

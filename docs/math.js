@@ -1,0 +1,6 @@
+// Typeset the formulas of a page, which docs/conf.py writes as LaTeX text.
+for (const element of document.querySelectorAll(".math")) {
+  katex.render(element.textContent, element, {
+    displayMode: element.classList.contains("display"),
+  });
+}

@@ -69,7 +69,7 @@ CONTENTS = """
 ```
 """
 CHAPTERS = {
-    "The first hour": (
+    "Getting started": (
         "docs/first_run", "docs/gallery", "docs/my_scheme", "docs/my_robot", "docs/my_camera",
         "docs/several_cameras", "docs/my_target", "docs/solid_targets", "docs/studies",
         "docs/browsing",
@@ -87,7 +87,7 @@ CHAPTERS = {
         "src/aras_visual_servo_controller/README", "src/aras_visual_servo_bench/README",
         "src/aras_visual_servo_base/README", "src/aras_visual_servo_ros/README", "tests/README",
     ),
-    "What changed": ("CHANGELOG", "docs/moving"),
+    "Changes": ("CHANGELOG", "docs/moving"),
     "Python API": ("docs/api/bench", "docs/api/controller", "docs/api/camera", "docs/api/bridge"),
 }  # fmt: skip
 

@@ -64,8 +64,8 @@ $$
 s = P, \qquad L = \begin{pmatrix} -I & [P]_{\times} \end{pmatrix}
 $$
 
-**Image moments** (`moments`), with $Z^{\ast}$ and $a^{\ast}$ of the goal. [Image moments](moments.md)
-derives $L$ for any plane and all moment features:
+**Image moments** (`moments`), with $Z^{\ast}$ and $a^{\ast}$ of the goal. [Image
+moments](moments.md) derives $L$ for any plane and all moment features:
 
 $$
 s = (x_n, y_n, a_n, \alpha), \qquad a_n = Z^{\ast} \sqrt{a^{\ast}/a}, \qquad x_n = a_n x_g,

@@ -21,7 +21,7 @@ from typing import Any
 
 import numpy as np
 import schemes_pictures as pictures
-from schemes_result import with_result
+from schemes_result import add_summary
 
 from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
@@ -288,7 +288,7 @@ def canonical_part(path: Path, images: Path | None) -> str:
     page = "## Canonical tasks\n\n" + _format_choices(study)
     page += "Starts from which the goal was reached:\n\n" + make_overview(rows, study) + "\n"
     if images is not None:
-        pictures.ways(study, "turn 90", images / "schemes.png")
+        pictures.draw_paths(study, "turn 90", images / "schemes.png")
         page += ("Paths of the target's corners in the image for a rotation of 90 degrees, first "
                  "start:\n\n")  # fmt: skip
         page += "![paths of the corners in the image](images/schemes.png)\n\n"
@@ -305,7 +305,7 @@ def domain_part(path: Path, images: Path | None) -> str:
     page = "## Convergence domain, rendered\n\n" + _format_choices(study)
     page += make_domain_table(rows, study) + "\n"
     if images is not None:
-        pictures.success_map(rows, images / "convergence_domain.png")
+        pictures.draw_success_map(rows, images / "convergence_domain.png")
         page += ("Distance and angle of every start from the goal; runs from blue dots converged, "
                  "those from orange crosses did not:\n\n")  # fmt: skip
         page += "![convergence domain](images/convergence_domain.png)\n\n"
@@ -370,7 +370,7 @@ def main(argv: list[str] | None = None) -> int:
         if options.speed is not None:
             page += speed_part(options.speed)
         page += FORMULAS + "## Features and schemes\n\n" + make_descriptions()
-        options.out.write_text(with_result(page), encoding="utf-8")
+        options.out.write_text(add_summary(page), encoding="utf-8")
     except (ExperimentError, OSError) as error:
         print(f"schemes_page: {error}", file=sys.stderr)
         return 1

@@ -98,9 +98,11 @@ running=(
     libdynamic-reconfigure-config-init-mutex-dev
     "${for_running[@]}"
 )
-# Linters; EGL with Mesa's rasteriser and ROS's angles to compare with; a browser without a window for the live page.
+# Linters; EGL with Mesa's rasteriser and ROS's angles to compare with; a browser without a window for the live page;
+# KaTeX for the formulas of the documentation site.
 [[ $tier != developing ]] || running+=(
     catkin-lint liburdfdom-tools libegl1 libgl1-mesa-dri python3-angles chromium-headless-shell
+    libjs-katex
 )
 packages=("${building[@]}" "${running[@]}")
 if [[ -n $list ]]; then

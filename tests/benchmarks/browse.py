@@ -38,7 +38,7 @@ QUESTIONS = {
     "rows, by a text": {"do": "rows", "sort": "reason"},
     "map": {"do": "map", "x": "gain", "y": "delay"},
     "map of medians": {"do": "map", "x": "gain", "y": "start.side", "value": "settled"},
-    "points": {"do": "points", "x": "start.side", "y": "final_distance", "shade": "success"},
+    "points": {"do": "points", "x": "start.side", "y": "final_distance", "colour_by": "success"},
     "groups": {"do": "groups", "by": ["gain", "end"], "values": ["settled", "final_distance"]},
     "groups, many": {"do": "groups", "by": ["gain", "delay"], "values": ["settled"]},
 }

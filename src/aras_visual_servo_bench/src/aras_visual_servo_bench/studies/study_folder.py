@@ -33,7 +33,7 @@ from .study import Study
 STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
 PARTS, TIMES, TRACES = "parts", "times", "traces"
 CHECKSUM_FILE = "sha256sums.txt"
-FORMAT_VERSION = 2
+FORMAT_VERSION = 3  # 3: the columns mend and asked are called remedy and desired_twist
 _DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
 
 
@@ -114,7 +114,8 @@ class StudyFolder:
             ) from None
         if manifest.get("format") != FORMAT_VERSION:
             raise StudyError(
-                f"{path} was written in format {manifest.get('format')}, not {FORMAT_VERSION}: "
+                f"{path} was written in format {manifest.get('format')}, not {FORMAT_VERSION}, in "
+                "which columns have new names (mend is now remedy, asked is now desired_twist): "
                 "read it with the version that wrote it, or run the study again"
             )
         if manifest.get("chunk") != study.chunk_size:

@@ -54,9 +54,9 @@ def gripping() -> Iterator[Row]:
             first = box.pose()
             _steps(world, hand, press, 10_000)
             last = box.pose()
-        what = f"held by {press:g} N with friction {mu:g}, tilted by {tilt:g} rad"
+        what = f"gripping force {press:g} N, friction {mu:g}, tilted by {tilt:g} rad"
         slid = dist(first.xyz[::2], last.xyz[::2])
-        yield Row(f"{what}: slid in 10 s", "in place", 1e3 * slid, 0.1, "mm")
+        yield Row(f"{what}: displacement in 10 s", "none", 1e3 * slid, 0.1, "mm")
     mu, press = 0.2, 3.0
     with World() as world:
         # In their middle: aside it turns as well, and then not all friction is upwards.
@@ -66,4 +66,4 @@ def gripping() -> Iterator[Row]:
         _steps(world, hand, press, 20)
         found = (before - box.twist().linear[2]) / (20 * STEP)
     expected = G - 2.0 * mu * press / MASS
-    yield Row("slips", f"{expected:.3g} m/s²", abs(found / expected - 1.0), 0.02)
+    yield Row("acceleration while slipping", f"{expected:.3g} m/s²", abs(found / expected - 1.0), 0.02)

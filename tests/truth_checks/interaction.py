@@ -236,7 +236,7 @@ def _errors(kind: _Kind, lens: str) -> dict[str, float]:
     return found
 
 
-@check("moved cameras' pictures")
+@check("finite differences of images")
 def interaction_matrices() -> Iterator[Row]:
     """L of one picture, by renderer, pipeline and feature, against slopes of s over others."""
     kinds = _kinds()
@@ -245,7 +245,7 @@ def interaction_matrices() -> Iterator[Row]:
     for kind in kinds:
         lenses = ["pinhole"] if kind.level else list(_CAMERAS)
         errors = [_errors(kind, lens) for lens in lenses]
-        seen_from = "square on" if kind.level else "aslant"
+        seen_from = "perpendicular" if kind.level else "oblique"
         for name in sorted(kind.names):
             worst = max(error[name] for error in errors)
-            yield Row(f"{name}, {seen_from}", "slopes of s", worst, kind.bound, "of a row")
+            yield Row(f"{name}, {seen_from}", "finite differences of s", worst, kind.bound, "of a row")

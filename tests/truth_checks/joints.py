@@ -47,7 +47,7 @@ def joint_stops() -> Iterator[Row]:
                 for _ in range(2100):
                     world.step()
                     beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
-            yield Row(f"thrown at {speed:g} rad/s", "stays within", beyond / 2.0, 0.01,
+            yield Row(f"initial speed {speed:g} rad/s", "never exceeded", beyond / 2.0, 0.01,
                       "of the range")
     for effort in (5.0, 5000.0):
         with World() as world:
@@ -57,7 +57,7 @@ def joint_stops() -> Iterator[Row]:
                 wheel.apply_effort("spin", effort if k % 1000 < 500 else -effort)
                 world.step()
                 beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
-            yield Row(f"driven by {effort:g} N m", "stays within", beyond / 2.0, 0.01,
+            yield Row(f"driven with {effort:g} N m", "never exceeded", beyond / 2.0, 0.01,
                       "of the range")
 
 
@@ -75,9 +75,9 @@ def joint_stops_of_a_free_base() -> Iterator[Row]:
                     world.step()
                     last = max(0.0, abs(block.read_joints()[0][0]) - 0.5)
                     beyond = max(beyond, last)
-            yield Row(f"thrown at {speed:g} m/s", "a step's travel at most", beyond,
+            yield Row(f"initial speed {speed:g} m/s", "exceeded by at most one step", beyond,
                       1.1 * speed * world.time_step, "m")
-            yield Row(f"thrown at {speed:g} m/s, afterwards", "back within", last, 1e-4, "m")
+            yield Row(f"initial speed {speed:g} m/s, afterwards", "within the stop", last, 1e-4, "m")
 
 
 def _shipped(damping: Mapping[str, float]) -> RobotDescription:
@@ -126,7 +126,7 @@ def _released(damping: Mapping[str, float], dt: float, seconds: float) -> float:
 
 
 @check("Pinocchio, Gauss-Seidel", quick=True)
-def friction_and_damping_shortly() -> Iterator[Row]:
+def friction_and_damping_short() -> Iterator[Row]:
     """The arm released with its joints' friction, for 0.15 s."""
     for dt in (1e-3, 5e-3):
         yield Row(f"J2 damping 60, steps of {1e3 * dt:g} ms", "equal positions",
@@ -139,7 +139,7 @@ def friction_and_damping() -> Iterator[Row]:
     for damping in ({}, {"J2": 60.0}, {"J5": 5.0, "J3": 20.0}):
         said = ", ".join(f"{name} damping {value:g}" for name, value in damping.items())
         for dt in (1e-3, 2e-3, 5e-3):
-            yield Row(f"{said or 'as shipped'}, steps of {1e3 * dt:g} ms", "equal positions",
+            yield Row(f"{said or 'default damping'}, steps of {1e3 * dt:g} ms", "equal positions",
                       _released(damping, dt, 1.0), 1e-3, "rad")
 
 
@@ -163,10 +163,10 @@ def time_steps() -> Iterator[Row]:
                 robot.world.step()
             q, v, _ = robot.model.read_joints()
             late = np.abs(np.subtract(q, exact[:6])).max() / np.abs(exact[6:]).max()
-            yield Row(f"steps of {1e3 * dt:g} ms", "within 2 steps' time", late / dt, 2.0, "steps")
+            yield Row(f"steps of {1e3 * dt:g} ms", "error of at most 2 steps", late / dt, 2.0, "steps")
 
 
-@check("PID and Gauss-Seidel written anew, Pinocchio")
+@check("an independent PID and Gauss-Seidel solver, Pinocchio")
 def PID_steps() -> Iterator[Row]:
     """The shipped controllers follow a quintic move, commanded at every step."""
     target = np.array([0.1, 0.2, 0.3, -0.25, -0.2, 0.4])  # in the order of CONTROLLERS

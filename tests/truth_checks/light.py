@@ -139,5 +139,5 @@ def light_and_shadows() -> Iterator[Row]:
     """A floor with three boxes by the light of a sun, a lamp, a spot: pixels that show the floor,
     512 rays in each."""
     for name, at_edges, elsewhere in compared(512):
-        yield Row(f"{name}, their edges", "equal", at_edges, 2.0, "grey levels RMS")
-        yield Row(f"{name}, elsewhere", "equal", elsewhere, 0.5, "grey levels RMS")
+        yield Row(f"{name}, at shadow edges", "equal", at_edges, 2.0, "grey levels RMS")
+        yield Row(f"{name}, other pixels", "equal", elsewhere, 0.5, "grey levels RMS")

@@ -93,7 +93,7 @@ def free_fall() -> Iterator[Row]:
         for _ in range(1000):
             world.step()
         fallen = 100.0 - box.pose().xyz[2]
-    yield Row("path after 1 s", "4.9 m and half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
+    yield Row("path after 1 s", "4.9 m plus half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
 
 
 @check("Pinocchio", quick=True)
@@ -116,7 +116,7 @@ def energy_and_momentum() -> Iterator[Row]:
             q, v, _ = robot.model.read_joints()
             kinetic = max(kinetic, pinocchio.computeKineticEnergy(
                 robot.pin, robot.data, robot.pin_state(q), robot.pin_vector(v)))
-    yield Row("energy, UR5", "kept", most / kinetic, 0.01, "of the swing")
+    yield Row("energy, UR5", "constant", most / kinetic, 0.01, "of the kinetic energy")
     with Robot("free arm") as robot:
         robot.world.set_physics(gravity=(0.0, 0.0, 0.0))
         robot.model.set_twist(Twist((0.1, 0.2, 0.3), (0.5, -0.4, 0.3)))
@@ -126,7 +126,7 @@ def energy_and_momentum() -> Iterator[Row]:
         after = _momentum(robot)
     for what, part in (("linear", slice(0, 3)), ("angular", slice(3, 6))):
         change = np.linalg.norm(after[part] - before[part]) / np.linalg.norm(before[part])
-        yield Row(f"{what} momentum, floating arm", "kept", float(change), 0.02)
+        yield Row(f"{what} momentum, floating arm", "constant", float(change), 0.02)
 
 
 def _momentum(robot: Robot) -> np.ndarray:
@@ -181,8 +181,8 @@ def contact_friction() -> Iterator[Row]:
                     world.step()
                 found = (2.0 - _speed(box)) / 0.2 / G
                 way = _way(box) - degrees
-            yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
-            yield Row(f"{name}, {degrees:g}° to its edges, path", "straight", abs(way), 0.5, "°")
+            yield Row(f"{name}, {degrees:g}° to its edges, deceleration", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
+            yield Row(f"{name}, {degrees:g}° to its edges, direction of the path", "straight", abs(way), 0.5, "°")
 
 
 @check("closed form", quick=True)
@@ -214,8 +214,8 @@ def rolling() -> Iterator[Row]:
         cart.joints.restore([(0.0, 10.0)] * 4)
         for _ in range(2000):
             world.step()
-        yield Row("a cart coasts for 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01, "m/s")
-        yield Row("a cart's height", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
+        yield Row("speed of a cart after 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01, "m/s")
+        yield Row("height of the cart", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
 
 
 def _cart() -> str:
@@ -246,7 +246,7 @@ def drops() -> Iterator[Row]:
                 worst = max(abs(_rebound(described, height + 0.02 + k / 8 * speed * 1e-3, speed)
                                 - share) for k in range(8))
                 yield Row(f"{name} at {speed:g} m/s, restitution {share:g}",
-                          f"leaves at {share:g} of its speed", worst, 0.01 if not share
+                          f"rebounds with {share:g} of its speed", worst, 0.01 if not share
                           else 0.05 * share)
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         balls = [world.spawn(parse_urdf(f'<robot name="r">{ball}</robot>'), f"ball{k}",
@@ -275,8 +275,8 @@ def _rebound(described: RobotDescription, height: float, speed: float) -> float:
         return after / before
 
 
-@check("the same without it", quick=True)
-def what_is_elsewhere() -> Iterator[Row]:
+@check("the same run without this body", quick=True)
+def distant_bodies() -> Iterator[Row]:
     """The shipped arm thrown about for 1 s, alone and with another model in its world."""
     box = parse_urdf(_box((0.1, 0.1, 0.1), 0.5, 1.0))
     shelf = parse_urdf(_box((0.4, 0.4, 0.05), 0.5).replace(
@@ -286,7 +286,7 @@ def what_is_elsewhere() -> Iterator[Row]:
                             ("a box on the robot's base", box, Pose((-0.9, 0.4, 0.65))),
                             ("a shelf within its reach", shelf, Pose((0.6, 0.5, 1.2)))):
         differ = int((_thrown_about(model, at) != alone).sum())
-        yield Row(f"{what}: joint positions", "equal to the bit", differ, 0.0, "differ")
+        yield Row(f"{what}: joint positions", "bit-identical", differ, 0.0, "differences")
 
 
 def _thrown_about(model: RobotDescription | None, at: Pose) -> np.ndarray:
@@ -319,11 +319,11 @@ def stack() -> Iterator[Row]:
         for _ in range(2000):
             world.step()
         moved = max(math.dist(a, cube.pose().xyz) for a, cube in zip(begun, cubes, strict=True))
-    yield Row("drift of the highest in 2 s", "none", 1e3 * moved, 0.1, "mm")
+    yield Row("displacement of the highest box in 2 s", "none", 1e3 * moved, 0.1, "mm")
 
 
-@check("rest")
-def free_base_of_the_shipped_robot() -> Iterator[Row]:
+@check("a base at rest")
+def free_base_at_rest() -> Iterator[Row]:
     """1.7 t on the floor, not bolted, a minute at rest and a minute with the arm moving."""
     robot = ArasRobot()
     try:
@@ -337,8 +337,8 @@ def free_base_of_the_shipped_robot() -> Iterator[Row]:
                 robot.steps(1000)
             now = robot.model.pose()
             turned = 2 * math.acos(min(1.0, abs(np.dot(begun.quat, now.quat))))
-            yield Row(f"creep in a minute, {what}", "none",
+            yield Row(f"displacement in a minute, {what}", "none",
                       1e3 * math.dist(begun.xyz, now.xyz), 0.1, "mm")
-            yield Row(f"turn in a minute, {what}", "none", math.degrees(turned), 0.01, "°")
+            yield Row(f"rotation in a minute, {what}", "none", math.degrees(turned), 0.01, "°")
     finally:
         robot.close()

@@ -44,4 +44,4 @@ def determinism() -> Iterator[Row]:
         out = subprocess.run([sys.executable, "-c", _RUN.format(paths=paths)], check=True,
                              capture_output=True, text=True, timeout=120).stdout
         digests.add(out.split("digest ")[-1].strip())
-    yield Row("joints and pictures", "bit-identical", len(digests) - 1.0, 0.0, "differences")
+    yield Row("joints and images", "bit-identical", len(digests) - 1.0, 0.0, "differences")

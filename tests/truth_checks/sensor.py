@@ -144,7 +144,7 @@ def motion_blur() -> Iterator[Row]:
             off.append(middle[0] - middle[1])
         what = f"exposed for {1e3 * time:g} ms"
         yield Row(f"{what}, width", f"{way:.3g} px", abs(float(np.mean(wrong))), 0.01)
-        yield Row(f"{what}, middle", "of the sharp picture", float(np.abs(off).max()), 0.02, "px")
+        yield Row(f"{what}, middle", "that of the sharp image", float(np.abs(off).max()), 0.02, "px")
 
 
 @check("a bar of known speed")
@@ -162,6 +162,6 @@ def rolling_shutter() -> Iterator[Row]:
             errors.append(found - (begin + speed * exposed))
         # Rows that are drawn together are up to half of them away from their instant.
         allowed = 0.02 + abs(speed) * row_time * 0.5 * (together - 1)
-        yield Row(f"row_time {1e6 * row_time:g} µs, {together} rows together",
-                  f"leans by {abs(speed) * row_time * 239:.3g} px",
+        yield Row(f"row_time {1e6 * row_time:g} µs, {together} rows rendered together",
+                  f"displaced by {abs(speed) * row_time * 239:.3g} px",
                   float(np.abs(errors).max()), allowed, "px")  # fmt: skip

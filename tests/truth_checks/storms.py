@@ -248,23 +248,23 @@ def _rows(count: int) -> Iterator[Row]:
     try:
         for k, robot in enumerate(ARMS):
             found = storms(robot, count, seed=k)
-            title = f"{robot}, {found.runs} storms"
-            yield Row(f"{title}: beyond a stop", "no limit passed", found.beyond, 0.01,
+            title = f"{robot}, {found.runs} runs"
+            yield Row(f"{title}: beyond a stop", "no limit exceeded", found.beyond, 0.01,
                       "of the range")
-            yield Row(f"{title}: afterwards", "no joint stuck", found.stuck, 0, "joints")
-            yield Row(f"{title}: after a reset", "as spawned, bit by bit", found.different, 0,
+            yield Row(f"{title}: afterwards", "no joint blocked", found.stuck, 0, "joints")
+            yield Row(f"{title}: after a reset", "bit-identical to the first run", found.different, 0,
                       "runs")
     finally:
         logging.disable(logging.NOTSET)
 
 
-@check("itself, and the limits")
-def joint_storms() -> Iterator[Row]:
+@check("joint limits and repeated runs")
+def random_joint_loads() -> Iterator[Row]:
     """A thousand sequences."""
     yield from _rows(334)
 
 
-@check("itself, and the limits", quick=True)
-def joint_storms_shortly() -> Iterator[Row]:
+@check("joint limits and repeated runs", quick=True)
+def random_joint_loads_short() -> Iterator[Row]:
     """One of each kind."""
     yield from _rows(18)

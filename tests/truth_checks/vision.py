@@ -118,7 +118,7 @@ def projection() -> Iterator[Row]:
         if len(errors) < 5:
             raise RuntimeError(f"{name}: only {len(errors)} squares are seen")
         rms = float(np.sqrt((np.square(errors)).sum(axis=1).mean()))
-        yield Row(f"{name}, {len(errors)} squares", "where CameraInfo says", rms, 0.02, "px RMS")
+        yield Row(f"{name}, {len(errors)} squares", "projection by CameraInfo", rms, 0.02, "px RMS")
 
 
 def _rays(sensor: CameraSensor) -> np.ndarray:
@@ -176,15 +176,15 @@ def depth_and_labels() -> Iterator[Row]:
         if sensor.info.model == "equidistant":
             expected = expected * np.linalg.norm(rays, axis=-1)  # these lenses tell distances
         error = 1e3 * (depth - expected)[usable]
-        yield Row(f"{name}, depth", "planes met by the ray", float(np.sqrt((error**2).mean())), 0.2,
+        yield Row(f"{name}, depth", "depth of the nearest plane", float(np.sqrt((error**2).mean())), 0.2,
                   "mm RMS")
         wanted = np.where(hit, box.body_id, floor.body_id)[usable]
         wrong = (labels[usable] & 0xFFFFFF) != wanted
-        yield Row(f"{name}, labels", "of the body hit", float(wrong.mean()), 0.0, "of pixels")
+        yield Row(f"{name}, labels", "label of the nearest body", float(wrong.mean()), 0.0, "of pixels")
 
 
-@check("area of a strip")
-def thin_things() -> Iterator[Row]:
+@check("covered area")
+def thin_objects() -> Iterator[Row]:
     """A black wire, 24 px long, on white: what it takes of the light, wherever it lies."""
     focal, long = 100.0, 24.0  # px, from 1 m above
     K = np.array([[focal, 0, 23.5], [0, focal, 19.5], [0, 0, 1.0]])
@@ -208,12 +208,12 @@ def thin_things() -> Iterator[Row]:
         yield Row(f"wire of {wide:g} px, 12 angles, 50 positions", "its width", worst, 0.02)
 
 
-@check("2 304 places a pixel")
-def textures_aslant() -> Iterator[Row]:
-    """A wall of squares 85 and 171 bright, 8 texels wide; 2.2 texels a pixel seen square on."""
+@check("2 304 samples per pixel")
+def oblique_textures() -> Iterator[Row]:
+    """A wall of squares 85 and 171 bright, 8 texels wide; 2.2 texels a pixel seen perpendicular."""
     pixels = blocks(8)
-    views = {"square on": 0.0, "60° aslant": 60.0, "80° aslant": 80.0, "87° aslant": 87.0}
-    bounds = {"square on": 1.6, "60° aslant": 2.0, "80° aslant": 2.0, "87° aslant": 4.0}
+    views = {"perpendicular": 0.0, "60° oblique": 60.0, "80° oblique": 80.0, "87° oblique": 87.0}
+    bounds = {"perpendicular": 1.6, "60° oblique": 2.0, "80° oblique": 2.0, "87° oblique": 4.0}
     K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
     bench = Bench()
     with tempfile.TemporaryDirectory() as folder:
@@ -228,23 +228,23 @@ def textures_aslant() -> Iterator[Row]:
                     off = errors(pixels, view, renderer.render(view))
                     worst = max(worst, float(np.sqrt((off**2).mean())))
                     bias = max(bias, float(abs(off.mean())))
-                yield Row(f"{name}, 5 directions", "the mean over the pixel", worst, bounds[name],
+                yield Row(f"{name}, 5 directions", "mean over the pixel", worst, bounds[name],
                           "grey levels RMS")
-                yield Row(f"{name}, mean of a picture", "kept", bias, 0.5, "grey levels")
+                yield Row(f"{name}, mean of the image", "unchanged", bias, 0.5, "grey levels")
         finally:
             bench.close()
 
 
-@check("the same without a sun")
+@check("the same image without a sun")
 def edges_in_the_sun() -> Iterator[Row]:
-    """A dark square on a bright wall, a texture: its area and where it is, by the light of the sun
+    """A dark perpendicular a bright wall, a texture: its area and where it is, by the light of the sun
     and by light from everywhere."""
     pixels = np.full((TEXELS, TEXELS), 255, np.uint8)
     pixels[150:340, 170:380] = 40
     margin = SIDE * (np.array([[110, 100], [440, 100], [440, 390], [110, 390]]) / TEXELS - 0.5)
     margin[:, 1] *= -1.0  # the picture's first row is at +y
     K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
-    views = {"square on": 0.0, "40° aslant": 40.0, "75° aslant": 75.0}
+    views = {"perpendicular": 0.0, "40° oblique": 40.0, "75° oblique": 75.0}
     bench = Bench()
     with tempfile.TemporaryDirectory() as folder:
         try:
@@ -324,7 +324,7 @@ def exposure_instants() -> Iterator[Row]:
     late = np.array(late)
     if len(late) < 10:
         raise RuntimeError(f"only {len(late)} pictures")
-    yield Row(f"{len(frames)} pictures", "at the stamp", 1e6 * float(np.abs(late).max()), 20.0,
+    yield Row(f"{len(frames)} images", "at the stamp", 1e6 * float(np.abs(late).max()), 20.0,
               "µs")
 
 
@@ -352,4 +352,4 @@ def noise() -> Iterator[Row]:
     yield Row("excess kurtosis", "0", abs(kurtosis), 0.01)
     flat = values.reshape(len(values), -1)
     pairs = np.corrcoef(flat) - np.eye(len(flat))
-    yield Row("correlation of two pictures", "0", float(np.abs(pairs).max()), 0.02)
+    yield Row("correlation of two images", "0", float(np.abs(pairs).max()), 0.02)

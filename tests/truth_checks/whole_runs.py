@@ -181,18 +181,18 @@ def _rows(numbers: range) -> Iterator[Row]:
         turn = Rotation.from_matrix(pose[:3, :3].T @ end[:3, :3]).magnitude()
         parts = np.linalg.norm(pose[:3, 3] - end[:3, 3]) / bounds[0], turn / bounds[1]
         what = f"{keys['plant']}, {keys['scheme']}, {keys['features']}: {found.outcome}"
-        yield Row(what, "the same end", float(np.max(parts)), 1.0, "of what is left open")
-    yield Row(f"the arm's camera at its joints, {len(numbers)} runs", "equal", 1e3 * away, 1e-6,
+        yield Row(what, "the same final pose", float(np.max(parts)), 1.0, "of the uncertainty")
+    yield Row(f"camera pose at the measured joints, {len(numbers)} runs", "equal", 1e3 * away, 1e-6,
               "mm")  # fmt: skip
 
 
-@check("MuJoCo and a loop written out", quick=True)
-def whole_runs_shortly() -> Iterator[Row]:
+@check("MuJoCo and an independent loop", quick=True)
+def complete_runs_short() -> Iterator[Row]:
     """Three experiments end where another loop ends."""
     yield from _rows(range(5, 8))
 
 
-@check("MuJoCo and a loop written out")
-def whole_runs() -> Iterator[Row]:
+@check("MuJoCo and an independent loop")
+def complete_runs() -> Iterator[Row]:
     """Experiments with a camera that flies and with the arm end where another loop ends."""
     yield from _rows(range(COUNT))

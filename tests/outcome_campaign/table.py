@@ -16,7 +16,8 @@ from .trial import REFUSED, Judged
 TABLE = Path(__file__).parents[2] / "docs" / "truth.md"
 TITLE = "## Accuracy of outcomes"
 ALL, EACH = 0.95, 0.85  # least fractions of correct outcomes, in all runs and in each kind
-REMEDIED, HELPED = 0.8, 0.7  # least fractions of failed runs with a remedy, and of remedies that help
+# Least fraction of failed runs that have a remedy, and of remedies that help.
+REMEDIED, HELPED = 0.8, 0.7
 EXCEEDED, WORST = 0.005, 1.5  # uncertainty: largest fraction of runs beyond it, and largest ratio
 WIDTH = 3.0  # largest ratio of the median uncertainty to the median error
 
@@ -81,7 +82,8 @@ def failures(numbers: dict[str, float]) -> list[str]:
     for part in ("distance", "angle"):
         if f"median_{part}" in numbers:
             width = numbers[f"median_open_{part}"] / max(numbers[f"median_{part}"], 1e-9)
-            checks[f"uncertainty of {part} within {WIDTH:g} times the median error"] = width <= WIDTH
+            name = f"uncertainty of {part} within {WIDTH:g} times the median error"
+            checks[name] = width <= WIDTH
     return [name for name, met in checks.items() if not met]
 
 

@@ -171,8 +171,8 @@ def hand_eye_calibration() -> Iterator[Row]:
         turn = Rotation.from_matrix(true[:3, :3].T @ found[:3, :3]).as_rotvec()
         away = found[:3, 3] - true[:3, 3]
         off = _twelve(found) - _twelve(true)
-        yield Row(f"{name}, position", "the URDF's mounting", 1e3 * float(np.linalg.norm(away)), 0.1,
-                  "mm")  # fmt: skip
+        yield Row(f"{name}, position", "the URDF's mounting",
+                  1e3 * float(np.linalg.norm(away)), 0.1, "mm")  # fmt: skip
         yield Row(f"{name}, attitude", "the URDF's mounting",
                   float(np.degrees(np.linalg.norm(turn))), 0.02, "°")  # fmt: skip
         stated = float(np.sqrt(off @ np.linalg.solve(covariance, off) / 6.0))

@@ -66,4 +66,5 @@ def gripping() -> Iterator[Row]:
         _steps(world, hand, press, 20)
         found = (before - box.twist().linear[2]) / (20 * STEP)
     expected = G - 2.0 * mu * press / MASS
-    yield Row("acceleration while slipping", f"{expected:.3g} m/s²", abs(found / expected - 1.0), 0.02)
+    yield Row("acceleration while slipping", f"{expected:.3g} m/s²",
+              abs(found / expected - 1.0), 0.02)

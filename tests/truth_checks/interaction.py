@@ -228,7 +228,7 @@ def _errors(kind: _Kind, lens: str) -> dict[str, float]:
             L, numeric = (rows[:, list(feature.directions)] for rows in (L, numeric))
         known = np.isfinite(numeric).all(axis=1)
         if known.sum() < min(len(L), 20):
-            raise RuntimeError(f"{name}: only {known.sum()} of {len(L)} rows are known")
+            raise RuntimeError(f"{name}: only {known.sum()} of {len(L)} rows are finite")
         off, size = (np.linalg.norm(rows[known], axis=1) for rows in (numeric - L, numeric))
         # One keypoint of many hundred tells nothing: theirs are taken together.
         found[name] = float((off / size).max()) if len(L) <= 24 else float(
@@ -241,11 +241,12 @@ def interaction_matrices() -> Iterator[Row]:
     """L of one picture, by renderer, pipeline and feature, against slopes of s over others."""
     kinds = _kinds()
     if left := set(FEATURES) - set().union(*(kind.names for kind in kinds)):
-        raise RuntimeError(f"features that nobody looks at: {', '.join(sorted(left))}")
+        raise RuntimeError(f"features without a check: {', '.join(sorted(left))}")
     for kind in kinds:
         lenses = ["pinhole"] if kind.level else list(_CAMERAS)
         errors = [_errors(kind, lens) for lens in lenses]
         seen_from = "perpendicular" if kind.level else "oblique"
         for name in sorted(kind.names):
             worst = max(error[name] for error in errors)
-            yield Row(f"{name}, {seen_from}", "finite differences of s", worst, kind.bound, "of a row")
+            yield Row(f"{name}, {seen_from}", "finite differences of s", worst, kind.bound,
+                      "of a row")

@@ -77,7 +77,8 @@ def joint_stops_of_a_free_base() -> Iterator[Row]:
                     beyond = max(beyond, last)
             yield Row(f"initial speed {speed:g} m/s", "exceeded by at most one step", beyond,
                       1.1 * speed * world.time_step, "m")
-            yield Row(f"initial speed {speed:g} m/s, afterwards", "within the stop", last, 1e-4, "m")
+            yield Row(f"initial speed {speed:g} m/s, afterwards", "within the stop", last, 1e-4,
+                      "m")
 
 
 def _shipped(damping: Mapping[str, float]) -> RobotDescription:
@@ -163,7 +164,8 @@ def time_steps() -> Iterator[Row]:
                 robot.world.step()
             q, v, _ = robot.model.read_joints()
             late = np.abs(np.subtract(q, exact[:6])).max() / np.abs(exact[6:]).max()
-            yield Row(f"steps of {1e3 * dt:g} ms", "error of at most 2 steps", late / dt, 2.0, "steps")
+            yield Row(f"steps of {1e3 * dt:g} ms", "error of at most 2 steps", late / dt, 2.0,
+                      "steps")
 
 
 @check("an independent PID and Gauss-Seidel solver, Pinocchio")

@@ -181,8 +181,9 @@ def contact_friction() -> Iterator[Row]:
                     world.step()
                 found = (2.0 - _speed(box)) / 0.2 / G
                 way = _way(box) - degrees
-            yield Row(f"{name}, {degrees:g}° to its edges, deceleration", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
-            yield Row(f"{name}, {degrees:g}° to its edges, direction of the path", "straight", abs(way), 0.5, "°")
+            case = f"{name}, {degrees:g}° to its edges"
+            yield Row(f"{case}, deceleration", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
+            yield Row(f"{case}, direction of the path", "straight", abs(way), 0.5, "°")
 
 
 @check("closed form", quick=True)
@@ -214,7 +215,8 @@ def rolling() -> Iterator[Row]:
         cart.joints.restore([(0.0, 10.0)] * 4)
         for _ in range(2000):
             world.step()
-        yield Row("speed of a cart after 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01, "m/s")
+        yield Row("speed of a cart after 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01,
+                  "m/s")
         yield Row("height of the cart", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
 
 

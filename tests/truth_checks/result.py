@@ -6,8 +6,10 @@ import re
 from collections import Counter
 
 BEGIN, END = "<!-- result -->\n", "<!-- end of result -->\n"
-SUMMARISED = ("mass matrix", "accelerations", "friction and damping", "PID steps", "contact friction",
-        "projection", "depth and labels")  # fmt: skip
+SUMMARISED = (
+    "mass matrix", "accelerations", "friction and damping", "PID steps", "contact friction",
+    "projection", "depth and labels",
+)  # fmt: skip
 NEAREST = 3  # number of comparisons in the list of those closest to their bounds
 OUTCOMES = "Correct in "  # first words of the sentence about outcomes of the servo loop
 

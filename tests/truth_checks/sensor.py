@@ -144,7 +144,8 @@ def motion_blur() -> Iterator[Row]:
             off.append(middle[0] - middle[1])
         what = f"exposed for {1e3 * time:g} ms"
         yield Row(f"{what}, width", f"{way:.3g} px", abs(float(np.mean(wrong))), 0.01)
-        yield Row(f"{what}, middle", "that of the sharp image", float(np.abs(off).max()), 0.02, "px")
+        yield Row(f"{what}, middle", "that of the sharp image", float(np.abs(off).max()), 0.02,
+                  "px")
 
 
 @check("a bar of known speed")

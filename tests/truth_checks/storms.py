@@ -252,8 +252,8 @@ def _rows(count: int) -> Iterator[Row]:
             yield Row(f"{title}: beyond a stop", "no limit exceeded", found.beyond, 0.01,
                       "of the range")
             yield Row(f"{title}: afterwards", "no joint blocked", found.stuck, 0, "joints")
-            yield Row(f"{title}: after a reset", "bit-identical to the first run", found.different, 0,
-                      "runs")
+            yield Row(f"{title}: after a reset", "bit-identical to the first run",
+                      found.different, 0, "runs")
     finally:
         logging.disable(logging.NOTSET)
 

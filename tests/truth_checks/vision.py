@@ -176,11 +176,12 @@ def depth_and_labels() -> Iterator[Row]:
         if sensor.info.model == "equidistant":
             expected = expected * np.linalg.norm(rays, axis=-1)  # these lenses tell distances
         error = 1e3 * (depth - expected)[usable]
-        yield Row(f"{name}, depth", "depth of the nearest plane", float(np.sqrt((error**2).mean())), 0.2,
-                  "mm RMS")
+        yield Row(f"{name}, depth", "depth of the nearest plane",
+                  float(np.sqrt((error**2).mean())), 0.2, "mm RMS")
         wanted = np.where(hit, box.body_id, floor.body_id)[usable]
         wrong = (labels[usable] & 0xFFFFFF) != wanted
-        yield Row(f"{name}, labels", "label of the nearest body", float(wrong.mean()), 0.0, "of pixels")
+        yield Row(f"{name}, labels", "label of the nearest body", float(wrong.mean()), 0.0,
+                  "of pixels")
 
 
 @check("covered area")
@@ -237,8 +238,7 @@ def oblique_textures() -> Iterator[Row]:
 
 @check("the same image without a sun")
 def edges_in_the_sun() -> Iterator[Row]:
-    """A dark perpendicular a bright wall, a texture: its area and where it is, by the light of the sun
-    and by light from everywhere."""
+    """Compare area and position of a dark square on a bright wall in sunlight and in ambient light."""
     pixels = np.full((TEXELS, TEXELS), 255, np.uint8)
     pixels[150:340, 170:380] = 40
     margin = SIDE * (np.array([[110, 100], [440, 100], [440, 390], [110, 390]]) / TEXELS - 0.5)

@@ -238,7 +238,7 @@ def oblique_textures() -> Iterator[Row]:
 
 @check("the same image without a sun")
 def edges_in_the_sun() -> Iterator[Row]:
-    """Compare area and position of a dark square on a bright wall in sunlight and in ambient light."""
+    """Compare area and position of a dark square on a bright wall in sun and ambient light."""
     pixels = np.full((TEXELS, TEXELS), 255, np.uint8)
     pixels[150:340, 170:380] = 40
     margin = SIDE * (np.array([[110, 100], [440, 100], [440, 390], [110, 390]]) / TEXELS - 0.5)

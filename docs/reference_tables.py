@@ -1,21 +1,21 @@
-"""Fill the tables of READMEs and of docs/ from the classes and registries that they show.
+"""Generate the tables of READMEs and of docs/ from classes and registries.
 
     .venv/bin/python docs/reference_tables.py
 
-What stands between a pair of comments is replaced, everything else stays:
+The text between a pair of comments is replaced:
 
-    <!-- fields module:Class -->      attributes, by the class's docstring
+    <!-- fields module:Class -->      attributes of a class, from its docstring
     <!-- settings module:Class -->    settings with default, unit and meaning
     <!-- registry module:NAME -->     entries with their parameters and the first line of their docs
-    <!-- schemes module:NAME -->      the same of features and schemes, with what they need and move
-    <!-- diagnoses module:NAME -->    diagnoses in their order: when, outcomes, what they read
+    <!-- schemes module:NAME -->      features and schemes, their inputs and controlled directions
+    <!-- diagnoses module:NAME -->    diagnoses in order: condition, outcomes, inputs
     <!-- metrics module:NAME -->      metrics with unit, meaning and formula
     <!-- exports package:NAMES -->    public names with the first line of their docs
-    <!-- loop file:function -->       the first loop of a function, as its file has it
+    <!-- loop file:function -->       source of the first loop of a function
     <!-- end -->
 
-Within a line `<!-- names module:NAME -->` and `<!-- end -->` enclose the names of a registry. In a
-launch file the first of them stands before an argument, whose help lists them: "Control law: pi,
+Within a line, `<!-- names module:NAME -->` and `<!-- end -->` enclose the names of a registry. In a
+launch file, the first comment precedes an argument whose help lists the names: "Control law: pi,
 ..., or package.module:Class".
 """
 
@@ -52,7 +52,7 @@ AXES = ("vx", "vy", "vz", "ωx", "ωy", "ωz")
 
 
 def entries(lines: Iterable[str]) -> list[tuple[str, str]]:
-    """Read names, with commas, and what is said of them, from `name: text` lines."""
+    """Read entries `name: text` or `name, name: text`; return names and texts."""
     found: list[tuple[str, str]] = []
     for line in lines:
         if entry := ENTRY.match(line):
@@ -65,9 +65,10 @@ def entries(lines: Iterable[str]) -> list[tuple[str, str]]:
 
 
 def attributes(documented: type) -> list[tuple[str, str]]:
-    """Read the attributes of a class from its docstring's list.
+    """Read the attributes of a class from the list in its docstring.
 
-    One without such a list, as a named tuple's, is a row: its fields, and its first sentence.
+    A class without such a list, such as a named tuple, gives one row with its fields and its first
+    sentence.
     """
     lines = inspect.getdoc(documented).splitlines()
     begin = next((i for i, line in enumerate(lines) if HEADING.match(line)), None)
@@ -86,8 +87,10 @@ def fields_table(documented: type) -> list[str]:
 
 
 def settings_table(documented: type) -> list[str]:
-    """Return the table of a dataclass's settings; their meaning is in its docstring, or where
-    the default comes from in that of the class which has it too."""
+    """Return the table of a dataclass's settings.
+
+    Their meaning is in the docstring of the dataclass or of a class in its `documented_by`.
+    """
     meanings = dict(entries(inspect.getdoc(documented).split("\n\n", 1)[-1].splitlines()))
     for base in map(inspect.getdoc, getattr(documented, "documented_by", ())):
         meanings = dict(entries(base.splitlines())) | meanings
@@ -103,7 +106,7 @@ def settings_table(documented: type) -> list[str]:
 
 
 def registry_table(registry: Registry) -> list[str]:
-    """Return the table of a registry's entries; with their parameters, where they have any."""
+    """Return the table of a registry's entries and their parameters."""
     declared = {name: registry.list_parameters(name) for name in registry}
     more = any(declared.values())
     rows = ["| name | what it is | parameters |" if more else "| name | what it is |"]
@@ -131,7 +134,7 @@ def schemes_table(registry: Registry) -> list[str]:
 
 
 def diagnoses_table(order: Iterable[str]) -> list[str]:
-    """Return the table of the diagnoses, in the order in which they are asked."""
+    """Return the table of the diagnoses, in the order in which they run."""
     rows = ["| name | when | outcomes | what it reads |", "|---|---|---|---|"]
     for name in order:
         found = DIAGNOSES[name]
@@ -167,7 +170,7 @@ KINDS: Mapping[str, Callable[[Any], list[str]]] = {
 
 
 def loop_text(path: Path, function: str) -> str:
-    """Return the first loop of a function, as a code block that tests carry out."""
+    """Return the first loop of a function as a code block, which tests execute."""
     text = path.read_text(encoding="utf-8")
     (found,) = (node for node in ast.parse(text).body
                 if isinstance(node, ast.FunctionDef) and node.name == function)  # fmt: skip
@@ -178,7 +181,7 @@ def loop_text(path: Path, function: str) -> str:
 
 
 def parameter_text(parameter: Parameter) -> str:
-    """Return `name` = default unit: help, of a parameter."""
+    """Format a parameter as `name` = default unit, help."""
     default = parameter.default
     shown = f" = {default:g} {parameter.unit}" if isinstance(default, int | float) else ""
     return f"`{parameter.name}`{shown.rstrip()}, {parameter.help}"
@@ -190,12 +193,12 @@ def first_line(documented: type) -> str:
 
 
 def cell(text: str) -> str:
-    """Return a text as a cell of a table has it."""
+    """Escape a text for a cell of a table."""
     return text.replace("|", "\\|")
 
 
 def filled(page: str) -> str:
-    """Return a page with its tables as classes and registries have them now."""
+    """Return a page with updated tables."""
 
     def table(match: re.Match[str]) -> str:
         module = importlib.import_module(match[3])
@@ -217,7 +220,7 @@ def filled(page: str) -> str:
 
 
 def pages() -> list[Path]:
-    """Return the pages that have such tables."""
+    """Return the pages that contain generated tables."""
     kinds = ("*.md", "docs/*.md", "src/*/*.md", "src/*/launch/*.launch")
     every = {path: path.read_text(encoding="utf-8") for kind in kinds for path in ROOT.glob(kind)}
     blocks = (TABLE, LOOP, INLINE, NAMES)
@@ -225,7 +228,7 @@ def pages() -> list[Path]:
 
 
 def main() -> None:
-    """Write the pages again."""
+    """Update the tables of all pages."""
     argparse.ArgumentParser(description=__doc__.splitlines()[0],
                             epilog="example: docs/reference_tables.py").parse_args()
     for path in pages():

@@ -349,8 +349,8 @@ def test_the_page_is_made_of_the_tables(tmp_path, capsys):
     text = out.read_text()
     first = text.split("This page compares")[0].splitlines()
     assert first[2:5] == [
-        "- *Canonical tasks, clean*: 3 of 4 runs reach the goal with each of these schemes: one. The "
-        "median of 2 schemes is 38 %.",
+        "- *Canonical tasks, clean*: 3 of 4 runs reach the goal with each of these schemes: one. "
+        "The median of 2 schemes is 38 %.",
         "- Success of all these runs by task: 38 % (turn 90); the hardest is turn 90.",
         "- *Rendered, clean*: 1 of 2 runs converge with each of these schemes: feature points. The "
         "median of 1 schemes is 50 %. Published elsewhere: 89.6 % (ViT-VS, SIFT).",

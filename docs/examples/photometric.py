@@ -24,8 +24,7 @@ class Photometric(Feature):
 
     name, needs = "photometric", frozenset((Need.IMAGE,))
     names, tolerances, units = ("rms",), (1.5,), ("grey level",)
-    # The tilt is poorly observable on a flat target.
-    directions = (True, True, True, False, False, True)
+    directions = (True, True, True, False, False, True)  # tilt hardly changes a flat target
 
     def teach(self, observation):
         png = cv2.imencode(".png", self._grey(observation.image))[1]

@@ -153,12 +153,12 @@ def page(directory: Path) -> None:
         run.servo(-1.0, gain=SLOW, start="2016")
         tab = browser.open(run.address())
         tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 60.0)
-        tab.wait(f"""["servoing", "converged"].includes(arasPage.state.told.phase) &&
+        tab.wait(f"""["servoing", "converged"].includes(arasPage.state.controller.phase) &&
             arasPage.scene.shapes.path && arasPage.state.samples.filter(
             (s) => s[1].length).length > {30 * PICTURE_TIME}""", 60.0)
-        tab.js("arasPage.still = true; arasPage.scene.ask()")
+        tab.js("arasPage.isFrozen = true; arasPage.scene.requestDraw()")
         # Wait until the software renderer has drawn the scene.
-        tab.wait("!arasPage.scene.drawing && !arasPage.scene.wanted", 60.0)
+        tab.wait("!arasPage.scene.isDrawing && !arasPage.scene.isDrawRequested", 60.0)
         time.sleep(1.0)
         fractions = {name: tab.js(COUNT_PIXELS % colour) for name, colour in OBJECT_COLOURS.items()}
         content = np.frombuffer(tab.screenshot(), np.uint8)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draw images/moments.png for moments.md; needs matplotlib."""
+"""Draws images/moments.png for moments.md; run it from anywhere with matplotlib installed."""
 
 # ruff: noqa: E402 - the backend and the paths must be set before the imports that need them
 from __future__ import annotations
@@ -31,18 +31,17 @@ from aras_visual_servo_camera.undistortion import CameraModel
 CAMERA = CameraModel(320, 240, (188.04, 0, 159.5, 0, 188.04, 119.5, 0, 0, 1))
 
 
-def measure(grey: np.ndarray, weighting: str) -> Moments:
-    """Measure the moments of an image with the given weighting of edge pixels."""
+def measured(grey: np.ndarray, weighting: str) -> Moments:
     pipeline = Pipeline(Settings(weighting=weighting))
     pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8")).moments
 
 
 def draw_moments(axes: plt.Axes) -> None:
-    """Draw the centre of gravity and the main axes on an enlarged image of the target."""
+    """What the moments are: centre of gravity, main axes, on grey pixels."""
     view = View(TARGET, rotation([0, 0, 0.5]), np.array([0.004, -0.003, 0.3]))
     grey = grey_image(view.image, CAMERA.pinhole)
-    moments = measure(grey, "coverage")
+    moments = measured(grey, "coverage")
     u, v = CAMERA.project(np.array([moments.xg]), np.array([moments.yg]))
     alpha = compute_moment_features(moments, ("alpha",), Plane(0, 0, 1))["alpha"]
     spread = [moments.mu(2, 0), moments.mu(1, 1), moments.mu(0, 2)]
@@ -59,33 +58,33 @@ def draw_moments(axes: plt.Axes) -> None:
     axes.set(xlim=(u[0] - 32, u[0] + 32), ylim=(v[0] + 32, v[0] - 32))
     axes.set(xlabel="column", ylabel="row")
     axes.legend(loc="lower left", fontsize=8)
-    axes.set_title("Grey levels of edge pixels measure their coverage")
+    axes.set_title("Grey edge pixels say how much of them is covered")
 
 
 def draw_error(axes: plt.Axes) -> None:
-    """Draw the error of the centroid while the target moves by two pixels."""
+    """Centroid error as the target creeps across one pixel."""
     shifts = np.linspace(0, 2, 81)
     for weighting, colour in (("binary", "0.5"), ("coverage", "tab:blue")):
         errors = []
         for shift in shifts:
             t = np.array([0.01 + shift * 0.25 / 188.04, 0.005, 0.25])
             view = View(TARGET, rotation([0, 0, 0.02]), t)
-            moments = measure(grey_image(view.image, CAMERA.pinhole), weighting)
+            moments = measured(grey_image(view.image, CAMERA.pinhole), weighting)
             errors.append(188.04 * (moments.xg - Moments.from_polygon(view.image).xg))
         axes.plot(shifts, errors, color=colour, label=f"{weighting} weights")
     axes.set(xlabel="true shift, pixels", ylabel="error of the centre, pixels")
     axes.legend(fontsize=8)
     axes.grid(alpha=0.3)
-    axes.set_title("Error of the centre of gravity")
+    axes.set_title("Centre of gravity below a pixel")
 
 
 def draw_branch(axes: plt.Axes) -> None:
-    """Draw the agreement of third-order moments with the reference, raw and rectified."""
+    """Agreement of the third-order moments with the reference, raw and seen square on."""
     shape = (L_SHAPE - L_SHAPE.mean(axis=0)) * [1.0, 0.8]
     desired = Moments.from_polygon(shape / 0.5)
     reference = Orientation.from_moments(desired, Plane(0, 0, 2))
     tilts = np.arange(-60, 61, 2.0)
-    scores = {"moments of the image": [], "moments of the rectified image": []}
+    scores = {"moments as they are": [], "moments seen square on": []}
     for tilt in tilts:
         view = View(shape, rotation([0, np.deg2rad(tilt), 0]), np.array([0, 0, 0.5]))
         moments = Moments.from_polygon(view.image)
@@ -99,16 +98,15 @@ def draw_branch(axes: plt.Axes) -> None:
     for (name, found), colour in zip(scores.items(), ("0.5", "tab:blue"), strict=True):
         axes.plot(tilts, found, color=colour, label=name)
     axes.axhline(0, color="tab:red", lw=1)
-    axes.text(-20, -0.06, "below 0: wrong by half a turn", color="tab:red", fontsize=8, va="top")
+    axes.text(-20, -0.06, "below: the wrong half turn", color="tab:red", fontsize=8, va="top")
     axes.set(xlabel="tilt of the target, degrees", ylabel="agreement with the reference")
     axes.set_ylim(-0.4, 1.1)
     axes.legend(loc="lower right", fontsize=8)
     axes.grid(alpha=0.3)
-    axes.set_title("Ambiguity of half a turn, resolved by the plane")
+    axes.set_title("Which half turn? Ask the plane, not the image")
 
 
 def main() -> None:
-    """Write the figure."""
     figure, axes = plt.subplots(1, 3, figsize=(15, 4.6), layout="constrained")
     for draw, part in zip((draw_moments, draw_error, draw_branch), axes, strict=True):
         draw(part)

@@ -1,4 +1,4 @@
-"""Pictures of the page on schemes: image trajectories and maps of successful starts."""
+"""Pictures of the page of schemes: ways through the image, and where a scheme converges from."""
 
 from __future__ import annotations
 
@@ -20,13 +20,13 @@ from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.targets.target_factory import make_target
 
-COLUMNS, WIDTH, HEIGHT = 4, 3.0, 2.8  # panels per row, and their size in inches
-LETTERS = 38  # width of a title
+COLUMNS, WIDTH, HEIGHT = 4, 3.0, 2.8  # panels in a row, and inches of each
+LETTERS = 38  # across a panel
 
 
 @contextmanager
 def _page(count: int, path: Path) -> Iterator[list[Axes]]:
-    """Yield `count` axes, and save their figure at the end of the block."""
+    """So many axes, whose picture is written when they are drawn."""
     with apply_style():
         figure, axes = make_axes(count, HEIGHT, min(count, COLUMNS), width=WIDTH)
         yield axes
@@ -36,12 +36,12 @@ def _page(count: int, path: Path) -> Iterator[list[Axes]]:
 
 
 def _title(axis: Axes, *lines: str) -> None:
-    """Set a title of several lines, wrapped at the width of the panel."""
+    """Lines above an axis, folded to its width."""
     axis.set_title("\n".join(fill(line, LETTERS) for line in lines), fontsize=8)
 
 
-def draw_trajectories(study: Study, start: str, path: Path) -> None:
-    """Draw the image trajectories of the target's corners from one start, one panel per scheme."""
+def ways(study: Study, start: str, path: Path) -> None:
+    """How the target's corners went through the image, a panel for each scheme, from one start."""
     condition = next(iter(study.case_axes.get("condition", ())), None)
     points = [
         point for point in range(study.point_count)
@@ -53,38 +53,35 @@ def draw_trajectories(study: Study, start: str, path: Path) -> None:
             experiment = study.make_experiment(point * study.repeats)
             result = run(experiment)
             corners = make_target(experiment.target.shape, experiment.target.size).vertices()
-            trajectory = np.array([_project(corners, pose) for pose in result.pose])
-            goal = _project(corners, result.goal_pose)
-            axis.plot(trajectory[:, :, 0], trajectory[:, :, 1], linewidth=1.0)
-            axis.plot(trajectory[0, :, 0], trajectory[0, :, 1], "o", color="white", mec=INK, ms=3.5)
+            seen = np.array([_projected(corners, pose) for pose in result.pose])
+            goal = _projected(corners, result.goal_pose)
+            axis.plot(seen[:, :, 0], seen[:, :, 1], linewidth=1.0)
+            axis.plot(seen[0, :, 0], seen[0, :, 1], "o", color="white", mec=INK, ms=3.5)
             axis.plot(goal[:, 0], goal[:, 1], "x", color=INK, ms=5.0)
-            axis.plot(trajectory[-1, :, 0], trajectory[-1, :, 1], "o", color=INK, ms=3.0)
+            axis.plot(seen[-1, :, 0], seen[-1, :, 1], "o", color=INK, ms=3.0)
             _title(axis, study.find_combination(point).names["scheme"], result.outcome)
             axis.set_xlim(-0.4, 0.4)
             axis.set_ylim(0.3, -0.3)
             axis.set_aspect("equal")
 
 
-def _project(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
-    """Project corners (n, 3) to normalised coordinates (n, 2); NaN behind the camera.
-
-    pose: world_T_camera (4, 4).
-    """
-    camera_T_world = inverse(pose)
-    points = corners @ camera_T_world[:3, :3].T + camera_T_world[:3, 3]
+def _projected(corners: np.ndarray, pose: np.ndarray) -> np.ndarray:
+    """Normalised (n, 2) of corners (n, 3) from world_T_camera; NaN behind the camera."""
+    seen = inverse(pose)
+    points = corners @ seen[:3, :3].T + seen[:3, 3]
     return np.where(points[:, 2:] > 0.0, points[:, :2] / points[:, 2:], np.nan)
 
 
-def draw_success_map(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
-    """Draw starts by distance and angle from the goal, one panel per scheme and condition."""
+def success_map(rows: Sequence[Mapping[str, Any]], path: Path) -> None:
+    """Starts by distance and angle from the goal, a panel for each scheme and condition."""
     groups: dict[tuple[str, str], list[Mapping[str, Any]]] = {}
     for row in rows:
         if row.get("start_distance") not in ("", "nan", None):
             groups.setdefault((row["scheme"], row["condition"]), []).append(row)
     with _page(len(groups), path) as axes:
         for axis, ((case, condition), found) in zip(axes, groups.items(), strict=True):
-            for is_hit, colour, marker in ((True, BLUE, "o"), (False, VERMILION, "x")):
-                some = [row for row in found if row["hit"] is is_hit]
+            for wanted, colour, marker in ((True, BLUE, "o"), (False, VERMILION, "x")):
+                some = [row for row in found if row["hit"] is wanted]
                 axis.scatter(
                     [float(row["start_distance"]) for row in some],
                     [math.degrees(float(row["start_angle"])) for row in some],

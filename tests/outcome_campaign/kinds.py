@@ -1,4 +1,4 @@
-"""What is provoked, by kinds; for each the outcomes that are right, written down before the run."""
+"""Kinds of injected faults, each with the correct outcomes, defined before the run."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 Draw = np.random.Generator
 Changes = dict[str, Any]
 
-# On the table of the Bullet arm, and at the same place before the other plants.
+# Position of the target: on the table of the Bullet arm, and the same for the other plants.
 TABLE = (0.0, 0.0, 0.591)
 PLANTS = ("chain", "chain", "free", "bullet")
 DOWN = np.pi  # roll of a camera that looks at the table
-# Corners of outlines without symmetry, parts of their size; less than 17 px wide the last one shows
-# three corners, which look the same from several poses.
+# Corners of outlines without symmetry, relative to their size. Below a width of 17 px only three
+# corners of the last outline are detected, which look the same from several poses.
 OUTLINES = (
     ((-0.5, -0.4), (0.5, -0.5), (0.35, 0.45), (-0.3, 0.3)),
     ((-0.5, -0.3), (0.4, -0.5), (0.5, 0.5), (-0.15, 0.2)),
@@ -26,9 +26,9 @@ OUTLINES = (
 
 @dataclass(frozen=True)
 class Event:
-    """Something done to a run under way, `at` s after its first image.
+    """Event during a run, `at` s after its first image.
 
-    what: "hold", "stop", "joints_end" (no joint states any more), "images_end" or "joints_stick".
+    what: "hold", "stop", "joints_end" (joint states end), "images_end" or "joints_stick".
     """
 
     what: str
@@ -37,9 +37,9 @@ class Event:
 
 @dataclass(frozen=True)
 class Trial:
-    """One run to be made: kind, its number, the experiment's keys, what is right.
+    """One run: kind, number, keys of the experiment, correct outcomes.
 
-    right: kinds of outcome that are right; 'converged' stands for 'converged up to ...' too.
+    right: kinds of correct outcomes; 'converged' includes 'converged up to ...'.
     """
 
     kind: str
@@ -51,10 +51,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of fault: how its experiments are drawn, and what is right of them.
+    """Kind of fault: random experiments and their correct outcomes.
 
-    faults: how many are provoked at once. alike: whether its targets look the same from several
-    poses, so that no image tells which of them the camera is at.
+    faults: number of faults injected in one run. alike: True if the target looks the same from
+    several poses, so that images cannot distinguish them.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Kind:
     text: str = field(default="", compare=False)
 
     def trial(self, seed: int, number: int) -> Trial:
-        """The trial of a number; the same for the same seed."""
+        """Return the trial with a number; equal seeds give equal trials."""
         random = np.random.default_rng([seed, number, *self.name.encode()])
         keys = {"seed": int(random.integers(2**31)), **self.draw(random)}
         event = None if self.event is None else self.event(random)
@@ -82,21 +82,21 @@ def kind(
     faults: int = 1,
     alike: bool = False,
 ) -> Callable[[Callable[[Draw], Changes]], Callable[[Draw], Changes]]:
-    """Enter a function that draws an experiment's keys as a kind of its name."""
+    """Register a function that draws the keys of an experiment as a kind."""
 
-    def enter(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
+    def register(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
         name = draw.__name__
         KINDS[name] = Kind(name, draw, right, event, faults, alike, (draw.__doc__ or "").strip())
         return draw
 
-    return enter
+    return register
 
 
-# -- what experiments have in common -----------------------------------------------------------
+# -- parts of experiments -----------------------------------------------------------
 
 
 def sampler(random: Draw, height: tuple[float, float] = (0.2, 0.32)) -> Changes:
-    """Starts with the target in view, at other heights each."""
+    """Return random starts from which the target is visible."""
     return {"height": list(height), "side": random.uniform(0.02, 0.05),
             "turn": random.uniform(0.2, 0.8)}  # fmt: skip
 
@@ -104,7 +104,7 @@ def sampler(random: Draw, height: tuple[float, float] = (0.2, 0.32)) -> Changes:
 def placed(
     random: Draw, shape: Any = None, size: float | None = None, outlines: int = len(OUTLINES)
 ) -> Changes:
-    """A target on the table, some way off its middle; without symmetry if no shape is named."""
+    """Return a target at a random pose on the table; without `shape` it has no symmetry."""
     size = float(random.uniform(0.05, 0.08)) if size is None else size
     if shape is None:
         outline = OUTLINES[random.integers(outlines)]
@@ -115,11 +115,11 @@ def placed(
 
 
 def goal_above(random: Draw, leans: bool = False) -> Changes:
-    """A camera's pose above the table's middle, at which the goal is shown.
+    """Return a camera pose above the centre of the table, at which the goal is taught.
 
-    leans: it looks at the table's middle from 8 to 16 degrees beside the vertical. Level poses are
-        singular for the arm: its first and its last joint turn the camera about one axis, and none
-        about its y axis (the Jacobian's least singular value is 0.003).
+    leans: tilt the optical axis by 8 to 16 degrees. Poses with a vertical optical axis are singular
+        for the arm: its first and last joint rotate the camera about the same axis, and no joint
+        about its y axis (the smallest singular value of the Jacobian is 0.003).
     """
     x, y = random.uniform(-0.01, 0.01, 2)
     height = random.uniform(0.24, 0.3)
@@ -131,10 +131,10 @@ def goal_above(random: Draw, leans: bool = False) -> Changes:
 def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
             schemes: tuple[str, ...] = ("points", "moments", "segments", "pose"),
             own: bool = False) -> Changes:  # fmt: skip
-    """A run that nothing is wrong with; `own`: not before the demo's two plates.
+    """Return a run without faults; with `own`, its target is not the default one.
 
-    An arm whose camera is to move in all directions gets a goal that leans, and a target that is
-    large enough to tell by how much.
+    If an arm controls all six directions, the goal is tilted and the target is large enough to
+    measure the tilt.
     """
     plant, scheme = str(random.choice(plants)), str(random.choice(schemes))
     keys: Changes = {
@@ -149,12 +149,12 @@ def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
 
 
 def pictured(random: Draw, **given: Any) -> Changes:
-    """The same by pictures; `pose` is left to targets that are large enough for it, or markers."""
+    """Return a run without faults that uses images, by default without the scheme `pose`."""
     given.setdefault("schemes", ("points", "moments", "segments"))
     return {**healthy(random, **given), "features": "images"}
 
 
-# -- nothing wrong -----------------------------------------------------------------------------
+# -- no fault -----------------------------------------------------------------------------
 
 
 @kind("converged", faults=0)
@@ -224,7 +224,7 @@ def rate_known(random: Draw) -> Changes:
     }  # fmt: skip
 
 
-# -- a camera that is not as believed ----------------------------------------------------------
+# -- calibration errors of the camera ----------------------------------------------------------
 
 
 @kind("converged")

@@ -1,4 +1,4 @@
-"""Kinds of trials before scenes, arms and lenses that the project does not ship."""
+"""Kinds of trials with random targets, arms and lenses."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ SCHEMES = "outcome_campaign.schemes:"
 
 
 def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes:
-    """A scene with a scheme, a gain that its delay and image rate allow, and time enough."""
+    """Add a scheme, a gain that is stable with the delay and image rate, and a duration."""
     rate = keys["camera"].get("update_rate", 30.0)
     delay = float(random.uniform(0.0, 0.03))
     gain = float(random.uniform(0.8, min(3.0, 0.25 / (delay + 1.0 / rate))))
@@ -32,19 +32,19 @@ def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes
 
 def any_arm(random: Draw, names: tuple[str, ...] = tuple(ARMS), camera: Lens | None = None,
             schemes: tuple[str, ...] = SIX) -> Changes:  # fmt: skip
-    """A healthy run of one of the arms."""
+    """Return a run of one of the arms without faults."""
     camera = lens(random) if camera is None else camera
     return loop(random, on_arm(random, str(random.choice(names)), camera), schemes)
 
 
 def either(random: Draw, schemes: tuple[str, ...] = SIX) -> Changes:
-    """A healthy run of a free camera or of an arm."""
+    """Return a run of a free camera or of an arm without faults."""
     if random.random() < 0.5:
         return loop(random, flying(random, lens(random)), schemes)
     return any_arm(random, schemes=schemes)
 
 
-# -- nothing wrong -------------------------------------------------------------------------------
+# -- no fault -------------------------------------------------------------------------------
 
 
 @kind("converged", faults=0)

@@ -1,7 +1,8 @@
-"""Image-based servoing on four points by a free camera: the loop, written out.
+"""Complete loop of image-based visual servoing with four points and a free camera.
 
-It imports the parts of the loop from their modules; a project needs the public `run` alone.
     python docs/examples/four_points.py        # prints the error and the final distance
+
+The parts of the loop are imported from their modules; a project needs only the public `run`.
 """
 
 import numpy as np
@@ -20,25 +21,25 @@ from aras_visual_servo_controller.observation.feature_observer import observe
 from aras_visual_servo_controller.schemes.compute import compute
 
 PERIOD = 1.0 / 30.0  # s between two images
-DEPTH = 0.5  # m, of the target at the goal
+DEPTH = 0.5  # depth of the target at the goal, m
 WORLD_T_GOAL = matrix_from_xyz_rpy((0.0, 0.0, -DEPTH), (0.0, 0.0, 0.0))
 WORLD_T_START = matrix_from_xyz_rpy((0.1, -0.05, -0.8), (0.1, -0.1, 0.4))
 
 
 def main(images: int = 240) -> float:
-    """Servo for some images; returns the final distance from the goal, m."""
+    """Servo for a number of images; return the final distance from the goal, m."""
     intrinsics = CameraModel(640, 480, (500.0, 0.0, 320.0, 0.0, 500.0, 240.0, 0.0, 0.0, 1.0))
     square = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)))
     camera = ImagingSettings(intrinsics, PlacedTarget(square, np.eye(4)))
     scheme = create_scheme("points", Proportional(gain=1.5))  # e_dot = -1.5 e, L at each image
 
-    # The goal is what the camera sees there.
-    shown = observe(capture(camera, WORLD_T_GOAL), None, FeatureObserver(None, scheme.needs),
-                    plane=Plane.fronto_parallel(DEPTH), world_T_camera=WORLD_T_GOAL)
-    goal = Goal.teach(scheme, shown)
+    # Teach the goal from the features that the camera measures at the goal pose.
+    at_goal = observe(capture(camera, WORLD_T_GOAL), None, FeatureObserver(None, scheme.needs),
+                      plane=Plane.fronto_parallel(DEPTH), world_T_camera=WORLD_T_GOAL)
+    goal = Goal.teach(scheme, at_goal)
     scheme.check(goal)
 
-    arm = FreeBody(WORLD_T_START)  # six joints q, the logarithm of the camera's displacement
+    arm = FreeBody(WORLD_T_START)  # q (6,) is the logarithm of the camera's displacement
     ik = DifferentialIK(arm, settings=IKSettings.for_free_camera(DEPTH, hold_gain=1.5))
     observer = FeatureObserver(arm, scheme.needs, compute_plane=goal.compute_plane)
     q = np.zeros(6)

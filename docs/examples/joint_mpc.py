@@ -1,7 +1,8 @@
-"""A user's controller: predictive control of the joints, with their limits as constraints.
+"""Joint controller: model predictive control with the joint limits as constraints.
 
-Over a horizon of N images the errors go as e(k) = e(0) + k T L J q_dot; q_dot, the same for all of
-it, minimises sum |e(k)|^2 + r |q_dot|^2 within the limits of speed and position.
+The error after k images is predicted as e(k) = e(0) + k T L J q_dot. The joint velocity q_dot is
+constant over the horizon of N images and minimises sum |e(k)|^2 + r |q_dot|^2 within the limits of
+velocity and position.
 """
 
 import numpy as np
@@ -13,7 +14,7 @@ HORIZON, PERIOD, SPEED, EFFORT = 12, 1.0 / 30.0, 1.0, 1e-4
 
 
 class JointMPC(JointController):
-    """The paper's moments, and the vertical in the camera's frame to keep it level."""
+    """Predictive control of image moments and of the tilt of the camera."""
 
     output = "velocity"
 

@@ -1,6 +1,6 @@
-"""No features at all: the grey levels of the whole picture of a textured poster."""
+"""No features at all: the grey levels of the whole image of a textured poster."""
 
-from keeping import keep_runs
+from output import report_runs
 
 from aras_visual_servo_bench import Experiment
 
@@ -10,5 +10,5 @@ poster = Experiment(
     goal={"pose": [0, 0, 0.4, 3.14159, 0, 0]},
     start={"pose": [0.02, -0.01, 0.42, 3.12, 0.02, 0.05]},
 )  # fmt: skip
-run, = keep_runs({"grey levels": poster}, "image_trajectory")
+run, = report_runs({"grey levels": poster}, "image_trajectory")
 assert run.is_success

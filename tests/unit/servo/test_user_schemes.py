@@ -105,7 +105,7 @@ def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
     states = rig.run(0.8)
     assert states[0].phase == "servoing"  # the segmentation's word does not count
     assert {s.reason for s in states if 0.3 <= s.stamp < 0.5} == {
-        "own_corners: nothing dark in the picture"
+        "own_corners: no dark shape in the image"
     }
     assert states[-1].phase == "servoing"
 

@@ -110,8 +110,8 @@ def test_right_runs_are_counted_by_the_faults_provoked():
 def test_bounds_are_met_by_what_is_right():
     assert failures(summary([RIGHT, LOST])) == []
     wide = replace(RIGHT, open_distance=3.1e-4)
-    assert failures(summary([wide])) == ["distance left open within 3 times the median error"]
-    beyond, name = replace(RIGHT, angle=5.1e-3), "left open exceeded in 0.5% at most"
+    assert failures(summary([wide])) == ["uncertainty of distance within 3 times the median error"]
+    beyond, name = replace(RIGHT, angle=5.1e-3), "uncertainty exceeded in 0.5% at most"
     assert name in failures(summary([beyond] + [RIGHT] * 150))
     assert name not in failures(summary([beyond] + [RIGHT] * 250))
 

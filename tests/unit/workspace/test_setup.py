@@ -123,7 +123,9 @@ def test_without_network_it_says_so(machine, told):
     room = "#!/bin/sh\necho Avail; echo 100000\n"
     status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
     assert status == 1
-    assert "there seems to be no network" in text and "fix the cause and start setup.sh again" in text
+    assert (
+        "there seems to be no network" in text and "fix the cause and start setup.sh again" in text
+    )
     assert "apt-get update ... done" in text
     assert "E: " not in text  # where the reason is known, the log's end would only hide it
 

@@ -78,7 +78,7 @@ def watch(stop: threading.Event, told: list[int]) -> None:
             message = await viewer.read_message()
             if message is None:
                 raise SystemExit("the page has gone")
-            await viewer.write_message("seen")
+            await viewer.write_message("ack")
             told[0], told[1] = told[0] + 1, told[1] + len(message)
         viewer.close()
 
@@ -117,7 +117,7 @@ def main() -> int:
         while not factor.latest[1] > 5.0:
             time.sleep(0.2)
         simulator, camera = node_pid("__name:=gazebo"), node_pid("aras_visual_servo_camera_node")
-        for _ in range(given.is_angular):
+        for _ in range(given.turns):
             for page in (False, True):
                 rows.append(turn(page, given.seconds, factor, simulator, camera))
                 print("  ".join(f"{key} {value}" for key, value in rows[-1].items()), flush=True)

@@ -252,7 +252,8 @@ def ended(run: Run, images: int, joints: int) -> Run:
                            run.goal.distance, run.experiment.reached),
         states=run.states[:images], pose=run.pose[:images],
         **{name: getattr(run, name)[:joints] for name in
-           ("joint_stamp", "measured", "measured_speed", "commanded", "true_pose")},
+           ("joint_stamp", "measured_positions", "measured_velocities", "joint_commands",
+            "true_pose")},
     )  # fmt: skip
 
 

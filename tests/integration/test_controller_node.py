@@ -255,7 +255,7 @@ def test_controllers_are_found_by_joint_and_type(plant, start, states, collect, 
     wait_for(lambda: all(topic.messages for topic in heard.values()), 10.0, "speeds")
     wait_for(lambda: "no controller subscribes to" in node.output(), 20.0, "a warning")
     (told, *_) = [line for line in node.output().splitlines() if "no controller subscribes" in line]
-    assert f"on {NAMESPACE}/turns_{ARM.names[-1]}/command: start that controller" in told
+    assert f"to {NAMESPACE}/turns_{ARM.names[-1]}/command: start that controller" in told
     assert not plant.received
 
 

@@ -298,14 +298,14 @@ def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done
-    assert why.startswith("the controller did not start: goal_2016.yaml holds no picture"), why
+    assert why.startswith("the controller did not start: goal_2016.yaml holds no image"), why
     wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
     wait_for(lambda: not viewer.told["state"]["controller"], 20.0, "the same of its state")
     # Corners, which the goal's file does not hold, are those of the target's geometry.
     done, text = viewer.ask("servo", scheme="points", law="proportional", start="none",
                             goal="2016", timeout=90.0)  # fmt: skip
     assert done, text
-    wait_for(lambda: viewer.told["told"]["scheme"] == "points", 60.0, "points")
+    wait_for(lambda: viewer.told["controller"]["scheme"] == "points", 60.0, "points")
     wait_for(lambda: viewer.told["state"]["controller"], 20.0, "the controller")
     viewer.wait("converged", 120.0)
     at = viewer.told["joints"][0]
@@ -407,7 +407,7 @@ def test_a_target_that_was_taken_away_is_said_and_not_asked_for_again(viewer, gr
     assert "get_model_state" not in graph.output()[len(before) :]
     began = time.monotonic()
     done, text = viewer.ask("teach", name="nothing")
-    assert not done and "bring the target into view" in text, text
+    assert not done and "bring it into view" in text, text
     assert time.monotonic() - began < 2.0
 
 

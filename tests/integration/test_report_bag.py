@@ -171,7 +171,7 @@ def test_bag_gives_the_run_back(tmp_path, optical):
     assert found["image_rate"] == pytest.approx(30.0, abs=0.01) and found["images_late"] == 0
     assert found["delay"] == pytest.approx(4.0, abs=0.01)
     assert np.isnan(found["final_distance"])  # nobody has told the goal
-    assert any("is of an older version" in note for note in run.notes)
+    assert any("is from an older version" in note for note in run.notes)
 
 
 def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
@@ -258,7 +258,7 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     assert main(["show", str(path), "--out", str(out)]) == 0
     said = capsys.readouterr().out
     assert said.count("is left out: that is no file name") == 7
-    assert "# a goal named '../stolen.yaml' is left out" in said
+    assert "# the goal '../stolen.yaml' is left out" in said
     assert {p.name for p in out.iterdir()} == {
         "experiment.yaml", "goal_2016.yaml", "launch.txt", "parameters.yaml", "robot.urdf",
         "versions.txt"}  # fmt: skip
@@ -459,5 +459,5 @@ def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
     with rosbag.Bag(str(waiting), "w") as bag:
         state = ServoState(phase="waiting", reason="no image on /labrob/camera")
         bag.write(f"{NAMESPACE}/controller/state", state, rospy.Time(1))
-    with pytest.raises(BenchError, match="was waiting: no image on /labrob/camera"):
+    with pytest.raises(BenchError, match="its last phase is waiting: no image on /labrob/camera"):
         read_bag(waiting)

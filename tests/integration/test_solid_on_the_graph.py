@@ -33,7 +33,7 @@ PLACE = [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]
 def reached(states, joints, arm, goal_joints):
     """Wait for 3 s after the loop has converged; how far off the camera then is, mm, degrees."""
     states.wait(90, timeout=90.0, where=lambda state: state.phase == "converged")
-    q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
+    q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
     distance, angle = pose_difference(arm.pose(goal_joints), arm.pose(q))
     return 1e3 * distance, np.degrees(angle)
 

@@ -1,4 +1,4 @@
-"""Makes docs/gallery.md and its pictures: every example is carried out and timed.
+"""Generate docs/gallery.md and its pictures: run and time every example.
 
     PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/gallery_page.py
 """
@@ -18,48 +18,48 @@ from PIL import Image, ImageDraw, ImageFont, ImageOps
 DOCS = Path(__file__).resolve().parent
 SCRIPTS = DOCS / "gallery"
 IMAGES = DOCS / "images"
-# In this order on the page, and on the sheet of the front page.
+# Order on the page and in the overview picture of the front page.
 NAMES = (
     "scheme", "failure", "study", "own_arm", "own_camera", "own_controller", "own_feature",
     "photometric", "moving_target", "noise", "schemes", "from_gazebo", "stereo", "learned",
     "grasp",
 )  # fmt: skip
-CELL, COLUMNS, EDGE, LETTERS = (300, 210), 5, 10, 26  # pixels; of the sheet
-ROUND = 5.0  # s, to which durations are rounded up
+CELL, COLUMNS, EDGE, LETTERS = (300, 210), 5, 10, 26  # of the overview picture, px
+ROUND = 5.0  # s; durations are rounded up to multiples of this
 HEAD = """# Gallery
 
-Fifteen examples, each a short script and one command: in the workspace's folder after
-`./setup.sh` and `source devel/setup.bash; source .venv/bin/activate`, or where `pip install .`
-was done. Each leaves its picture and, where it servoes, a report in `out/gallery/NAME`. Times are
-of one core of 2026, the start of Python included.
+Each of these fifteen examples is a short script, run by one command in the workspace's folder.
+First run `./setup.sh` and `source devel/setup.bash; source .venv/bin/activate`, or `pip install .`.
+Each example writes a picture and, if it servoes, a report to `out/gallery/NAME`. The times are for
+one core of 2026 and include the start of Python.
 """
 
 
 def title(name: str) -> tuple[str, str]:
-    """What an example shows: in some words, and in a sentence."""
+    """Return the title of an example and a sentence about it, from its docstring."""
     text = ast.get_docstring(ast.parse((SCRIPTS / f"{name}.py").read_text(encoding="utf-8")))
-    short, _, rest = text.rstrip(".").partition(":")
+    short, _, rest = " ".join(text.split()).rstrip(".").partition(":")
     return short, rest.strip()[:1].upper() + rest.strip()[1:] + "."
 
 
 def main() -> int:
-    """The page, a picture each, and the sheet."""
+    """Write the page, one picture per example, and the overview picture."""
     lines, pictures = [HEAD], []
     with tempfile.TemporaryDirectory() as folder:
         for name in NAMES:
             out = Path(folder) / name
-            began = time.monotonic()
+            start = time.monotonic()
             subprocess.run([sys.executable, str(SCRIPTS / f"{name}.py"), str(out)], check=True,
                            stdout=subprocess.DEVNULL)  # fmt: skip
-            seconds = ROUND * math.ceil((time.monotonic() - began) / ROUND)
+            seconds = ROUND * math.ceil((time.monotonic() - start) / ROUND)
             picture = Image.open(out / "picture.png").convert("RGB")
             picture.thumbnail((640, 420), Image.LANCZOS)
             pictures.append(picture)
-            kept = IMAGES / f"gallery_{name}.png"
+            target = IMAGES / f"gallery_{name}.png"
             picture.quantize(128, method=Image.Quantize.FASTOCTREE,
-                             dither=Image.Dither.NONE).save(kept, optimize=True)  # fmt: skip
-            short, words = title(name)
-            lines.append(f"## {short}\n\n{words} About {seconds:.0f} s. "
+                             dither=Image.Dither.NONE).save(target, optimize=True)  # fmt: skip
+            short, sentence = title(name)
+            lines.append(f"## {short}\n\n{sentence} About {seconds:.0f} s. "
                          f"[The script](gallery/{name}.py).\n\n```bash\npython "
                          f"docs/gallery/{name}.py\n```\n\n"
                          f"![{short}](images/gallery_{name}.png)\n")  # fmt: skip
@@ -70,7 +70,7 @@ def main() -> int:
 
 
 def _sheet(pictures: list[Image.Image]) -> Image.Image:
-    """All pictures in one, each with its name above, for the front page."""
+    """Return the overview picture: all pictures with their titles."""
     rows = math.ceil(len(pictures) / COLUMNS)
     size = (COLUMNS * (CELL[0] + EDGE) + EDGE, rows * (CELL[1] + EDGE + LETTERS) + EDGE)
     sheet = Image.new("RGB", size, "#ffffff")

@@ -1,10 +1,10 @@
 #!/usr/bin/env python3
-"""Makes images/rviz.png and images/page*.png: a run on a graph of its own, on its way.
+"""Write images/rviz.png and images/page.png from a running servo loop on a separate ROS graph.
 
     . devel/setup.bash; .venv/bin/python docs/live_pictures.py rviz     # needs Xvfb
     . devel/setup.bash; .venv/bin/python docs/live_pictures.py page     # needs headless Chromium
 
-Nothing is shown on your display.
+The windows do not appear on your display.
 """
 
 from __future__ import annotations
@@ -24,20 +24,20 @@ import numpy as np
 import rospy
 from aras_visual_servo_controller.msg import ServoState
 
-from aras_visual_servo_bench.ros.processes import Launch, free_port
+from aras_visual_servo_bench.ros.ros_launch import RosLaunch, find_free_port
 
 IMAGES = Path(__file__).parent / "images"
 SIZE = (1500, 900)
 PAGE = (1440, 860)
-SLOW = "0.5"  # gain, 1/s: a run that is still on its way when its picture is taken
-ON_THE_WAY = 1.6  # s of servoing at which it is taken
-# What has to be in the scene: red, green, blue of its pixels, 0 to 255, and how far they are off.
-DRAWN = {
+SLOW = "0.5"  # gain, 1/s; the camera is still moving when the picture is taken
+PICTURE_TIME = 1.6  # time of the picture since servoing started, s
+# Objects that must be visible in the scene: red, green, blue (0 to 255) and tolerance.
+OBJECT_COLOURS = {
     "robot": "[118, 121, 137], 45", "desired camera": "[61, 120, 255], 40",
-    "camera": "[242, 242, 242], 12", "its way": "[230, 158, 0], 30", "target": "[8, 8, 8], 12",
+    "camera": "[242, 242, 242], 12", "camera path": "[230, 158, 0], 30", "target": "[8, 8, 8], 12",
 }  # fmt: skip
-LEAST = 1e-4  # of the pixels
-SEEN = """((colour, off) => { const from = document.getElementById("scene");
+MIN_FRACTION = 1e-4  # least fraction of the pixels that an object covers
+COUNT_PIXELS = """((colour, off) => { const from = document.getElementById("scene");
     const c = document.createElement("canvas"), x = c.getContext("2d");
     c.width = from.width; c.height = from.height; x.drawImage(from, 0, 0);
     const p = x.getImageData(0, 0, c.width, c.height).data;
@@ -48,7 +48,7 @@ SEEN = """((colour, off) => { const from = document.getElementById("scene");
 
 
 def screenshot(framebuffer: Path) -> np.ndarray:
-    """The (rows, columns, 3) bgr picture of an X window dump (xwd, 32 bits a pixel)."""
+    """Return the (rows, columns, 3) bgr image of an X window dump (xwd, 32 bits per pixel)."""
     content = framebuffer.read_bytes()
     header = struct.unpack(">25I", content[:100])
     size, width, height, line, colours = header[0], header[4], header[5], header[12], header[19]
@@ -57,10 +57,10 @@ def screenshot(framebuffer: Path) -> np.ndarray:
 
 
 class Run:
-    """A simulator and its nodes on a master of their own, as long as the block lasts."""
+    """Context manager that runs the simulator and its nodes with a separate ROS master."""
 
     def __init__(self, directory: Path, **arguments: str) -> None:
-        port = free_port()
+        port = find_free_port()
         os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1",
                           ROS_LOG_DIR=str(directory))  # fmt: skip
         self._launches = []
@@ -68,52 +68,54 @@ class Run:
         self._launch(directory / "robot.txt", "-p", str(port), "aras_visual_servo_gazebo",
                      "aras_visual_servo.launch", "server_required:=true", *given)  # fmt: skip
         self.state: ServoState | None = None
-        self._began: float | None = None
+        self._start_time: float | None = None
         self._directory = directory
 
     def _launch(self, log: Path, *words: str) -> None:
-        self._launches.append(Launch(list(words), log, dict(os.environ)))
+        self._launches.append(RosLaunch(list(words), log, dict(os.environ)))
 
     def servo(self, seconds: float, **arguments: str) -> None:
-        """Start the nodes; returns when they have servoed for so long."""
+        """Start the nodes and wait until they have servoed for the given time, s."""
         deadline = time.monotonic() + 120.0
         while subprocess.run(["rosservice", "info", "/gazebo/pause_physics"], check=False,
                              capture_output=True).returncode:  # fmt: skip
             if time.monotonic() > deadline:
-                raise SystemExit(f"the simulator did not start: {self._launches[0].last_lines()}")
+                end = self._launches[0].read_last_lines()
+                raise SystemExit(f"the simulator did not start: {end}")
             time.sleep(0.5)
         rospy.init_node("pictures", anonymous=True, disable_rostime=True, disable_signals=True)
         rospy.Subscriber("/aras_visual_servo/controller/state", ServoState, self._on_state)
-        time.sleep(6.0)  # the window opens
+        time.sleep(6.0)  # until the window is open
         given = [f"{key}:={value}" for key, value in arguments.items()]
         self._launch(self._directory / "nodes.txt", "aras_visual_servo_gazebo",
                      "aras_visual_servo_nodes.launch", *given)  # fmt: skip
         deadline = time.monotonic() + 120.0
-        while self.servoed() < seconds:
+        while self.get_servoing_time() < seconds:
             if time.monotonic() > deadline:
-                raise SystemExit(f"no servoing: {self._launches[-1].last_lines()}")
+                raise SystemExit(f"the nodes do not servo: {self._launches[-1].read_last_lines()}")
             time.sleep(0.01)
 
     def address(self) -> str:
-        """Of the live page, as it was said."""
+        """Return the address of the live page, which the log contains."""
         deadline = time.monotonic() + 60.0
         log = self._directory / "robot.txt"
-        while not (said := re.search(r"http://127\S+/\?token=\S+", log.read_text())):
+        while not (found := re.search(r"http://127\S+/\?token=\S+", log.read_text())):
             if time.monotonic() > deadline:
-                raise SystemExit(f"no page: {self._launches[0].last_lines()}")
+                end = self._launches[0].read_last_lines()
+                raise SystemExit(f"the log contains no address of the live page: {end}")
             time.sleep(0.2)
-        return said[0]
+        return found[0]
 
     def _on_state(self, message: ServoState) -> None:
         self.state = message
-        if self._began is None and message.phase == "servoing":
-            self._began = message.header.stamp.to_sec()
+        if self._start_time is None and message.phase == "servoing":
+            self._start_time = message.header.stamp.to_sec()
 
-    def servoed(self) -> float:
-        """s of servoing; -1 before it has begun."""
-        if self.state is None or self._began is None:
+    def get_servoing_time(self) -> float:
+        """Return the time since servoing started, s; -1 before."""
+        if self.state is None or self._start_time is None:
             return -1.0
-        return self.state.header.stamp.to_sec() - self._began
+        return self.state.header.stamp.to_sec() - self._start_time
 
     def __enter__(self) -> Run:
         return self
@@ -124,7 +126,7 @@ class Run:
 
 
 def rviz(directory: Path) -> None:
-    """images/rviz.png, of rviz under Xvfb with Mesa's rasteriser."""
+    """Write images/rviz.png: rviz under Xvfb with Mesa's rasteriser."""
     display = f":{100 + os.getpid() % 800}"
     server = subprocess.Popen(
         ["Xvfb", display, "-screen", "0", f"{SIZE[0]}x{SIZE[1]}x24", "-fbdir", str(directory),
@@ -134,7 +136,7 @@ def rviz(directory: Path) -> None:
         time.sleep(1.0)
         os.environ.update(DISPLAY=display, LIBGL_ALWAYS_SOFTWARE="1", QT_X11_NO_MITSHM="1")
         with Run(directory, show_rviz="true") as run:
-            run.servo(ON_THE_WAY, gain=SLOW, start="2016")
+            run.servo(PICTURE_TIME, gain=SLOW, start="2016")
             picture = screenshot(directory / "Xvfb_screen0")
     finally:
         server.terminate()
@@ -143,7 +145,7 @@ def rviz(directory: Path) -> None:
 
 
 def page(directory: Path) -> None:
-    """images/page.png, of the live page in headless Chromium."""
+    """Write images/page.png: the live page in headless Chromium."""
     sys.path.insert(0, str(Path(__file__).parents[1] / "tests" / "unit" / "bench"))
     from browser import Browser
 
@@ -151,24 +153,24 @@ def page(directory: Path) -> None:
         run.servo(-1.0, gain=SLOW, start="2016")
         tab = browser.open(run.address())
         tab.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5", 60.0)
-        tab.wait(f"""["servoing", "converged"].includes(arasPage.state.told.phase) &&
+        tab.wait(f"""["servoing", "converged"].includes(arasPage.state.controller.phase) &&
             arasPage.scene.shapes.path && arasPage.state.samples.filter(
-            (s) => s[1].length).length > {30 * ON_THE_WAY}""", 60.0)
-        tab.js("arasPage.still = true; arasPage.scene.ask()")
-        # A software renderer has time for the picture, then.
-        tab.wait("!arasPage.scene.drawing && !arasPage.scene.wanted", 60.0)
+            (s) => s[1].length).length > {30 * PICTURE_TIME}""", 60.0)
+        tab.js("arasPage.isFrozen = true; arasPage.scene.requestDraw()")
+        # Wait until the software renderer has drawn the scene.
+        tab.wait("!arasPage.scene.isDrawing && !arasPage.scene.isDrawRequested", 60.0)
         time.sleep(1.0)
-        seen = {name: tab.js(SEEN % colour) for name, colour in DRAWN.items()}
+        fractions = {name: tab.js(COUNT_PIXELS % colour) for name, colour in OBJECT_COLOURS.items()}
         content = np.frombuffer(tab.screenshot(), np.uint8)
     picture = cv2.imdecode(content, cv2.IMREAD_COLOR)
     cv2.imwrite(str(IMAGES / "page.png"), picture, [cv2.IMWRITE_PNG_COMPRESSION, 9])
-    print("part of the scene's pixels:", seen)
-    if missing := [name for name, part in seen.items() if not part > LEAST]:
-        raise SystemExit(f"the scene shows nothing of: {', '.join(missing)}")
+    print("fraction of the pixels of each object:", fractions)
+    if missing := [name for name, part in fractions.items() if not part > MIN_FRACTION]:
+        raise SystemExit(f"not visible in the scene: {', '.join(missing)}")
 
 
 def main() -> int:
-    """Make what is asked for."""
+    """Write the selected pictures; return the exit status."""
     makers = {"rviz": rviz, "page": page}
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
                                      epilog="example: docs/live_pictures.py page")

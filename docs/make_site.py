@@ -1,7 +1,9 @@
-"""Builds the documentation site into out/site: `.venv/bin/python docs/make_site.py`.
+"""Build the documentation site in out/site.
 
-A warning is an error: a page that cannot be reached, a link or picture that is not there, a
-docstring that cannot be read. Nothing is fetched from a network.
+    .venv/bin/python docs/make_site.py
+
+Every warning is an error, for example a page that is in no chapter, a link to a missing file, or a
+docstring that cannot be converted. Neither the build nor the finished site needs a network.
 """
 
 from __future__ import annotations
@@ -17,20 +19,29 @@ except ModuleNotFoundError as error:
     sys.exit(f"{error.name} is missing: run ./setup.sh --for developing first")
 
 ROOT = Path(__file__).resolve().parents[1]
+KATEX = Path("/usr/share/javascript/katex/katex.min.js")
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Build; returns Sphinx's status, 0 where no warning was."""
+    """Build the site and return the status of Sphinx, which is 0 if there was no warning."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
                                      epilog="example: docs/make_site.py --out out/site")
-    parser.add_argument("--out", type=Path, default=ROOT / "out" / "site", help="folder (out/site)")
-    parser.add_argument("--fresh", action="store_true", help="read every page again")
+    parser.add_argument("--out", type=Path, default=ROOT / "out" / "site",
+                        help="output folder (default out/site)")
+    parser.add_argument("--fresh", action="store_true",
+                        help="read every page again, also those that have not changed")
     options = parser.parse_args(argv)
+    if not KATEX.is_file():
+        print(f"{KATEX} is missing, which typesets the formulas: "
+              "run ./setup.sh --for developing first", file=sys.stderr)  # fmt: skip
+        return 1
     out = options.out.resolve()
-    words = ["-W", "--keep-going", "-q", "-c", str(ROOT / "docs"), "-d", str(out / ".doctrees")]
-    words += ["-E"] if options.fresh else []
-    gc.set_threshold(100_000, 50, 100)  # Sphinx keeps nearly all: a third of the time was looking
-    status = build_main([*words, str(ROOT), str(out)])
+    arguments = ["-W", "--keep-going", "-q", "-c", str(ROOT / "docs"), "-d", str(out / ".doctrees")]
+    arguments += ["-E"] if options.fresh else []
+    # Sphinx keeps almost all objects; with the default thresholds the garbage collector takes a
+    # third of the time.
+    gc.set_threshold(100_000, 50, 100)
+    status = build_main([*arguments, str(ROOT), str(out)])
     if status == 0:
         print(f"{out}/index.html")
     return status

@@ -1,9 +1,9 @@
-"""The page of schemes, made of what the protocols left: every scheme with its figures.
+"""Write docs/schemes.md, which compares all schemes, from the result tables of the protocols.
 
     PYTHONPATH=$(ls -d src/*/src | paste -sd:) .venv/bin/python docs/schemes_page.py \\
         --canonical DIR/table.csv --domain DIR/table.csv --out docs/schemes.md
 
-What a scheme is stands in its class's own words; nothing on the page is written by hand.
+The descriptions of the schemes are the docstrings of their classes.
 """
 
 from __future__ import annotations
@@ -21,20 +21,98 @@ from typing import Any
 
 import numpy as np
 import schemes_pictures as pictures
-from schemes_result import with_result
+from schemes_result import add_summary
 
-from aras_visual_servo_bench.commands.running import study_file
+from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.numbers.statistics import compare_rates, holm, proportion
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.metrics.statistics import compare_rates, holm, proportion
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
 
-Every visual servoing scheme that ships, in the field's own protocols. Made by
-`docs/schemes_page.py` from the tables that the protocols leave; `rosrun aras_visual_servo_bench
-protocol canonical --out DIR` makes those anew.
+Every visual servoing scheme that ships, tested with two published protocols and in the case of
+the original paper. `docs/schemes_page.py` generates this page from the result tables of the
+protocols; `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes the first of these
+tables again.
+
+"""
+FORMULAS = r"""## Formulas
+
+The twist of the camera in its own optical frame is $v = (v_x, v_y, v_z, \omega_x, \omega_y,
+\omega_z)$, the error $e = s - s^{\ast}$, and $\dot{s} = L v$. The proportional law computes
+
+$$
+v = -\lambda L^{+} e
+$$
+
+**Points** (`points`, `numbered_points`), for each point with normalised coordinates $(x, y)$ and
+depth $Z$:
+
+$$
+L = \begin{pmatrix}
+-1/Z & 0 & x/Z & x y & -(1 + x^2) & y \\
+0 & -1/Z & y/Z & 1 + y^2 & -x y & -x
+\end{pmatrix}
+$$
+
+**Points in 3-D** (`points_3d`, `stereo_points`), for each point $P = (X, Y, Z)$ in the camera
+frame, with the cross-product matrix $[P]_{\times}$:
+
+$$
+s = P, \qquad L = \begin{pmatrix} -I & [P]_{\times} \end{pmatrix}
+$$
+
+**Image moments** (`moments`), with $Z^{\ast}$ and $a^{\ast}$ of the goal. [Image
+moments](moments.md) derives $L$ for any plane and all moment features:
+
+$$
+s = (x_n, y_n, a_n, \alpha), \qquad a_n = Z^{\ast} \sqrt{a^{\ast}/a}, \qquad x_n = a_n x_g,
+\qquad y_n = a_n y_g
+$$
+
+**Pose** (`pose`), with translation $t$ and rotation $R$ of the camera in the goal frame and the
+rotation vector $\theta u$ of $R$:
+
+$$
+s = \begin{pmatrix} t \\ \theta u \end{pmatrix}, \qquad
+L = \begin{pmatrix} R & 0 \\ 0 & J(\theta u) \end{pmatrix}
+$$
+
+where $J$ is the inverse right Jacobian of the rotation. `pose_camera` has the position $p$ of the
+points' centroid in the camera frame instead of $t$, with the rows $(-I, [p]_{\times})$ of $L$.
+
+**2 1/2 D** (`two_and_half_d`), with the centroid of the points at $(x, y)$ and depth $Z$: the rows
+of $x$ and $y$ are those of a point, those of $\theta u$ are those of the pose, and
+
+$$
+s = (x, y, \ln Z, \theta u), \qquad
+L_{\ln Z} = \begin{pmatrix} 0 & 0 & -1/Z & -y & x & 0 \end{pmatrix}
+$$
+
+**Grey levels** (`luminance`), with the interaction matrix $L_I$ of all pixels:
+
+$$
+v = -\lambda \left( L_I^T L_I \right)^{-1} L_I^T e
+$$
+
+**Partitioned** (`partitioned`), with the area $a$ and the depth $Z$ of the points and the angle
+$\theta$ of their first edge; the other four components follow from $L$ of the points:
+
+$$
+v_z = \frac{\lambda Z}{2} \ln \frac{a^{\ast}}{a}, \qquad
+\omega_z = \lambda (\theta - \theta^{\ast})
+$$
+
+**Predictive** (`predictive`): the constant twist over $N$ steps of $\Delta t$ that minimises the
+following sum, with a limit on the twist and with all predicted points inside the image; $\rho$ is
+`effort`:
+
+$$
+\min_v \sum_{j=1}^{N} \left\lVert s + j \Delta t L v - s^{\ast} - e^{-\lambda j \Delta t}
+(s - s^{\ast}) \right\rVert^2 + \rho \lVert v \rVert^2
+$$
 
 """
 DEGREES = 180.0 / math.pi
@@ -43,7 +121,11 @@ Rows = Sequence[Row]
 
 
 def read(path: Path, criterion: str) -> list[dict[str, Any]]:
-    """Rows of a table, `hit` where the metric of that name is 1; ExperimentError: unreadable."""
+    """Read the rows of a table and add `hit`, which is True if the metric `criterion` is 1.
+
+    Raises:
+        ExperimentError: the file cannot be read.
+    """
     try:
         with path.open(newline="", encoding="utf-8") as file:
             rows = list(csv.DictReader(file))
@@ -52,85 +134,92 @@ def read(path: Path, criterion: str) -> list[dict[str, Any]]:
     return [{**row, "hit": row[criterion] in ("1", "1.0")} for row in rows]
 
 
-def grouped(rows: Rows, *keys: str) -> dict[tuple[str, ...], list[Row]]:
-    """Rows that are alike in these columns, in the order in which they come up."""
+def group_rows(rows: Rows, *keys: str) -> dict[tuple[str, ...], list[Row]]:
+    """Group the rows by the values of these columns, in the order of first appearance."""
     groups: dict[tuple[str, ...], list[Row]] = {}
     for row in rows:
         groups.setdefault(tuple(row[key] for key in keys), []).append(row)
     return groups
 
 
-def markdown(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
-    """A table."""
+def format_table(heads: Sequence[str], lines: Sequence[Sequence[str]]) -> str:
+    """Format a Markdown table."""
     written = ["| " + " | ".join(heads) + " |", "|" + "---|" * len(heads)]
     return "\n".join([*written, *("| " + " | ".join(line) + " |" for line in lines)]) + "\n"
 
 
-def _hits(rows: Rows) -> int:
+def _count_hits(rows: Rows) -> int:
     return sum(row["hit"] for row in rows)
 
 
-def rate(rows: Rows) -> str:
-    """Successes of so many, with Wilson's 95 % interval."""
-    hits = _hits(rows)
+def format_rate(rows: Rows) -> str:
+    """Format the number of successes with Wilson's 95 % interval."""
+    hits = _count_hits(rows)
     interval = proportion(hits, len(rows))
     return f"{hits} of {len(rows)} ({100 * interval.low:.0f}-{100 * interval.high:.0f} %)"
 
 
-def _middle(rows: Rows, key: str, form: str, factor: float = 1.0) -> str:
-    """Median of a column, empty where nothing is known."""
+def _format_median(rows: Rows, key: str, form: str, factor: float = 1.0) -> str:
+    """Format the median of a column; return an empty text if no row has a value."""
     values = [float(row[key]) for row in rows if row.get(key) not in ("", None, "inf", "nan")]
     return form.format(factor * float(np.median(values))) if values else ""
 
 
-def _elsewhere(study: Study, scheme: str, column: str) -> str:
-    """What others have published of a scheme, by condition, start, or condition and start."""
+def _get_published(study: Study, scheme: str, column: str) -> str:
+    """Return the published result of a scheme; `column` is a condition, a start, or both."""
     cases = {case.name: case for case in study.case_axes["scheme"]}
     return str(cases[scheme].elsewhere.get(column, "")) if scheme in cases else ""
 
 
-def overview(rows: Rows, study: Study) -> str:
-    """Successes: a line for each scheme and condition, a column for each start."""
+def make_overview(rows: Rows, study: Study) -> str:
+    """Make the table of successes, with a row per scheme and condition and a column per start."""
     starts = list(dict.fromkeys(row["start"] for row in rows))
     lines = []
-    for (scheme, condition), found in grouped(rows, "scheme", "condition").items():
-        by_start = grouped(found, "start")
+    for (scheme, condition), found in group_rows(rows, "scheme", "condition").items():
+        by_start = group_rows(found, "start")
         cells = []
         for start in starts:
             some = by_start.get((start,), [])
-            theirs = _elsewhere(study, scheme, f"{condition}, {start}")
-            cells.append(f"{_hits(some)}/{len(some)}" * bool(some) + f" ({theirs})" * bool(theirs))
+            published = _get_published(study, scheme, f"{condition}, {start}")
+            cell = f"{_count_hits(some)}/{len(some)}" if some else ""
+            cells.append(f"{cell} ({published})" if published else cell)
         lines.append([scheme, condition, *cells])
-    return markdown(["scheme", "condition", *starts], lines)
+    return format_table(["scheme", "condition", *starts], lines)
 
 
-def details(rows: Rows) -> str:
-    """A line for each case, condition and start."""
+def make_details(rows: Rows) -> str:
+    """Make the table of all results, with a row per scheme, condition and start."""
     lines = []
-    for key, found in grouped(rows, "scheme", "condition", "start").items():
+    for key, found in group_rows(rows, "scheme", "condition", "start").items():
         reached = [row for row in found if row["hit"]]
         others = collections.Counter(row["outcome"] for row in found if not row["hit"])
         lines.append([
-            *key, rate(found), _middle(reached, "settled", "{:.2f}"),
-            _middle(reached, "final_distance", "{:.3f}", 1e3),
-            _middle(reached, "final_angle", "{:.3f}", DEGREES),
-            _middle(reached, "path_ratio", "{:.2f}"), _middle(found, "image_excursion", "{:.2f}"),
+            *key, format_rate(found), _format_median(reached, "settled", "{:.2f}"),
+            _format_median(reached, "final_distance", "{:.3f}", 1e3),
+            _format_median(reached, "final_angle", "{:.3f}", DEGREES),
+            _format_median(reached, "path_ratio", "{:.2f}"),
+            _format_median(found, "image_excursion", "{:.2f}"),
             ", ".join(f"{word} {count}" for word, count in others.most_common(3)),
         ])  # fmt: skip
-    return markdown(
+    return format_table(
         ["scheme", "condition", "task", "reached (Wilson 95 %)", "settled, s", "error, mm",
-         "error, degrees", "path / straight", "excursion", "the others came to"], lines
+         "error, degrees", "path / straight", "excursion", "outcomes of the other runs"], lines
     )  # fmt: skip
 
 
-def paired(rows: Rows) -> str:
-    """Each case against the first one, run by run from the same starts (McNemar, Holm)."""
-    cases = grouped(rows, "scheme")
+def make_pairs_table(rows: Rows) -> str:
+    """Make the table that compares each scheme with the first one.
+
+    The runs are paired by their starts; the p-values are those of McNemar's test, corrected by
+    Holm's method.
+    """
+    cases = group_rows(rows, "scheme")
     (first,), before = next(iter(cases.items()))
-    known = {_run(row): float(row["hit"]) for row in before}
+    known = {_get_run_key(row): float(row["hit"]) for row in before}
     lines, chances = [], []
     for (case,), found in list(cases.items())[1:]:
-        pairs = [(known[_run(row)], float(row["hit"])) for row in found if _run(row) in known]
+        pairs = [(known[_get_run_key(row)], float(row["hit"])) for row in found
+                 if _get_run_key(row) in known]  # fmt: skip
         if not pairs:
             continue
         one, other = np.array(pairs).T
@@ -139,126 +228,137 @@ def paired(rows: Rows) -> str:
                       f"{int((other > one).sum())}", f"{int((other < one).sum())}"])  # fmt: skip
     for line, p in zip(lines, holm(chances), strict=True):
         line.append("below 0.001" if p < 1e-3 else f"{p:.3f}")
-    heads = ["scheme", "pairs", f"success against '{first}', points", "it alone reached",
-             f"'{first}' alone reached", "chance of that by luck"]  # fmt: skip
-    return markdown(heads, lines)
+    heads = ["scheme", "pairs", f"difference to '{first}', percentage points",
+             "reached only by this scheme", f"reached only by '{first}'", "p"]  # fmt: skip
+    return format_table(heads, lines)
 
 
-def _run(row: Row) -> tuple[str, ...]:
+def _get_run_key(row: Row) -> tuple[str, ...]:
     return row["condition"], row["start"], row["seed"]
 
 
-def domain(rows: Rows, study: Study) -> str:
-    """A line for each case and condition of a convergence domain, beside what others published."""
+def make_domain_table(rows: Rows, study: Study) -> str:
+    """Make the table of a convergence domain, with a row per scheme and condition.
+
+    It also shows published results.
+    """
     lines = []
-    for (case, condition), found in grouped(rows, "scheme", "condition").items():
+    for (case, condition), found in group_rows(rows, "scheme", "condition").items():
         reached = [row for row in found if row["hit"]]
         others = collections.Counter(row["outcome"] for row in found if not row["hit"])
-        published = _elsewhere(study, case, condition)
+        published = _get_published(study, case, condition)
         lines.append([
-            case, condition, rate(found), published, _middle(reached, "iterations", "{:.0f}"),
-            _middle(reached, "path_ratio", "{:.2f}"),
+            case, condition, format_rate(found), published,
+            _format_median(reached, "iterations", "{:.0f}"),
+            _format_median(reached, "path_ratio", "{:.2f}"),
             ", ".join(f"{word} {count}" for word, count in others.most_common(3)),
         ])  # fmt: skip
-    return markdown(
-        ["scheme", "condition", "converged (Wilson 95 %)", "published elsewhere", "images",
-         "path / straight", "the others came to"], lines
+    return format_table(
+        ["scheme", "condition", "converged (Wilson 95 %)", "published", "images",
+         "path / straight", "outcomes of the other runs"], lines
     )  # fmt: skip
 
 
-def descriptions() -> str:
-    """Every registered scheme and feature in its own words."""
+def make_descriptions() -> str:
+    """Describe every registered scheme and feature by the docstring of its class."""
     parts = []
     for name, cls in SCHEMES.items():
         text = inspect.getdoc(cls) or ""
         needs = ", ".join(sorted(need.value for need in getattr(cls, "needs", ())))
-        kind = "feature" if issubclass(cls, Feature) else "scheme"
-        parts.append(f"### `{name}`\n\n{text.split('Attributes:')[0].strip()}\n\n"
-                     f"A {kind}" + (f"; needs {needs}.\n" if needs else ".\n"))  # fmt: skip
+        kind = "Feature" if issubclass(cls, Feature) else "Scheme"
+        text = text.split("Attributes:")[0].strip().replace("*", r"\*")
+        note = f"{kind}; needs {needs}." if needs else f"{kind}."
+        parts.append(f"### `{name}`\n\n{text}\n\n{note}\n")
     return "\n".join(parts)
 
 
-def _study(name: str) -> Study:
-    return Study.from_yaml(study_file(Path(name)))
+def _load_study(name: str) -> Study:
+    return Study.from_yaml(find_study_file(Path(name)))
 
 
-def _chosen(study: Study) -> str:
-    text = f"Source: {study.source}.\n\nWhat was chosen where that leaves a choice:\n\n"
+def _format_choices(study: Study) -> str:
+    text = f"Source: {study.source}.\n\nChoices that the source leaves open:\n\n"
     return text + "".join(f"- {line}\n" for line in study.chosen) + "\n"
 
 
 def canonical_part(path: Path, images: Path | None) -> str:
-    """Of the canonical tasks."""
-    study = _study("canonical")
+    """Write the chapter of the canonical tasks."""
+    study = _load_study("canonical")
     rows = read(path, study.judged)
-    page = "## Canonical tasks\n\n" + _chosen(study)
-    page += "Starts from which the goal was reached:\n\n" + overview(rows, study) + "\n"
+    page = "## Canonical tasks\n\n" + _format_choices(study)
+    page += "Starts from which the goal was reached:\n\n" + make_overview(rows, study) + "\n"
     if images is not None:
-        pictures.ways(study, "turn 90", images / "schemes.png")
-        page += ("Paths of the target's corners through the image, a turn of 90 degrees, first "
+        pictures.draw_paths(study, "turn 90", images / "schemes.png")
+        page += ("Paths of the target's corners in the image for a rotation of 90 degrees, first "
                  "start:\n\n")  # fmt: skip
-        page += "![paths through the image](images/schemes.png)\n\n"
-    page += "Every scheme against the first one, over the same starts:\n\n" + paired(rows) + "\n"
-    page += "<details><summary>Every task: times, errors, paths</summary>\n\n" + details(rows)
+        page += "![paths of the corners in the image](images/schemes.png)\n\n"
+    page += "Comparison of every scheme with the first one, for the same starts:\n\n"
+    page += make_pairs_table(rows) + "\n"
+    page += "<details><summary>Every task: times, errors, paths</summary>\n\n" + make_details(rows)
     return page + "\n</details>\n\n"
 
 
 def domain_part(path: Path, images: Path | None) -> str:
-    """Of the rendered convergence domain."""
-    study = _study("convergence_domain")
+    """Write the chapter of the rendered convergence domain."""
+    study = _load_study("convergence_domain")
     rows = read(path, study.judged)
-    page = "## Convergence domain, rendered\n\n" + _chosen(study) + domain(rows, study) + "\n"
+    page = "## Convergence domain, rendered\n\n" + _format_choices(study)
+    page += make_domain_table(rows, study) + "\n"
     if images is not None:
-        pictures.success_map(rows, images / "convergence_domain.png")
-        page += ("Every start by its distance and angle from the goal; blue dots converged, orange "
-                 "crosses did not:\n\n")  # fmt: skip
+        pictures.draw_success_map(rows, images / "convergence_domain.png")
+        page += ("Distance and angle of every start from the goal; runs from blue dots converged, "
+                 "those from orange crosses did not:\n\n")  # fmt: skip
         page += "![convergence domain](images/convergence_domain.png)\n\n"
     return page
 
 
 def basin_part(path: Path) -> str:
-    """Of the paper's own case."""
-    study = _study("paper_basin")
+    """Write the chapter of the case of the original paper."""
+    study = _load_study("paper_basin")
     rows = [{"condition": "", "start": "drawn", **row} for row in read(path, study.judged)]
-    return "## The paper's own case\n\n" + _chosen(study) + details(rows) + "\n"
+    page = "## The case of the original paper\n\n" + _format_choices(study)
+    return page + make_details(rows) + "\n"
 
 
 def speed_part(path: Path) -> str:
-    """What a measure costs, from what tests/benchmarks/features.py printed.
+    """Write the chapter of computation times from the output of tests/benchmarks/features.py.
 
     Raises:
-        ExperimentError: its last line is not that program's.
+        ExperimentError: the last line of the file is not the JSON text of that program.
     """
     try:
-        told = json.loads(path.read_text(encoding="utf-8").strip().rpartition("\n")[2])
-        ours, theirs = told["ours"], told["visp"]
+        times = json.loads(path.read_text(encoding="utf-8").strip().rpartition("\n")[2])
+        ours, theirs = times["ours"], times["visp"]
     except (ValueError, KeyError, TypeError):
         raise ExperimentError(
-            f"{path} does not end with what tests/benchmarks/features.py prints: run it with --visp"
+            f"{path} does not end with the output of tests/benchmarks/features.py: run it with "
+            "--visp"
         ) from None
     page = (
-        "## What a measure costs\n\nProcessor time of s, L and e of one image, microseconds, the "
-        "middle of many; four corners, or 320 x 240 pixels. Made by `tests/benchmarks/features.py "
-        "--visp`, beside it ViSP 3.5 of Debian, C++, in the same minute on the same machine. Ours "
-        "besides finds which corner is which, and looks for what is not finite.\n\n"
+        "## Computation time\n\nMedian processor time of s, L and e of one image, in "
+        "microseconds, for four corners or 320 x 240 pixels. `tests/benchmarks/features.py --visp` "
+        "measures it, together with ViSP 3.5 of Debian (C++) on the same machine at the same time. "
+        "The times of this simulator include the matching of the corners and the check that all "
+        "values are finite.\n\n"
     )
     lines = [[name, f"{ours[name]:.0f}", f"{theirs[name]:.1f}" if name in theirs else ""]
              for name in ours]  # fmt: skip
     lines += [[name, "", f"{theirs[name]:.1f}"] for name in theirs if name not in ours]
-    return page + markdown(["feature", "here", "ViSP"], lines) + "\n"
+    return page + format_table(["feature", "here", "ViSP"], lines) + "\n"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write the page; returns the exit status."""
+    """Write the page and return the exit status."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
                                      epilog="example: docs/schemes_page.py --canonical "
                                      "out/canonical/table.csv --out page.md")
-    parser.add_argument("--canonical", type=Path, required=True, help="table.csv of that protocol")
-    parser.add_argument("--domain", type=Path, help="table.csv of convergence_domain")
-    parser.add_argument("--basin", type=Path, help="table.csv of paper_basin")
-    parser.add_argument("--speed", type=Path, help="what tests/benchmarks/features.py printed")
-    parser.add_argument("--out", type=Path, required=True, help="the page")
-    parser.add_argument("--no-pictures", action="store_true")
+    parser.add_argument("--canonical", type=Path, required=True,
+                        help="table.csv of the protocol canonical")
+    parser.add_argument("--domain", type=Path, help="table.csv of the protocol convergence_domain")
+    parser.add_argument("--basin", type=Path, help="table.csv of the protocol paper_basin")
+    parser.add_argument("--speed", type=Path, help="output of tests/benchmarks/features.py --visp")
+    parser.add_argument("--out", type=Path, required=True, help="file to write")
+    parser.add_argument("--no-pictures", action="store_true", help="write only the page")
     options = parser.parse_args(argv)
     images = None if options.no_pictures else options.out.parent / "images"
     try:
@@ -269,8 +369,8 @@ def main(argv: list[str] | None = None) -> int:
             page += basin_part(options.basin)
         if options.speed is not None:
             page += speed_part(options.speed)
-        page += "## What each is\n\n" + descriptions()
-        options.out.write_text(with_result(page), encoding="utf-8")
+        page += FORMULAS + "## Features and schemes\n\n" + make_descriptions()
+        options.out.write_text(add_summary(page), encoding="utf-8")
     except (ExperimentError, OSError) as error:
         print(f"schemes_page: {error}", file=sys.stderr)
         return 1

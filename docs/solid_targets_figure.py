@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Draws images/solid_targets.png for solid_targets.md; run it from anywhere."""
+"""Draw images/solid_targets.png for solid_targets.md."""
 
 # ruff: noqa: E402 - the paths must be set before the imports that need them
 from __future__ import annotations
@@ -20,17 +20,20 @@ sys.path.insert(0, str(HERE.parent / "tests" / "unit" / "camera"))
 from tracking_scenes import CAMERA, SOLIDS, Sequence, corners_of
 
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_camera.model import ModelTracking, Solid
-from aras_visual_servo_camera.model.visible import visible_samples
+from aras_visual_servo_camera.model_tracker import ModelTracking, Solid
+from aras_visual_servo_camera.model_tracker.visible_edges import sample_visible_edges
 
-OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that the start is off
-BEFORE, FOUND = (60, 60, 230), (60, 220, 60)  # blue, green, red: red and green
-PICTURE, SCALE = 200, 2
+OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # error of the predicted pose, m and rad
+BEFORE, FOUND = (60, 60, 230), (60, 220, 60)  # red and green, as (blue, green, red)
+PICTURE, SCALE = 200, 2  # index in the sequence, and magnification
 
 
-def drawn(name: str, folder: Path) -> np.ndarray:
-    """The solid before clutter, with its edges where they were expected, and where they are."""
-    sequence, solid = Sequence(name, "cluttered", folder), Solid.of(corners_of(name), name)
+def draw(name: str, folder: Path) -> np.ndarray:
+    """Draw a solid in front of clutter, with predicted (red) and measured (green) edges."""
+    sequence, solid = (
+        Sequence(name, "cluttered", folder),
+        Solid.from_triangles(corners_of(name), name),
+    )
     grey, true = sequence.picture(PICTURE), sequence.pose(PICTURE)
     tracking = ModelTracking(solid)
     tracking.start(exponential(OFF) @ true)
@@ -38,7 +41,7 @@ def drawn(name: str, folder: Path) -> np.ndarray:
     large = cv2.resize(grey, None, fx=SCALE, fy=SCALE, interpolation=cv2.INTER_AREA)
     picture = cv2.cvtColor(large, cv2.COLOR_GRAY2BGR)
     for pose, colour in ((exponential(OFF) @ true, BEFORE), (found, FOUND)):
-        for u, v in visible_samples(solid, CAMERA, pose, 2.0).pixel:
+        for u, v in sample_visible_edges(solid, CAMERA, pose, 2.0).pixels:
             at = (int(round(SCALE * (u + 0.5) - 0.5)), int(round(SCALE * (v + 0.5) - 0.5)))
             cv2.circle(picture, at, 2, colour, -1, cv2.LINE_AA)
     u, v = CAMERA.project(*(true[:2, 3] / true[2, 3]))
@@ -47,9 +50,9 @@ def drawn(name: str, folder: Path) -> np.ndarray:
 
 
 def main() -> None:
-    """Write the picture."""
+    """Write the figure."""
     with tempfile.TemporaryDirectory() as folder:
-        parts = [drawn(name, Path(folder)) for name in SOLIDS]
+        parts = [draw(name, Path(folder)) for name in SOLIDS]
     cv2.imwrite(str(HERE / "images" / "solid_targets.png"), np.hstack(parts))
 
 

@@ -1,34 +1,35 @@
-"""A user's controller: a camera that stands, an arm that carries the target before it.
+"""Joint controller with a fixed camera and an arm that carries the target (eye-to-hand).
 
     roslaunch ... scheme:=eye_to_hand:EyeToHand
 """
 
 import numpy as np
 
-from aras_visual_servo_controller import Decision, JointController, Need, Points
+from aras_visual_servo_controller import JointController, Need, Points, SchemeOutput
 
 GAIN = 3.0  # 1/s
 
 
 class EyeToHand(JointController):
-    """q_dot = -gain (L J)^+ (s - s*), of the corners in the picture.
+    """Image-based control law q_dot = -gain (L J)^+ (s - s*) for the corners in the image.
 
-    J is the arm's Jacobian of the camera's motion before the target (robot.target_frame, or
-    ~target_frame): it has the sign, for the target moves and the camera does not.
+    J is the Jacobian of the camera's motion relative to the target, whose link is set by
+    robot.target_frame or ~target_frame. J has the right sign, because the camera is fixed and the
+    target moves.
     """
 
     needs, output = frozenset((Need.CORNERS,)), "velocity"
 
     def __init__(self):
         self.corners = Points()
-        self._describe()
+        self._update_names()
 
-    def _describe(self):
+    def _update_names(self):
         self.names, self.tolerances = self.corners.names, self.corners.tolerances
 
     def check(self, goal):
         self.corners.check(goal)
-        self._describe()  # as many corners as the goal has
+        self._update_names()  # the goal determines the number of corners
 
     def teach(self, observation):
         return {"points": self.corners.teach(observation)}
@@ -37,11 +38,11 @@ class EyeToHand(JointController):
         super().reset(arm)
         self.velocities = np.zeros(len(arm.names))
 
-    def see(self, observation, goal, t):
-        found = self.corners.measure(observation, goal)
+    def process_image(self, observation, goal, t):
+        measured = self.corners.measure(observation, goal)
         J = self.arm.jacobian(observation.joints.positions)
-        self.velocities = -GAIN * np.linalg.pinv(found.L @ J) @ found.error
-        return Decision(self.names, found.s, found.desired, found.error, L=found.L)
+        self.velocities = -GAIN * np.linalg.pinv(measured.L @ J) @ measured.error
+        return SchemeOutput(self.names, measured.s, measured.desired, measured.error, L=measured.L)
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         return self.velocities

@@ -1,19 +1,20 @@
-"""A user's controller: predictive control of the joints, with their limits as constraints.
+"""Joint controller: model predictive control with the joint limits as constraints.
 
-Over a horizon of N images the errors go as e(k) = e(0) + k T L J q_dot; q_dot, the same for all of
-it, minimises sum |e(k)|^2 + r |q_dot|^2 within the limits of speed and position.
+The error after k images is predicted as e(k) = e(0) + k T L J q_dot. The joint velocity q_dot is
+constant over the horizon of N images and minimises sum |e(k)|^2 + r |q_dot|^2 within the limits of
+velocity and position.
 """
 
 import numpy as np
 from scipy.optimize import lsq_linear
 
-from aras_visual_servo_controller import FEATURES, Decision, JointController, MeasurementError
+from aras_visual_servo_controller import FEATURES, JointController, MeasurementError, SchemeOutput
 
 HORIZON, PERIOD, SPEED, EFFORT = 12, 1.0 / 30.0, 1.0, 1e-4
 
 
 class JointMPC(JointController):
-    """The paper's moments, and the vertical in the camera's frame to keep it level."""
+    """Predictive control of image moments and of the tilt of the camera."""
 
     output = "velocity"
 
@@ -30,7 +31,7 @@ class JointMPC(JointController):
         super().reset(arm)
         self.velocities = np.zeros(len(arm.names))
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         if not observation.valid:
             raise MeasurementError(observation.reason)
         measured = self.feature.measure(observation, goal)
@@ -45,8 +46,8 @@ class JointMPC(JointController):
         low = np.maximum(np.minimum((self.arm.lower - q) / room, 0.0), -SPEED) - 1e-9
         high = np.minimum(np.maximum((self.arm.upper - q) / room, 0.0), SPEED) + 1e-9
         self.velocities = lsq_linear(A, b, (low, high)).x
-        return Decision(self.names, measured.s, measured.desired, measured.error,
-                        L=measured.L, up_to=measured.up_to)  # fmt: skip
+        return SchemeOutput(self.names, measured.s, measured.desired, measured.error,
+                        L=measured.L, ambiguity=measured.ambiguity)  # fmt: skip
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         return self.velocities

@@ -1,4 +1,4 @@
-"""A user's scheme: the grey levels of the whole picture, no features at all.
+"""Photometric visual servoing: the features are the grey levels of the whole image.
 
 Reference: C. Collewet and E. Marchand, Photometric visual servoing, IEEE T-RO 27(4), 2011."""
 
@@ -10,21 +10,21 @@ import numpy as np
 from aras_visual_servo_controller import (
     ConfigurationError,
     Feature,
-    Measured,
+    FeatureMeasurement,
     MeasurementError,
     Need,
     point_interaction,
 )
 
-BLUR, STEP = 6.0, 2  # pixels: the wider the blur, the wider the way it converges from
+BLUR, STEP = 6.0, 2  # px; a wider blur gives a larger convergence domain
 
 
 class Photometric(Feature):
-    """s = I, a row for every other pixel: dI/dt = -grad I . (dx/dt)."""
+    """Grey levels s = I of every other pixel, with dI/dt = -grad I . (dx/dt)."""
 
     name, needs = "photometric", frozenset((Need.IMAGE,))
     names, tolerances, units = ("rms",), (1.5,), ("grey level",)
-    directions = (True, True, True, False, False, True)  # a flat target tells little of the tilt
+    directions = (True, True, True, False, False, True)  # tilt hardly changes a flat target
 
     def teach(self, observation):
         png = cv2.imencode(".png", self._grey(observation.image))[1]
@@ -32,14 +32,14 @@ class Photometric(Feature):
 
     def check(self, goal):
         if "png" not in goal.features.get(self.name, {}) or goal.depth is None:
-            raise ConfigurationError(f"{goal.name} holds no picture of photometric: teach it")
+            raise ConfigurationError(f"{goal.name} has no image for photometric: teach it again")
         data = np.frombuffer(base64.b64decode(goal.features[self.name]["png"]), np.uint8)
-        self.desired = self._blurred(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
+        self.desired = self._blur(cv2.imdecode(data, cv2.IMREAD_GRAYSCALE))
 
     def measure(self, observation, goal):
-        now, camera = self._blurred(self._grey(observation.image)), observation.camera
+        now, camera = self._blur(self._grey(observation.image)), observation.camera
         if now.shape != self.desired.shape:
-            raise MeasurementError("the picture has another size than the goal's")
+            raise MeasurementError("the size of the image differs from that of the goal")
         rows, columns = (np.arange(4, n - 4, STEP) for n in now.shape)
         u, v = (grid.ravel() for grid in np.meshgrid(columns, rows))
         x, y, _ = camera.normalise(u.astype(float), v.astype(float))
@@ -49,12 +49,12 @@ class Photometric(Feature):
         L = -(gx[:, None] * points[0::2] + gy[:, None] * points[1::2])
         s, desired = now[v, u], self.desired[v, u]
         rms = np.sqrt(np.mean((s - desired) ** 2))
-        return Measured(s, desired, s - desired, L, judged=np.array([rms]))
+        return FeatureMeasurement(s, desired, s - desired, L, error_summary=np.array([rms]))
 
     @staticmethod
     def _grey(image):
         return image if image.ndim == 2 else cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
 
     @staticmethod
-    def _blurred(grey):
+    def _blur(grey):
         return cv2.GaussianBlur(grey.astype(float), (0, 0), BLUR)

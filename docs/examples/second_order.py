@@ -1,17 +1,17 @@
-"""A user's controller: a second-order law, answering joint accelerations at every tick.
+"""Joint controller: second-order law that computes joint accelerations at every control cycle.
 
-    e_ddot = -2 d w e_dot - w^2 e,   q_ddot = (S J)^+ (e_ddot of the features and of the attitude)
+    e_ddot = -2 d w e_dot - w^2 e,   q_ddot = (S J)^+ (e_ddot of features and attitude)
 """
 
 import numpy as np
 
-from aras_visual_servo_controller import FEATURES, Decision, JointController, MeasurementError
+from aras_visual_servo_controller import FEATURES, JointController, MeasurementError, SchemeOutput
 
 FREQUENCY, DAMPING = 6.0, 1.0  # rad/s, critical
 
 
 class SecondOrder(JointController):
-    """The paper's moments; the camera's attitude is kept as a feature of its own."""
+    """Second-order control of image moments and of the tilt of the camera."""
 
     output = "acceleration"
 
@@ -28,22 +28,22 @@ class SecondOrder(JointController):
         super().reset(arm)
         self.error = None
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         if not observation.valid:
             raise MeasurementError(observation.reason)
         measured = self.feature.measure(observation, goal)
         self.error, self.L = measured.error.copy(), measured.L
-        return Decision(self.names, measured.s, measured.desired, measured.error,
-                        L=measured.L, up_to=measured.up_to)  # fmt: skip
+        return SchemeOutput(self.names, measured.s, measured.desired, measured.error,
+                        L=measured.L, ambiguity=measured.ambiguity)  # fmt: skip
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         q, q_dot = joints.positions, joints.velocities
         twist = self.arm.jacobian(q) @ q_dot
-        self.error = self.error + self.L @ twist * dt  # between images it is predicted
-        tilt = np.cross(self.arm.pose(q)[2, :3], self.up)[:2]  # wx, wy that tilted it
+        self.error = self.error + self.L @ twist * dt  # prediction between images
+        tilt = np.cross(self.arm.pose(q)[2, :3], self.up)[:2]  # tilt about x and y
         S = np.vstack([self.L, 0.1 * np.eye(6)[3:5]])
         error = np.concatenate([self.error, 0.1 * tilt])
-        wanted = -2.0 * DAMPING * FREQUENCY * (S @ twist) - FREQUENCY**2 * error
+        desired_rate = -2.0 * DAMPING * FREQUENCY * (S @ twist) - FREQUENCY**2 * error
         task = np.linalg.pinv(S @ self.arm.jacobian(q), rcond=0.002)
         idle = np.eye(len(q)) - task @ (S @ self.arm.jacobian(q))
-        return task @ wanted - idle @ (2.0 * DAMPING * FREQUENCY * q_dot)
+        return task @ desired_rate - idle @ (2.0 * DAMPING * FREQUENCY * q_dot)

@@ -1,7 +1,7 @@
-"""From Gazebo: a world file as Gazebo has it, its camera plugin included, seen without Gazebo."""
+"""From Gazebo: a Gazebo world file with a camera plugin, simulated and rendered without Gazebo."""
 
 import cv2
-from keeping import folder
+from output import folder
 
 from aras_sim_bridge import Simulation, SimulationConfig, load_world, populate
 
@@ -20,11 +20,11 @@ WORLD = f"""<sdf version='1.6'><world name='default'>
             '0.85 0.4 0.05 1')}
 {BOX.format('can', '0.35 -0.2 0.85 0 0 0', 0,
             '<cylinder><radius>0.08</radius><length>0.3</length></cylinder>', '0.1 0.6 0.3 1')}
-<model name='eye'><static>1</static><pose>1.5 -1.2 1.7 0 0.5 2.4</pose><link name='l'>
+<model name='camera'><static>1</static><pose>1.5 -1.2 1.7 0 0.5 2.4</pose><link name='l'>
   <sensor name='s' type='camera'><update_rate>30</update_rate>
   <camera><horizontal_fov>1.0</horizontal_fov>
   <image><width>640</width><height>480</height></image></camera>
-  <plugin name='p' filename='libgazebo_ros_camera.so'><cameraName>eye</cameraName></plugin>
+  <plugin name='p' filename='libgazebo_ros_camera.so'><cameraName>room</cameraName></plugin>
   </sensor></link></model></world></sdf>"""
 
 out = folder()
@@ -32,12 +32,12 @@ out = folder()
 world = load_world(out / "table.world")
 simulation = Simulation(SimulationConfig(world.time_step, world.gravity, lights=world.lights))
 populate(simulation.spawn, world)
-frames, camera = [], simulation.camera("/eye")
+frames, camera = [], simulation.camera("/room")
 camera.on_frame, camera.enabled = frames.append, True
 while simulation.time_ns < 1_500_000_000:  # the cube falls onto the table
     simulation.step()
 cv2.imwrite(str(out / "picture.png"), frames[-1].image[..., ::-1])
 height = simulation.world.model("cube").pose().matrix()[2, 3]
-print(f"the cube lies {height:.3f} m high, on a table of 0.700 m; {out / 'picture.png'}")
+print(f"height of the cube {height:.3f} m, of the table 0.700 m; {out / 'picture.png'}")
 assert 0.79 < height < 0.81
 simulation.close()

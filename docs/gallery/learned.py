@@ -1,12 +1,13 @@
-"""Learned: a network taught by the simulator's own pictures, beside image moments."""
+"""Learned: a network that was trained on images of the simulator, compared with image moments."""
 
-from keeping import keep_runs
+from output import report_runs
 
 from aras_visual_servo_bench import Experiment
 
-taught = "aras_visual_servo_bench.learning.learned:Learned"
-base = Experiment(plant="chain", features="pictures", start="2016", goal="2016", duration=5.0)
-learned, moments = keep_runs(
-    {"learned": base.with_(scheme=taught), "moments": base.with_(scheme="moments")}, "camera_path"
+network = "aras_visual_servo_bench.learning.learned:LearnedScheme"
+base = Experiment(plant="chain", features="images", start="2016", goal="2016", duration=5.0)
+learned, moments = report_runs(
+    {"learned": base.with_changes(scheme=network), "moments": base.with_changes(scheme="moments")},
+    "camera_path",
 )
-assert learned.verdict.reached and moments.succeeded
+assert learned.verdict.is_reached and moments.is_success

@@ -1,6 +1,8 @@
-"""Your own arm: any URDF with its controllers, here docs/examples/my_arm.urdf before an L."""
+"""Your own arm: any URDF with its controllers, here docs/examples/my_arm.urdf and an L as the
+target.
+"""
 
-from keeping import EXAMPLES, keep_runs
+from output import EXAMPLES, report_runs
 
 from aras_visual_servo_bench import Experiment
 
@@ -13,5 +15,5 @@ mine = Experiment(
     start={"pose": [0.4, 0.0, 0.4, 3.0, 0.1, 0.5]},
     scheme="points", gain=2.0,
 )  # fmt: skip
-run, = keep_runs({"my arm": mine}, "camera_path")
-assert run.succeeded
+run, = report_runs({"my arm": mine}, "camera_path")
+assert run.is_success

@@ -1,12 +1,14 @@
-"""Your own controller: predictive control of the joints within their limits, 60 lines of yours."""
+"""Your own controller: predictive control of the joints within their limits, in 60 lines of your
+code.
+"""
 
 import sys
 
-from keeping import EXAMPLES, keep_runs
+from output import EXAMPLES, report_runs
 
 from aras_visual_servo_bench import Experiment
 
 sys.path.append(str(EXAMPLES))
 mine = Experiment(scheme="joint_mpc:JointMPC", start="2016", duration=5.0)
-run, = keep_runs({"joint MPC": mine}, "joint_positions")
-assert run.verdict.reached
+run, = report_runs({"joint MPC": mine}, "joint_positions")
+assert run.verdict.is_reached

@@ -1,14 +1,14 @@
-"""No features at all: the grey levels of the whole picture of a textured poster."""
+"""No features at all: the grey levels of the whole image of a textured poster."""
 
-from keeping import keep_runs
+from output import report_runs
 
 from aras_visual_servo_bench import Experiment
 
 poster = Experiment(
-    plant="free", features="pictures", scheme="luminance",
+    plant="free", features="images", scheme="luminance",
     target={"shape": "poster", "size": [0.8, 0.6]},
     goal={"pose": [0, 0, 0.4, 3.14159, 0, 0]},
     start={"pose": [0.02, -0.01, 0.42, 3.12, 0.02, 0.05]},
 )  # fmt: skip
-run, = keep_runs({"grey levels": poster}, "image_trajectory")
-assert run.succeeded
+run, = report_runs({"grey levels": poster}, "image_trajectory")
+assert run.is_success

@@ -1,8 +1,8 @@
 """A scheme: image moments on the simulated arm, from the start of the paper of 2016."""
 
-from keeping import keep_runs
+from output import report_runs
 
 from aras_visual_servo_bench import Experiment
 
-run, = keep_runs({"moments": Experiment(scheme="moments", start="2016")}, "feature_errors")
-assert run.succeeded
+run, = report_runs({"moments": Experiment(scheme="moments", start="2016")}, "feature_errors")
+assert run.is_success

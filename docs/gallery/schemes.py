@@ -1,9 +1,9 @@
-"""A comparison of schemes: moments, points and a pose, from one start, on one page."""
+"""A comparison of schemes: moments, points and 3-D points from the same start, in one report."""
 
-from keeping import keep_runs
+from output import report_runs
 
 from aras_visual_servo_bench import Experiment
 
 names = ("moments", "points", "points_3d")
-runs = keep_runs({name: Experiment(scheme=name, start="2016") for name in names}, "camera_path")
-assert all(run.verdict.reached for run in runs)
+runs = report_runs({name: Experiment(scheme=name, start="2016") for name in names}, "camera_path")
+assert all(run.verdict.is_reached for run in runs)

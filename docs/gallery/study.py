@@ -4,12 +4,12 @@ import shutil
 import subprocess
 import sys
 
-from keeping import folder
+from output import folder
 
 out = folder() / "study"
 shutil.rmtree(out, ignore_errors=True)
-words = ["run", "first", "repeats=4", *sys.argv[2:]]  # more of them, as in gain=[1,2]
+arguments = ["run", "first", "repeats=4", *sys.argv[2:]]  # further overrides, such as gain=[1,2]
 bench = [sys.executable, "-m", "aras_visual_servo_bench"]
-subprocess.run([*bench, *words, "--out", out, "--in-process"], check=True)
+subprocess.run([*bench, *arguments, "--out", out, "--in-process"], check=True)
 shutil.copy(out / "plots" / "success.png", out.parent / "picture.png")
-print(f"{out}: bench browse shows its runs")
+print(f"{out}: show its runs with bench browse")

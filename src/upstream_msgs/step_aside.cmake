@@ -1,18 +1,19 @@
-# step_aside(<package>): let an installed copy of <package> win over the one in this workspace.
+# step_aside(<package>): use an installed copy of <package> instead of the one in this workspace.
 #
-# Debian 12 ships none of these packages (control_msgs, gazebo_msgs, ...), so this workspace brings
-# them. On a system that has them (a ROS built from source, a later Debian) ours would overlay the
-# real ones, so they give way: a CATKIN_IGNORE file (not under version control) hides the package from
-# catkin and from rospack, whatever an earlier build left in the devel space is removed, and the
-# calling CMakeLists.txt ends there. Decided whenever CMake runs: when an installed copy comes or goes
-# after the first build, delete the CATKIN_IGNORE files and run `catkin_make --force-cmake`; setup.sh
-# notices and does both.
+# Debian 12 does not contain these packages (control_msgs, gazebo_msgs, ...). Therefore this workspace
+# provides them. On a system that has them (a ROS built from source, a later Debian), the workspace's
+# copies would overlay the installed ones. In this case, a CATKIN_IGNORE file (not under version
+# control) hides the workspace's package from catkin and rospack, files of an earlier build are removed
+# from the devel space, and <package>_STEPS_ASIDE is set to TRUE, so that the calling CMakeLists.txt
+# can return. The check is done whenever CMake runs. If a package is installed or removed after the
+# first build, delete the CATKIN_IGNORE files and run `catkin_make --force-cmake`; setup.sh detects
+# this and does both.
 #
-# "Installed" means a <package>Config.cmake where rospack looks too: in a sourced underlay or in /usr,
-# never in our own devel or install space. The answer is left in <package>_STEPS_ASIDE.
+# A package counts as installed if its <package>Config.cmake is in a sourced underlay or in /usr, where
+# rospack searches, too. The devel and install spaces of this workspace do not count.
 function(step_aside package)
   set(${package}_STEPS_ASIDE FALSE PARENT_SCOPE)
-  # catkin has turned the environment's path into this list; an isolated build may not have yet.
+  # catkin converts the environment variable to this list; in an isolated build it may still be unset.
   string(REPLACE ":" ";" prefixes "${CMAKE_PREFIX_PATH};$ENV{CMAKE_PREFIX_PATH};/usr")
   foreach(prefix IN LISTS prefixes)
     if(prefix STREQUAL "" OR prefix STREQUAL "${CATKIN_DEVEL_PREFIX}"

@@ -38,7 +38,7 @@ QUESTIONS = {
     "rows, by a text": {"do": "rows", "sort": "reason"},
     "map": {"do": "map", "x": "gain", "y": "delay"},
     "map of medians": {"do": "map", "x": "gain", "y": "start.side", "value": "settled"},
-    "points": {"do": "points", "x": "start.side", "y": "final_distance", "shade": "success"},
+    "points": {"do": "points", "x": "start.side", "y": "final_distance", "colour_by": "success"},
     "groups": {"do": "groups", "by": ["gain", "end"], "values": ["settled", "final_distance"]},
     "groups, many": {"do": "groups", "by": ["gain", "delay"], "values": ["settled"]},
 }
@@ -57,7 +57,7 @@ def main() -> int:
         )  # fmt: skip
         began = time.process_time()
         server = BrowseServer(Studies([Path(folder)]), Access(), [])
-        server.studies.look(now=True)
+        server.studies.read_snapshot(is_forced=True)
         reading = time.process_time() - began
         print(f"reading: {reading:.2f} s, once")
         worst = 0.0
@@ -67,7 +67,7 @@ def main() -> int:
                 taken = []
                 for _ in range(5):
                     began = time.process_time()
-                    answer = json.dumps(server.answer(text))
+                    answer = json.dumps(server.answer_query(text))
                     taken.append(time.process_time() - began)
                 worst = max(worst, *taken)
                 print(f"{question:<18} filter: {name:<14} {1e3 * max(taken):6.0f} ms, "

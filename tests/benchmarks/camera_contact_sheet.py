@@ -87,7 +87,7 @@ def panel(renderer, title: str, settings: dict) -> np.ndarray:
     frame, time_ns = None, 0
     while frame is None:
         time_ns += 1_000_000
-        if sensor.due(time_ns):
+        if sensor.is_due(time_ns):
             eye = turned(EYE, 2e-9 * time_ns) if config.effects.exposure_time else EYE
             frame = sensor.capture(link_pose(eye), time_ns)
     image = frame.image

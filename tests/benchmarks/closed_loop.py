@@ -6,8 +6,8 @@ import statistics
 import time
 from typing import Any
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 
 RATE = 30
@@ -37,7 +37,7 @@ class _Stopwatch:
 
 def closed_loop(seconds: float) -> dict[str, Any]:
     """Servo from the start of 2016, again and again; the best simulated second counts."""
-    experiment = Experiment(linger=None, duration=1e6)
+    experiment = Experiment(time_after_convergence=None, duration=1e6)
     best = float("inf")
     loop = _fresh(experiment)
     for k in range(max(round(seconds), 2)):
@@ -65,7 +65,7 @@ def _fresh(experiment: Experiment) -> Loop:
 
 def _images(loop: Loop, count: int) -> None:
     for _ in range(count):
-        loop.to_image()
+        loop.run_to_image()
 
 
 def _parts(experiment: Experiment) -> tuple[dict[str, float], float]:
@@ -74,18 +74,18 @@ def _parts(experiment: Experiment) -> tuple[dict[str, float], float]:
     sensor = loop.plant._simulation.camera("/labrob/camera").sensor
     watch.wrap(sensor.renderer, "render", "drawing")
     watch.wrap(loop.parts, "observe", "features")
-    watch.wrap(loop.servo, "see", "scheme, law and diagnosis of images")
-    watch.wrap(loop.servo, "tick", "resolver and limits at joint states")
+    watch.wrap(loop.servo, "process_image", "scheme, law and diagnosis of images")
+    watch.wrap(loop.servo, "update", "resolver and limits at joint states")
     watch.wrap(loop, "send", "sending")
     images, before = [], dict(watch.spent)
     began = clock()
     for _ in range(2 * RATE):
-        loop.to_image()
+        loop.run_to_image()
     whole = clock() - began
     spent = {name: (ns - before[name]) / 2e6 for name, ns in watch.spent.items()}
     for _ in range(RATE):
         before = dict(watch.spent)
-        loop.to_image()
+        loop.run_to_image()
         per = {name: watch.spent[name] - before[name] for name in before}
         ticks = 100 / RATE
         images.append(

@@ -126,8 +126,8 @@ def measure(images: int) -> tuple[dict[str, int], dict[str, set[CodeType]]]:
     Returns:
         The counts by name, and the functions that ran by phase.
     """
-    from aras_visual_servo_bench.asked.experiment import Experiment
-    from aras_visual_servo_bench.running.loop import Loop
+    from aras_visual_servo_bench.experiment.experiment import Experiment
+    from aras_visual_servo_bench.runner.loop import Loop
     from aras_visual_servo_bench.setup.assembly import assemble
 
     with ExecutedFunctions() as setup:
@@ -135,13 +135,13 @@ def measure(images: int) -> tuple[dict[str, int], dict[str, set[CodeType]]]:
         loop = Loop(experiment, assemble(experiment))
     per_image: list[set[CodeType]] = []
     with ExecutedFunctions() as rest:
-        loop.to_image()
+        loop.run_to_image()
     for _ in range(images):
         with ExecutedFunctions() as image:
-            loop.to_image()
+            loop.run_to_image()
         per_image.append(image.codes)
     with ExecutedFunctions() as end:
-        loop.result()
+        loop.make_run()
         loop.close()
     middle = sorted(per_image, key=len)[len(per_image) // 2]
     whole = set().union(setup.codes, rest.codes, end.codes, *per_image)

@@ -23,16 +23,16 @@ import cv2
 import numpy as np
 from feature_scenes import CORNERS, GOAL, PARALLELOGRAM, VIEWS, look
 
-from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_bench.targets.pictures import seen as picture
+from aras_visual_servo_bench.targets.rendering import render_target as picture
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.base import Feature
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need, Observation
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera
@@ -44,16 +44,16 @@ def seen(feature: Feature, place: np.ndarray, name: str) -> Observation:
     """What the feature measures, from camera_T_object (4, 4)."""
     if Need.IMAGE not in feature.needs:
         corners = PARALLELOGRAM if name == "vanishing_points" else CORNERS
-        return look(Observer(None, feature.needs), place, corners=corners)
+        return look(FeatureObserver(None, feature.needs), place, corners=corners)
     image = picture(POSTER, CAMERA, FACING @ np.linalg.inv(place))
     plane = Plane.from_pose(place[:3, :3], place[:3, 3])
-    return Observer(None, feature.needs).of_image(0.0, image, CAMERA, plane=plane)
+    return FeatureObserver(None, feature.needs).observe_image(0.0, image, CAMERA, plane=plane)
 
 
 def microseconds(name: str, count: int) -> float:
     """Of one measure: the median."""
     feature = FEATURES.create(name)
-    goal = Goal.teach(Composed(feature), seen(feature, GOAL, name))
+    goal = Goal.teach(FeatureScheme(feature), seen(feature, GOAL, name))
     feature.check(goal)
     near = GOAL.copy()
     near[:3, 3] += NEAR
@@ -91,14 +91,14 @@ if __name__ == "__main__":
     parser.add_argument("--pictures", type=Path, help="write its pictures there, and end")
     options = parser.parse_args()
     cv2.setNumThreads(1)
-    POSTER = shape_of("poster", (0.8, 0.6))
+    POSTER = make_target("poster", (0.8, 0.6))
     if options.pictures:
         options.pictures.mkdir(parents=True, exist_ok=True)
         write_pictures(options.pictures)
         sys.exit()
     theirs = visp(options.visp, options.count) if options.visp else {}
     found = {}
-    for name in sorted(n for n, f in FEATURES.items() if n not in AWAY and f.reads == 1):
+    for name in sorted(n for n, f in FEATURES.items() if n not in AWAY and f.camera_count == 1):
         found[name] = round(microseconds(name, options.count), 1)
         beside = f"   ViSP {theirs[name]:10.1f} us" if name in theirs else ""
         print(f"{name:28s} {found[name]:10.1f} us{beside}", flush=True)

@@ -16,8 +16,8 @@ from pathlib import Path
 
 from checkout import ROOT
 
-from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment
+from aras_visual_servo_bench.runner.loop import run
 
 MOST = 20.0  # MB over all runs of a plant
 WARM = 24  # runs before: libraries are loaded, and caches have what fits into them
@@ -48,11 +48,11 @@ def experiment(plant: str, number: int) -> Experiment:
     camera = {"width": 320, "height": 240, "horizontal_fov": 1.2 + 1e-4 * number, **lens}
     return Experiment.from_mapping({
         "plant": plant,
-        "features": "exact" if plant == "ideal" or number % 3 == 0 else "pictures",
+        "features": "exact" if plant == "ideal" or number % 3 == 0 else "images",
         "scheme": "points",
         "duration": 0.8,
         "gain": 5.0,
-        "options": {"hold": 0.1},
+        "controller_parameters": {"hold": 0.1},
         "camera": camera,
         "target": {**target, "size": size, "pose": [0.45 + 1e-5 * number, 0.05, 0.051, 0, 0, 0]},
         "goal": {"pose": [0.45, 0.05, 0.35, 3.14159, 0.0, 0.2]},

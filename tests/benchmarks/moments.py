@@ -30,7 +30,7 @@ import checkout  # noqa: F401
 import cv2
 import numpy as np
 
-from aras_visual_servo_camera.features import PAPER, Reference
+from aras_visual_servo_camera.features import PAPER_FEATURES, Reference
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import decode
 from aras_visual_servo_camera.interaction import Plane
@@ -94,7 +94,7 @@ def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
     reference = Reference.from_moments(moments, 0.5)
 
     def whole():
-        return compute(moments_of(), PAPER, plane, reference)
+        return compute(moments_of(), PAPER_FEATURES, plane, reference)
 
     pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CameraModel(width, height, K))
@@ -103,7 +103,7 @@ def ours(grey: np.ndarray, repeats: int) -> dict[str, float]:
     return {
         "ours": clock(whole, repeats),
         "ours_grey_threshold_moments": clock(moments_of, repeats),
-        "ours_features": clock(lambda: compute(moments, PAPER, plane, reference), repeats),
+        "ours_features": clock(lambda: compute(moments, PAPER_FEATURES, plane, reference), repeats),
         "ours_default_pipeline": clock(lambda: pipeline.measure(decode(message)), repeats),
         "ours_through_a_lens": clock(lambda: lens.measure(decode(message)), repeats),
     }

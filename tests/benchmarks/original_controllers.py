@@ -196,7 +196,7 @@ def second(controller: Controller) -> dict[str, object]:
     """All joints by normalised moments and the camera's Jacobian, until every error is small."""
     import rospy
 
-    from aras_visual_servo_controller.arm import Arm
+    from aras_visual_servo_controller.kinematics import Arm
 
     arm = Arm.from_urdf(rospy.get_param("robot_description"))
     order = [COMMANDED.index(name) for name in arm.names]

@@ -26,9 +26,9 @@ import rospy
 from aras_visual_servo_controller.msg import ServoState
 from tornado.websocket import websocket_connect
 
-from aras_visual_servo_bench.ros.processes import Launch, free_port
+from aras_visual_servo_bench.ros.ros_launch import RosLaunch, find_free_port
 
-TOKEN, PORT = "a-token-for-measuring", free_port()
+TOKEN, PORT = "a-token-for-measuring", find_free_port()
 TICK = os.sysconf("SC_CLK_TCK")
 
 
@@ -78,7 +78,7 @@ def watch(stop: threading.Event, told: list[int]) -> None:
             message = await viewer.read_message()
             if message is None:
                 raise SystemExit("the page has gone")
-            await viewer.write_message("seen")
+            await viewer.write_message("ack")
             told[0], told[1] = told[0] + 1, told[1] + len(message)
         viewer.close()
 
@@ -102,15 +102,15 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=10.0, help="of each turn (default 10)")
     parser.add_argument("--turns", type=int, default=3, help="with and without (default 3)")
     given = parser.parse_args()
-    directory, port = Path(tempfile.mkdtemp(prefix="page_cost")), free_port()
+    directory, port = Path(tempfile.mkdtemp(prefix="page_cost")), find_free_port()
     os.environ.update(ROS_MASTER_URI=f"http://127.0.0.1:{port}", ROS_IP="127.0.0.1",
                       ROS_LOG_DIR=str(directory))  # fmt: skip
-    launches = [Launch(["-p", str(port), "aras_visual_servo_gazebo", "aras_visual_servo.launch"],
+    launches = [RosLaunch(["-p", str(port), "aras_visual_servo_gazebo", "aras_visual_servo.launch"],
                        directory / "robot.txt", dict(os.environ))]  # fmt: skip
     rows = []
     try:
         time.sleep(8.0)
-        launches.append(Launch(["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch"],
+        launches.append(RosLaunch(["aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch"],
                                directory / "nodes.txt", dict(os.environ)))  # fmt: skip
         rospy.init_node("page_cost", anonymous=True, disable_rostime=True, disable_signals=True)
         factor = Factor()

@@ -39,10 +39,10 @@ from tiny import TinyRenderer
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects
 from aras_sim_bridge.description import Geometry, parse_urdf
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.rendering.renderer import Renderer
 from aras_sim_bridge.rendering.scene import Scene
-from aras_visual_servo_base.poses import Pose, optical
+from aras_visual_servo_base.poses import Pose, optical_pose
 
 ROBOT = REPOSITORY / "src/aras_visual_servo_gazebo"
 NEAR, FAR = 0.02, 100.0
@@ -67,7 +67,7 @@ def robot_scene() -> tuple[Bench, np.ndarray]:
         "gantry": 0.1, "J2": 0.1745, "J3": -0.0873, "J5": -0.0873})
     target = parse_urdf((ROBOT / "targets/aras.urdf").read_text())
     bench.world.spawn(target, "target", Pose((0.0, 0.0, 0.591)))
-    T = optical(model.link_pose("camera_link").matrix())
+    T = optical_pose(model.link_pose("camera_link").matrix())
     return bench, T
 
 
@@ -104,7 +104,7 @@ def flat_view(pose: np.ndarray, width: int, height: int, fov: float) -> View:
 
 def visible_copy(bench: Bench) -> int:
     """A Bullet client with the triangles that ours draws, for Bullet's own renderers."""
-    tiny = TinyRenderer(bench.world, Sun())
+    tiny = TinyRenderer(bench.world, Lighting())
     tiny._prepare(1.0)
     return tiny._client
 
@@ -129,10 +129,10 @@ def mujoco_picture(bench: Bench, view: View, shadows: bool = True) -> Callable[[
 
     scene = Scene(bench.world)
     scene.refresh()
-    poses = scene.poses()
+    poses = scene.read_poses()
     assets, bodies = [], []
-    for n, part in enumerate(scene.parts):
-        mesh = part.mesh.transformed(poses[part.row])
+    for n, part in enumerate(scene.visuals):
+        mesh = part.mesh.transform(poses[part.row])
         if np.ptp(mesh.positions, axis=0).min() < 1e-9:
             continue  # MuJoCo takes no flat meshes; the ground is its own plane below
         vertices = " ".join(f"{x:.7g}" for x in mesh.positions.reshape(-1))
@@ -190,7 +190,7 @@ def picture_of(case: str, what: str, folder: Path) -> Callable[[], object]:
     if what in LENSES:
         sensor = CameraSensor(CameraConfig.from_mapping({"near": NEAR, **LENSES[what]}), renderer)
         T = view.world_T_optical
-        view = sensor.view(link_pose(T))
+        view = sensor.make_view(link_pose(T))
     if what == "noise_alone":
         image = renderer.render(view)
         noise = EffectChain(Effects(noise_stddev=5.0), image.shape, seed=0)
@@ -351,10 +351,10 @@ def cell(renderer: Renderer, size: tuple[int, int], settings: dict, poses: int, 
         eye = [*rng.uniform(-0.15, 0.15, 2) * away, 0.59 + away * rng.uniform(0.8, 1.0)]
         T = looking(eye, [*rng.uniform(-0.1, 0.1, 2) * away, 0.59],
                     (np.cos(turn), np.sin(turn), 0))
-        outline = config.model.project((around - T[:3, 3]) @ T[:3, :3])
+        outline = config.projection.project((around - T[:3, 3]) @ T[:3, :3])
         if (outline < 4).any() or (outline > np.array(size) - 5).any():
             continue
-        view = sensor.view(link_pose(T))
+        view = sensor.make_view(link_pose(T))
         if not errors:  # what the first picture prepares is for all
             renderer.render(view)
         start = time.process_time()

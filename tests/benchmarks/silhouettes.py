@@ -16,9 +16,9 @@ from tempfile import TemporaryDirectory
 import checkout  # noqa: F401
 import numpy as np
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.targets.target_factory import make_target
 
 LABEL = {"method": "label"}
 NEAR = {"method": "nearest_colour", "near_colour": [180, 26, 26], "colour_distance": 40}
@@ -41,7 +41,7 @@ CASES = [
 def red(size: tuple[float, ...], folder: str) -> str:
     """The path of a red box's mesh."""
     path = Path(folder) / "red.obj"
-    text = shape_of("box", size).path.read_text()
+    text = make_target("box", size).path.read_text()
     path.write_text("mtllib red.mtl\nusemtl red\n" + text)
     path.with_suffix(".mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
     return str(path)
@@ -64,7 +64,8 @@ def main() -> None:
             ends, words = [], []
             for seed in range(starts):
                 result = run(Experiment(
-                    target=target, scheme=scheme, options={"segmentation": told}, gain=2.0,
+                    target=target, scheme=scheme, controller_parameters={"segmentation": told},
+                    gain=2.0,
                     duration=15.0, goal={"pose": goal}, seed=seed, noise=noise,
                     start={"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4},
                 ))  # fmt: skip

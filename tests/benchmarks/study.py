@@ -26,14 +26,14 @@ from pathlib import Path
 
 import checkout  # noqa: F401
 
-from aras_visual_servo_bench.study import engine, rows
-from aras_visual_servo_bench.study.folder import TIMES, Folder
-from aras_visual_servo_bench.study.pools import DaskPool, Pool
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.study import Study
-from aras_visual_servo_bench.study.work import one_thread
+from aras_visual_servo_bench.studies import engine, rows
+from aras_visual_servo_bench.studies.pools import DaskPool, Pool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import TIMES, StudyFolder
+from aras_visual_servo_bench.studies.work import limit_threads
 
-LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "linger": None,
+LONG = {"experiment": {"plant": "bullet", "duration": 3.0, "time_after_convergence": None,
                        "start": {"height": [0.15, 0.4], "side": 0.05}}}  # fmt: skip
 SHORT = {"experiment": {"plant": "free", "duration": 0.1}}
 
@@ -51,7 +51,7 @@ class Watched(Progress):
         super().__init__(total, out=io.StringIO())
         self.memory: list[float] = []
 
-    def more(self, *chunk: object) -> None:
+    def add_runs(self, *chunk: object) -> None:
         """Note the resident memory after each chunk."""
         self.memory.append(resident_mb())
 
@@ -59,19 +59,19 @@ class Watched(Progress):
 def warm(pool: Pool, study: Study, folder: Path) -> None:
     """Let every worker load and compile what it needs, which a study does once."""
     short = Study.from_mapping({**study.to_mapping(), "repeats": 4 * pool.workers, "chunk": 1})
-    engine.carry_out(Folder.create(folder, short, ""), pool, Watched(short.runs))
+    engine.carry_out(StudyFolder.create(folder, short, ""), pool, Watched(short.run_count))
 
 
 def timed(study: Study, workers: int, folder: Path) -> dict[str, object]:
     """Carry the study out on so many workers."""
     with DaskPool(workers) as pool:
         warm(pool, study, folder.with_name(folder.name + "-warm"))
-        kept = Folder.create(folder, study, "")
-        progress = Watched(study.runs)
+        kept = StudyFolder.create(folder, study, "")
+        progress = Watched(study.run_count)
         wall, processor = time.monotonic(), time.process_time()
         engine.carry_out(kept, pool, progress)
         wall, processor = time.monotonic() - wall, time.process_time() - processor
-    times = kept.results(TIMES)
+    times = kept.read_results(TIMES)
     runs, used = (sum(times[name].to_pylist()) for name in ("wall", "processor"))
     third = len(progress.memory) // 3
     return {
@@ -95,11 +95,11 @@ def same(one: Path, two: Path) -> bool:
 
 def alone(study: Study, count: int) -> float:
     """Processor seconds of a run in a plain loop, without the engine, best of `count`."""
-    one_thread()
+    limit_threads()
     best = float("inf")
     for run in range(count):
         began = time.process_time()
-        rows.row_of(study, run)
+        rows.compute_row(study, run)
         best = min(best, time.process_time() - began)
     return round(best, 4)
 

@@ -22,7 +22,7 @@ from pathlib import Path
 
 HERE = Path(__file__).resolve().parent
 SCRIPT = HERE / "by_roslaunch.sh"
-STUDY = """experiment: {{plant: bullet, duration: 10.0, linger: 0.0}}
+STUDY = """experiment: {{plant: bullet, duration: 10.0, time_after_convergence: 0.0}}
 vary:
   gain: [2.0, 5.0]
   start: {starts}

@@ -148,7 +148,7 @@ def kill_scheduler(study: Path, out: Path) -> str:
                 process.wait(30)
     assert client.returncode == 1, told
     last = told.strip().splitlines()[-1]
-    assert "scheduler is gone" in last and "bench resume" in last, told
+    assert "connection to the scheduler is lost" in last and "bench resume" in last, told
     resume(out)
     return last
 

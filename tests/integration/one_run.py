@@ -29,16 +29,16 @@ from std_msgs.msg import String
 from std_srvs.srv import Empty
 from test_bridge_lockstep import COMMANDS, ROBOT, all_running, call, connections
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.numbers.summary import summarise
-from aras_visual_servo_bench.recording.from_bag import Messages
-from aras_visual_servo_bench.recording.from_graph import Heard
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics.summary import summarise
+from aras_visual_servo_bench.recording.graph_recording import GraphRecording
+from aras_visual_servo_bench.recording.message_run_builder import MessageRunBuilder
 from aras_visual_servo_bench.recording.run import Run, Verdict
 from aras_visual_servo_bench.ros.bag import read_bag
-from aras_visual_servo_bench.ros.describe import gathered
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.ros.describe import collect_description
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_ros.parameters import fetched
+from aras_visual_servo_ros.parameters import get_parameter
 
 AWAY = (0.05, 0.02, 0.1, -0.05, -0.05, 0.1)
 TURNED = (0.02, -0.03, -0.05, 0.08, 0.02, -0.3)
@@ -88,8 +88,8 @@ class Case:
         """Without an end; the loop drives the arm from zero to the start, as on the graph."""
         return Experiment(
             scheme=self.scheme, camera=self.camera, start=(0.0,) * 6, goal=goal,
-            commands="images", duration=1e3, linger=None,
-            options={"start": list(self.start), **self.parameters},
+            commands="images", duration=1e3, time_after_convergence=None,
+            controller_parameters={"start": list(self.start), **self.parameters},
             **{"delay": 0.0, **self.keys},
         )  # fmt: skip
 
@@ -160,7 +160,7 @@ def _cases() -> Iterable[Case]:
 CASES = {case.name: case for case in _cases()}
 
 
-def recorded(heard: Heard, path: Path) -> Run:
+def recorded(heard: GraphRecording, path: Path) -> Run:
     """The run of a bag of the same messages."""
     with rosbag.Bag(str(path), "w") as bag:
         for topic, messages in (
@@ -169,13 +169,15 @@ def recorded(heard: Heard, path: Path) -> Run:
         ):  # fmt: skip
             for message in messages:
                 bag.write(topic, message, message.header.stamp)
-        bag.write(f"{ROBOT}/experiment", String(heard.described), heard.states[0].header.stamp)
+        bag.write(
+            f"{ROBOT}/experiment", String(heard.experiment_text), heard.states[0].header.stamp
+        )
     return read_bag(path)
 
 
 def on_the_graph(
     launch: Callable[..., Launch], master: RosMaster, case: Case, goal: str, folder: Path
-) -> Heard:
+) -> GraphRecording:
     """All that joint states and the controller say up to the last frame."""
     arguments = dict(case.nodes)
     if case.parameters:
@@ -213,12 +215,14 @@ def on_the_graph(
     images.wait(case.frames, timeout=60.0 * case.frames / FRAMES)
     call("/gazebo/pause_physics", Empty)
     last = images.messages[case.frames - 1].header.stamp
-    told = Heard(Path("the graph"))
+    told = GraphRecording(Path("the graph"))
     told.states = [m for m in states.messages if m.header.stamp <= last]
     told.joints = [m for m in joints.messages if m.header.stamp <= last]
     for message in reports.messages:
-        told.take_report(message)
-    told.described = json.dumps(gathered(fetched("/"), f"{ROBOT}_controller"), default=str)
+        told.add_report(message)
+    told.experiment_text = json.dumps(
+        collect_description(get_parameter("/"), f"{ROBOT}_controller"), default=str
+    )
     output = robot.output()
     for collector in heard:
         collector.close()
@@ -233,8 +237,8 @@ def in_the_runner(experiment: Experiment, last_ns: int) -> Run:
     loop = Loop(experiment, assemble(experiment))
     try:
         while loop.plant.time_ns <= last_ns:
-            loop.to_image()
-        return loop.result()
+            loop.run_to_image()
+        return loop.make_run()
     finally:
         loop.close()
 
@@ -244,17 +248,18 @@ def ended(run: Run, images: int, joints: int) -> Run:
     last = run.states[images - 1]
     return replace(
         run, outcome=last.outcome, reason=last.reason, remedy=last.remedy,
-        verdict=Verdict.of(run.goal_pose, run.true_pose[joints - 1],
+        verdict=Verdict.compare(run.goal_pose, run.true_pose[joints - 1],
                            run.goal.distance, run.experiment.reached),
         states=run.states[:images], pose=run.pose[:images],
         **{name: getattr(run, name)[:joints] for name in
-           ("joint_stamp", "measured", "measured_speed", "commanded", "true_pose")},
+           ("joint_stamp", "measured_positions", "measured_velocities", "joint_commands",
+            "true_pose")},
     )  # fmt: skip
 
 
 def shown(run: Run) -> dict[str, str]:
     """Outcome and metrics as a report prints them."""
-    return {q.key: q.shown for q in summarise(run) if q.key not in NOT_HEARD}
+    return {q.key: q.value_text for q in summarise(run) if q.key not in NOT_HEARD}
 
 
 def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, folder: Path
@@ -262,7 +267,7 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
     """Each thing in which the runner, the graph and the bag do not tell one run; empty: none."""
     goal = case.goal(folder)
     heard = on_the_graph(launch, master, case, goal, folder)
-    live, kept = Messages(heard).run("live"), recorded(heard, folder / "run.bag")
+    live, kept = MessageRunBuilder(heard).build_run("live"), recorded(heard, folder / "run.bag")
     own = in_the_runner(case.experiment(goal), heard.joints[-1].header.stamp.to_nsec())
     count, rows = len(live.stamp), len(live.joint_stamp)
     found = []
@@ -271,7 +276,7 @@ def differences(case: Case, launch: Callable[..., Launch], master: RosMaster, fo
     if not (own.joint_stamp[:rows] == live.joint_stamp).all():
         found.append("joint states are of other instants")
     else:
-        off = abs(own.measured[:rows] - live.measured).max()
+        off = abs(own.measured_positions[:rows] - live.measured_positions).max()
         if off > 1e-9:
             found.append(f"joints differ by {off:.3g}")
     strange = np.flatnonzero(own.stamp[:count] != live.stamp)

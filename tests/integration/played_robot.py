@@ -26,8 +26,8 @@ from std_msgs.msg import Float64
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm
 
 PERIOD = 1.0 / 90.0  # of the joint states; every third carries an image
 SOURCES = Path(__file__).parents[2] / "src"
@@ -51,7 +51,7 @@ LAG = 0.03  # s with which the played joints follow
 
 def image_of(arm: Arm, q: np.ndarray, stamp: rospy.Time) -> ImageMoments:
     """What an exact camera sees of the target from these joints."""
-    moments = Moments.from_polygon(GOAL.target.outline(arm.pose(q)), 3)
+    moments = Moments.from_polygon(GOAL.target.compute_outline(arm.pose(q)), 3)
     message = ImageMoments(valid=True, order=3, width=320, height=240)
     message.header.stamp = stamp
     message.K = [100.0, 0, 160, 0, 100, 120, 0, 0, 1]
@@ -134,7 +134,7 @@ class Plant:
 
     def off(self, year: str = "2016") -> tuple[float, float]:
         """How far the camera is from a goal: m, rad."""
-        joints = Goal.load(CONFIG / f"goal_{year}.yaml").joint_values(ARM.names)
+        joints = Goal.load(CONFIG / f"goal_{year}.yaml").get_joints(ARM.names)
         return pose_difference(self.arm.pose(joints), self.arm.pose(self.q))
 
     def restart(self) -> None:

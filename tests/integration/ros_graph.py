@@ -23,7 +23,7 @@ from typing import Any
 import rosgraph
 import rosnode
 
-from aras_visual_servo_ros.shutdown import HEARD
+from aras_visual_servo_ros.shutdown import SUBSCRIBED_PARAMETER
 
 MARK = "ARAS_TEST_GRAPH"
 WATCH = Path(__file__).parent / "watch"  # names who touches the simulation from another thread
@@ -226,7 +226,9 @@ class RosMaster:
             dead = [name for name in self.nodes() if not _answers(self.api, name)]
             for name in dead:
                 with contextlib.suppress(rosgraph.MasterException):  # it has just taken itself off
-                    rosgraph.Master(name).unsubscribeParam(self.api.lookupNode(name), HEARD)
+                    rosgraph.Master(name).unsubscribeParam(
+                        self.api.lookupNode(name), SUBSCRIBED_PARAMETER
+                    )
             rosnode.cleanup_master_blacklist(self.api, dead)
         finally:
             if before is None:

@@ -14,14 +14,14 @@ from aras_visual_servo_controller.msg import ServoReport, ServoState
 from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
-from aras_visual_servo_base.poses import pose_difference, transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
 
 REGISTRY = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
 FILE, HAND = REGISTRY / "panda_description/urdf/panda.urdf", "panda_hand_tcp"
@@ -104,15 +104,15 @@ def goal_of(arm: Arm) -> Goal:
     focal = 160.0 / np.tan(1.0)
     camera = CameraModel(320, 240, (focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1))
     x, y = CENTRE
-    above = transform((x + 0.02, y + 0.01, SURFACE + DEPTH), (np.pi, 0.0, 0.2))
-    joints = arm.inverse(above, np.array(NEAR))
+    above = matrix_from_xyz_rpy((x + 0.02, y + 0.01, SURFACE + DEPTH), (np.pi, 0.0, 0.2))
+    joints = arm.inverse_kinematics(above, np.array(NEAR))
     half = 0.5 * np.array(PLATE[:2])
     low = (*(np.array(CENTRE) - half), SURFACE)
     high = (*(np.array(CENTRE) + half), SURFACE + PLATE[2])
     target = TargetGeometry.from_mapping({"boxes": [[low, high]], "ground": SURFACE})
     pose = arm.pose(joints)
-    observation = Observer(arm, frozenset(Need)).of_exact(
-        0.0, camera, arm.sample(arm.names, joints), contour=target.outline(pose)
+    observation = FeatureObserver(arm, frozenset(Need)).observe_exact_features(
+        0.0, camera, arm.read_joints(arm.names, joints), contour=target.compute_outline(pose)
     )
     return Goal.teach(create_scheme("points"), observation, "above", target=target)
 
@@ -139,12 +139,12 @@ def test_another_arm_is_servoed(launch, ros_node, collect, tmp_path):
     arm = Arm.from_urdf(urdf.read_text())
     goal = goal_of(arm)
     (tmp_path / "goal.yaml").write_text(goal.to_yaml("for a test"))
-    reached = goal.joint_values(arm.names)
+    reached = goal.get_joints(arm.names)
     away = arm.pose(reached).copy()
     away[:3, 3] += (0.04, -0.03, 0.05)
-    turn = transform((0, 0, 0), (0.0, 0.0, 0.3))
+    turn = matrix_from_xyz_rpy((0, 0, 0), (0.0, 0.0, 0.3))
     away[:3, :3] = turn[:3, :3] @ away[:3, :3]
-    start = arm.inverse(away, reached)
+    start = arm.inverse_kinematics(away, reached)
     entries = controllers_of(arm.names)
     gains = tmp_path / "controllers.yaml"
     gains.write_text(yaml.safe_dump({SPACE[1:]: entries}))
@@ -173,7 +173,7 @@ def test_another_arm_is_servoed(launch, ros_node, collect, tmp_path):
         wait_for(
             lambda: states.messages and states.messages[-1].phase == "converged", 40.0, "the goal"
         )
-        q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
+        q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
         distance, angle = pose_difference(arm.pose(reached), arm.pose(q))
         assert distance < 1e-3 and angle < np.radians(0.4)
         assert "unstable" not in robot.log.read_text()  # nothing is said of gains that do

@@ -32,7 +32,7 @@ from sensor_msgs.msg import JointState
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
 pytest_plugins = ["played_robot"]
 
@@ -253,9 +253,9 @@ def test_controllers_are_found_by_joint_and_type(plant, start, states, collect, 
     node = start("_start:=none", "_output:=velocity")
     wait_for(phase_is(states, "servoing"), 20.0, "servoing")
     wait_for(lambda: all(topic.messages for topic in heard.values()), 10.0, "speeds")
-    wait_for(lambda: "nobody takes the commands" in node.output(), 20.0, "a warning")
-    (told, *_) = [line for line in node.output().splitlines() if "nobody takes" in line]
-    assert f"on {NAMESPACE}/turns_{ARM.names[-1]}/command: start that controller" in told
+    wait_for(lambda: "no controller subscribes to" in node.output(), 20.0, "a warning")
+    (told, *_) = [line for line in node.output().splitlines() if "no controller subscribes" in line]
+    assert f"to {NAMESPACE}/turns_{ARM.names[-1]}/command: start that controller" in told
     assert not plant.received
 
 

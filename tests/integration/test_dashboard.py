@@ -57,13 +57,13 @@ class Viewer:
         while (message := await self._socket.read_message()) is not None:
             if isinstance(message, bytes):
                 self.pictures.append(message)
-                await self._socket.write_message("seen")
+                await self._socket.write_message("ack")
                 continue
             data = json.loads(message)
             if data["kind"] == "answer":
                 self.answers.append(data)
                 continue
-            await self._socket.write_message("seen")
+            await self._socket.write_message("ack")
             self.news += 1
             self.samples += [row for row in data.pop("samples", []) if row[0] != "clear"]
             self.shapes |= data.pop("shapes", {})
@@ -75,13 +75,14 @@ class Viewer:
         message = json.dumps({"do": do, **given})
         self._loop.add_callback(lambda: self._socket.write_message(message))
         answer = wait_for(lambda: self.answers, timeout, f"an answer to {do}")[0]
-        return answer["done"], answer["text"]
+        return answer["ok"], answer["text"]
 
     def phase(self) -> str:
-        return self.told.get("told", {}).get("phase", "")
+        return self.told.get("controller", {}).get("phase", "")
 
     def wait(self, phase: str, timeout: float = 60.0) -> None:
-        wait_for(lambda: self.phase() == phase, timeout, f"{phase}, now {self.told.get('told')}")
+        state = f"{phase}, now {self.told.get('controller')}"
+        wait_for(lambda: self.phase() == phase, timeout, state)
 
     def close(self) -> None:
         self._loop.add_callback(self._socket.close)
@@ -167,7 +168,7 @@ def test_a_run_is_seen_from_its_start(viewer, graph, launch):
     assert told["state"]["gains"] == {"gain": 5.0}
     given = told["state"]
     assert (given["scheme"], given["start"], given["camera"]) == ("moments", "2016", "original")
-    assert 0.0 < told["factor"] < 2.0
+    assert 0.0 < told["real_time_factor"] < 2.0
     assert len(viewer.samples) > 30
     errors = [row[1] for row in viewer.samples if row[1]]
     assert max(map(abs, errors[-1])) < 0.1 * max(map(abs, errors[0]))
@@ -191,7 +192,7 @@ def test_rviz_gets_the_same_shapes(viewer, ros_node):
     assert (path.type, path.header.frame_id) == (Marker.LINE_STRIP, "base_link")
     assert len(path.points) * 3 == len(viewer.shapes["path"]["points"])
     assert "moments - converged" in by_name["words"].text
-    assert by_name["asked velocity"].action in (Marker.ADD, Marker.DELETE)
+    assert by_name["desired velocity"].action in (Marker.ADD, Marker.DELETE)
 
 
 def test_the_overlay_shows_what_is_to_be_seen(viewer, ros_node):
@@ -297,14 +298,14 @@ def test_another_scheme_and_a_moved_goal(viewer):
     done, why = viewer.ask("servo", scheme="luminance", law="proportional", start="2015",
                            goal="2016", timeout=90.0)  # fmt: skip
     assert not done
-    assert why.startswith("no controller runs now: goal_2016.yaml holds no picture"), why
+    assert why.startswith("the controller did not start: goal_2016.yaml holds no image"), why
     wait_for(lambda: not viewer.phase(), 20.0, "the page to know that no controller is there")
     wait_for(lambda: not viewer.told["state"]["controller"], 20.0, "the same of its state")
     # Corners, which the goal's file does not hold, are those of the target's geometry.
     done, text = viewer.ask("servo", scheme="points", law="proportional", start="none",
                             goal="2016", timeout=90.0)  # fmt: skip
     assert done, text
-    wait_for(lambda: viewer.told["told"]["scheme"] == "points", 60.0, "points")
+    wait_for(lambda: viewer.told["controller"]["scheme"] == "points", 60.0, "points")
     wait_for(lambda: viewer.told["state"]["controller"], 20.0, "the controller")
     viewer.wait("converged", 120.0)
     at = viewer.told["joints"][0]
@@ -338,7 +339,7 @@ def test_the_camera_is_changed_on_the_page_while_the_nodes_run(viewer, port):
         tab.wait("arasPage.state.values.camera === 'wide'")
         last = tab.js("arasPage.state.samples.length ? arasPage.state.samples.at(-1)[0] : 0")
         tab.wait(f"arasPage.state.samples.some((s) => s[0] > {last} + 0.5)", 60.0)
-        tab.wait("arasPage.state.told.phase === 'converged'", 120.0)
+        tab.wait("arasPage.state.controller.phase === 'converged'", 120.0)
         assert tab.js("document.querySelectorAll('#plot-error .uplot').length") >= 1
 
 
@@ -368,7 +369,7 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
     done, text = viewer.ask("report", timeout=200.0)
     assert done, text
     assert viewer.ask("resume")[0]
-    wait_for(lambda: viewer.told["factor"] is not None, 20.0, "joint states")
+    wait_for(lambda: viewer.told["real_time_factor"] is not None, 20.0, "joint states")
     wait_for(lambda: viewer.told["state"].get("report"), 20.0, "the report's address")
     address = f"http://127.0.0.1:{port}/report/{viewer.told['state']['report']}"
     with urlopen(f"{address}?token={TOKEN}", timeout=20) as page:
@@ -383,10 +384,10 @@ def test_a_bag_is_recorded_and_reported_on_and_a_goal_taught(viewer, directory, 
 def test_nothing_is_taught_while_time_stands_still(viewer):
     done, text = viewer.ask("pause")
     assert done, text
-    wait_for(lambda: viewer.told["factor"] is None, 20.0, "no joint states")
+    wait_for(lambda: viewer.told["real_time_factor"] is None, 20.0, "no joint states")
     began = time.monotonic()
     done, text = viewer.ask("teach", name="still")
-    assert not done and "time stands still" in text and time.monotonic() - began < 2.0
+    assert not done and "simulation is paused" in text and time.monotonic() - began < 2.0
     done, text = viewer.ask("resume")
     assert done, text
 
@@ -395,18 +396,18 @@ def test_a_target_that_was_taken_away_is_said_and_not_asked_for_again(viewer, gr
     import rospy
     from gazebo_msgs.srv import DeleteModel
 
-    wait_for(lambda: viewer.told["factor"] is not None, 20.0, "joint states")
+    wait_for(lambda: viewer.told["real_time_factor"] is not None, 20.0, "joint states")
     assert viewer.told["state"]["no_target"] == ""
     assert rospy.ServiceProxy("/gazebo/delete_model", DeleteModel)("target").success
     wait_for(lambda: viewer.told["state"]["no_target"], 20.0, "that there is no target")
-    assert viewer.told["state"]["no_target"] == "no model named target is in the simulation"
+    assert viewer.told["state"]["no_target"] == "the simulation has no model named target"
     wait_for(lambda: not viewer.shapes["target"]["points"], 20.0, "no target to be drawn")
     before = graph.output()
     time.sleep(3.0)
     assert "get_model_state" not in graph.output()[len(before) :]
     began = time.monotonic()
     done, text = viewer.ask("teach", name="nothing")
-    assert not done and "bring the target into view" in text, text
+    assert not done and "bring it into view" in text, text
     assert time.monotonic() - began < 2.0
 
 

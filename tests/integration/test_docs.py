@@ -15,10 +15,10 @@ from ros_graph import wait_for
 from sensor_msgs.msg import JointState
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm
 
 sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "docs"))
 from blocks import ROOT, Block, blocks  # noqa: E402
@@ -69,7 +69,7 @@ def robot(launch, ros_node, ros_master, folder):
 def test_a_users_scheme_servoes_by_one_launch_argument(robot, launch, collect, tmp_path):
     """One of docs/examples, to the goal that the runner taught for it
     (`unit/bench/test_user_schemes_run.py` runs all four there, unchanged)."""
-    scheme, reached = "joint_mpc:JointMPC", GOAL.joint_values(ARM.names)
+    scheme, reached = "joint_mpc:JointMPC", GOAL.get_joints(ARM.names)
     start = tuple((reached + 0.4 * (AWAY - reached)).tolist())
     goal = assemble(Experiment(scheme=scheme, start=start, goal="2016")).goal
     (tmp_path / "goal.yaml").write_text(goal.to_yaml("for a test"))
@@ -88,7 +88,7 @@ def test_a_users_scheme_servoes_by_one_launch_argument(robot, launch, collect, t
     wait_for(lambda: joints.messages, 5.0, "joint states")
     last = joints.messages[-1]
     distance, angle = pose_difference(
-        goal.world_T_camera, ARM.pose(ARM.sample(last.name, last.position).positions)
+        goal.world_T_camera, ARM.pose(ARM.read_joints(last.name, last.position).positions)
     )
     assert distance < 1e-3 and angle < np.radians(0.6)
     assert all(state.scheme == scheme for state in states.messages)

@@ -17,7 +17,7 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image
 from std_msgs.msg import String
 from visualization_msgs.msg import MarkerArray
 
-from aras_visual_servo_bench.ros.decompress import decompressed
+from aras_visual_servo_bench.ros.decompress import decompress
 
 GAZEBO = Path(__file__).parents[2] / "src" / "aras_visual_servo_gazebo"
 SHIPPED = (GAZEBO / "robots" / "aras_visual_servo.urdf").read_text()
@@ -110,11 +110,11 @@ def test_a_bag_plays_with_its_robot_its_clock_and_its_pictures(launch, collect, 
 
 
 def test_pictures_that_cannot_be_read_are_none():
-    made = decompressed(compressed(rospy.Time(3), ".jpg"))
+    made = decompress(compressed(rospy.Time(3), ".jpg"))
     assert made.header.stamp == rospy.Time(3) and made.step == 960
     red = np.frombuffer(made.data, np.uint8).reshape(240, 320, 3)[120, 150]
     assert red[0] > red[2]
-    assert decompressed(CompressedImage(format="jpeg", data=b"none")) is None
+    assert decompress(CompressedImage(format="jpeg", data=b"none")) is None
     grey = cv2.imencode(".png", np.full((2, 3), 7, np.uint8))[1].tobytes()
-    made = decompressed(CompressedImage(format="png", data=grey))
+    made = decompress(CompressedImage(format="png", data=grey))
     assert (made.encoding, made.step, made.data) == ("mono8", 3, bytes([7] * 6))

@@ -20,20 +20,20 @@ from sensor_msgs.msg import CameraInfo, CompressedImage, Image, JointState
 from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.numbers.summary import summarise
-from aras_visual_servo_bench.recording.described import preset_of
-from aras_visual_servo_bench.recording.tracks import tracks
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics.summary import summarise
+from aras_visual_servo_bench.recording.image_tracks import compute_tracks
+from aras_visual_servo_bench.recording.recorded_experiment import find_preset
 from aras_visual_servo_bench.ros.bag import read_bag
-from aras_visual_servo_bench.ros.describe import launches
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.ros.describe import find_launch_commands
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.web.report.write import write_report
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import normalise_pixels
-from aras_visual_servo_controller.ros.messages import report_message, state_message
+from aras_visual_servo_controller.ros.messages import make_report_message, make_state_message
 
 NAMESPACE = "/aras_visual_servo"
 ROOT = Path(__file__).resolve().parents[2]
@@ -75,8 +75,9 @@ def description():
 
 def write_run(path, optical=True, seconds=3.0, described=False, compressed=False):
     """Record a run of the runner as the recorder would; returns run, arm, last joints."""
-    experiment = Experiment(plant="chain", start="2016", duration=seconds, linger=None,
-                            options={"smoothing": 0.05})  # fmt: skip
+    experiment = Experiment(plant="chain", start="2016", duration=seconds,
+        time_after_convergence=None,
+                            controller_parameters={"smoothing": 0.05})  # fmt: skip
     loop = Loop(experiment, assemble(experiment))
     arm = loop.plant.arm
     # The camera hangs upside down: split its turn, for a half turn has no unique small quaternion.
@@ -84,10 +85,10 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
     link_T_optical = np.eye(4)
     link_T_optical[:3, :3] = [[0, 0, 1], [-1, 0, 0], [0, -1, 0]]
     seen = []
-    while (state := loop.to_image()) is not None:
-        camera = loop.parts.camera
-        outline = normalise_pixels(loop.reading.outline, camera, camera, closed=True)
-        seen.append((state, loop.plant.joints()[0], outline))
+    while (state := loop.run_to_image()) is not None:
+        camera = loop.parts.calibrated_camera
+        outline = normalise_pixels(loop.reading.outline, camera, camera, is_closed=True)
+        seen.append((state, loop.plant.read_joints()[0], outline))
 
     with rosbag.Bag(str(path), "w", chunk_threshold=20_000) as bag:
         half = transform("base_link", "upside_down", np.eye(4), rospy.Time(1))
@@ -136,12 +137,12 @@ def write_run(path, optical=True, seconds=3.0, described=False, compressed=False
             moments.mu = measured.mu_array.tolist()
             bag.write(f"{NAMESPACE}/camera/moments", moments, later)
 
-            state = state_message(seen_state, "moments", "camera_optical_frame", arm.names)
-            report = report_message(seen_state, "camera_optical_frame", arm.names)
+            state = make_state_message(seen_state, "moments", "camera_optical_frame", arm.names)
+            report = make_report_message(seen_state, "camera_optical_frame", arm.names)
             state.header.stamp = report.header.stamp = time
             bag.write(f"{NAMESPACE}/controller/state", state, later)
             bag.write(f"{NAMESPACE}/controller/diagnosis", report, later)
-    return loop.result(), arm, seen[-1][1]
+    return loop.make_run(), arm, seen[-1][1]
 
 
 @pytest.mark.parametrize("optical", [True, False])
@@ -151,26 +152,26 @@ def test_bag_gives_the_run_back(tmp_path, optical):
     run = read_bag(path)
     assert run.names == result.names and run.outcome == "converged"
     np.testing.assert_allclose(run.error, result.error)
-    np.testing.assert_allclose(run.desired, result.desired)
-    np.testing.assert_allclose(run.asked, result.asked)
-    np.testing.assert_allclose(run.achieved, result.achieved)
-    np.testing.assert_allclose(run.measured[-1], last)
+    np.testing.assert_allclose(run.desired_features, result.desired_features)
+    np.testing.assert_allclose(run.desired_twist, result.desired_twist)
+    np.testing.assert_allclose(run.achieved_twist, result.achieved_twist)
+    np.testing.assert_allclose(run.measured_positions[-1], last)
     np.testing.assert_allclose(run.true_pose[-1], arm.pose(last), atol=1e-6)
     assert run.phases == result.phases
-    np.testing.assert_allclose(run.filtered, result.filtered)
-    assert np.abs(run.filtered - run.error).max() > 0.01
+    np.testing.assert_allclose(run.filtered_error, result.filtered_error)
+    assert np.abs(run.filtered_error - run.error).max() > 0.01
     np.testing.assert_allclose(run.singular_LJ, result.singular_LJ)
     np.testing.assert_allclose(run.manipulability, result.manipulability)
     assert run.units == ("m", "m", "m", "rad")
-    assert run.images.pictures[0][1].shape == (2, 4, 3)
-    assert run.images.pictures[0][1][0, 1, 2] == 5
+    assert run.control_record.images[0][1].shape == (2, 4, 3)
+    assert run.control_record.images[0][1][0, 1, 2] == 5
     column, row = run.camera.project([1.0], [0.0])  # 45 degrees to the right
     np.testing.assert_allclose([column[0], row[0]], [160 + 100 * np.pi / 4, 120])
     found = {q.key: q.value for q in summarise(run)}
     assert found["image_rate"] == pytest.approx(30.0, abs=0.01) and found["images_late"] == 0
     assert found["delay"] == pytest.approx(4.0, abs=0.01)
     assert np.isnan(found["final_distance"])  # nobody has told the goal
-    assert any("is of an older version" in note for note in run.notes)
+    assert any("is from an older version" in note for note in run.notes)
 
 
 def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
@@ -181,17 +182,17 @@ def test_a_described_bag_tells_what_the_run_itself_tells(tmp_path):
     # In units of the goal's distance, some 0.2 m.
     assert record.tolerances == pytest.approx((0.0005, 0.0005, 0.001, 0.005), rel=0.05)
     assert record.joint_units == ("m", *("rad",) * 5)
-    np.testing.assert_allclose(record.speed, [1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
-    assert record.verdict.word == result.verdict.word == "goal_reached"
+    np.testing.assert_allclose(record.speed_limits, [1.0, 2.0, 2.0, 2.0, 2.0, 2.0])
+    assert record.verdict.name == result.verdict.name == "goal_reached"
     assert record.verdict.distance == pytest.approx(result.verdict.distance, abs=1e-6)
     # To the printed digits, from the first image on.
     found = {q.key: q for q in summarise(record)}
     own = {q.key: q for q in summarise(result)}
     for key in ("error_settled", "decay_rate", "overshoot", "final_error_xn", "worst_error_alpha",
                 "servoing_time", "top_speed"):  # fmt: skip
-        assert found[key].shown == own[key].shown, key
-    assert found["settled"].value == pytest.approx(result.settled(), abs=0.04)
-    found = tracks(record)
+        assert found[key].value_text == own[key].value_text, key
+    assert found["settled"].value == pytest.approx(result.compute_settling_time(), abs=0.04)
+    found = compute_tracks(record)
     assert found.names[-1] == "centre of gravity"
     np.testing.assert_allclose(found.pixels[-1], found.desired, atol=0.5)
 
@@ -202,7 +203,7 @@ def test_a_described_bag_gives_its_experiment_back(tmp_path):
     told = Experiment.from_mapping(yaml.safe_load(read_bag(path).yaml))
     assert (told.scheme, told.start, told.camera) == ("moments", "2016", "fisheye")
     assert told.camera_xyz == (0.0, 0.03, 0.0) and told.seed == 7 and told.gain == 4.0
-    assert told.options == {"smoothing": 0.02}
+    assert told.controller_parameters == {"smoothing": 0.02}
 
 
 def test_launches_of_this_master_are_found_whatever_its_address_looks_like(tmp_path, monkeypatch):
@@ -219,14 +220,14 @@ def test_launches_of_this_master_are_found_whatever_its_address_looks_like(tmp_p
     process(12, ["python3", "/usr/bin/rosmaster", "roslauncher"], here)
     (tmp_path / "self").mkdir()
     monkeypatch.setenv("ROS_MASTER_URI", here + "/")
-    assert launches(tmp_path) == [["a", "b.launch", "camera:=wide"], ["c", "d.launch"]]
+    assert find_launch_commands(tmp_path) == [["a", "b.launch", "camera:=wide"], ["c", "d.launch"]]
 
 
 def test_a_camera_is_named_by_its_preset():
     presets = ROOT / "src/aras_visual_servo_gazebo/config/cameras"
     for name in ("original", "fisheye"):
-        assert preset_of(yaml.safe_load((presets / f"{name}.yaml").read_text())) == name
-    assert preset_of({"width": 17}) == {"width": 17} and preset_of({}) == "original"
+        assert find_preset(yaml.safe_load((presets / f"{name}.yaml").read_text())) == name
+    assert find_preset({"width": 17}) == {"width": 17} and find_preset({}) == "original"
 
 
 def test_a_bag_shows_its_experiment_and_what_it_was_made_of(tmp_path, capsys):
@@ -256,8 +257,8 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 0
     said = capsys.readouterr().out
-    assert said.count("is left out: that is no file's name") == 7
-    assert "# a goal named '../stolen.yaml' is left out" in said
+    assert said.count("is left out: that is no file name") == 7
+    assert "# the goal '../stolen.yaml' is left out" in said
     assert {p.name for p in out.iterdir()} == {
         "experiment.yaml", "goal_2016.yaml", "launch.txt", "parameters.yaml", "robot.urdf",
         "versions.txt"}  # fmt: skip
@@ -266,7 +267,7 @@ def test_no_name_in_a_bag_leads_out_of_the_folder(tmp_path, capsys, monkeypatch)
     told["goals"] = ["no", "names"]
     write_run(path, described=True)
     assert main(["show", str(path), "--out", str(out)]) == 1
-    assert "cannot be read: its goals are none" in capsys.readouterr().err
+    assert "cannot be read: its 'goals' is no mapping" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize("closed", [True, False])
@@ -321,7 +322,7 @@ def test_a_conversion_that_fails_leaves_nothing_behind(tmp_path, capsys):
 def test_compressed_pictures_are_pictures(tmp_path):
     path = tmp_path / "run.bag"
     write_run(path, compressed=True)
-    (_, picture), *_ = read_bag(path).images.pictures
+    (_, picture), *_ = read_bag(path).control_record.images
     assert picture.shape == (2, 4, 3) and picture[0, 0, 0] > 200 and picture[0, 0, 2] < 50  # red
 
 
@@ -350,11 +351,11 @@ def test_where_the_clock_was_put_back_the_run_after_it_is_told(tmp_path, closed)
             if topic not in ("/tf_static", f"{NAMESPACE}/experiment"):  # both are latched
                 bag.write(topic, message, time)
     record, single = read_bag(path if closed else cut_off(path, 1.0)), read_bag(once)
-    assert any("the clock was put back once" in note for note in record.notes)
+    assert any("the clock was reset once" in note for note in record.notes)
     np.testing.assert_array_equal(record.stamp, single.stamp)
-    np.testing.assert_array_equal(record.measured, single.measured)
-    np.testing.assert_array_equal(record.images.stamp, single.images.stamp)
-    assert [q.shown for q in summarise(record)] == [q.shown for q in summarise(single)]
+    np.testing.assert_array_equal(record.measured_positions, single.measured_positions)
+    np.testing.assert_array_equal(record.control_record.stamp, single.control_record.stamp)
+    assert [q.value_text for q in summarise(record)] == [q.value_text for q in summarise(single)]
 
 
 def test_of_several_runs_the_last_is_told(tmp_path):
@@ -371,10 +372,10 @@ def test_of_several_runs_the_last_is_told(tmp_path):
             after = time + rospy.Duration.from_sec(10.0)
             bag.write(topic, later(message, 10.0), after)
     record, single = read_bag(path), read_bag(once)
-    assert any("holds 2 runs" in note for note in record.notes)
-    assert not any("put back" in note for note in record.notes)
+    assert any("has 2 runs" in note for note in record.notes)
+    assert not any("clock was reset" in note for note in record.notes)
     np.testing.assert_allclose(record.stamp, single.stamp + 10.0)
-    found, own = ({q.key: q.shown for q in summarise(one)} for one in (record, single))
+    found, own = ({q.key: q.value_text for q in summarise(one)} for one in (record, single))
     for key in ("outcome", "settled", "error_settled", "final_error_xn", "path_ratio"):
         assert found.get(key) == own.get(key), key
 
@@ -425,11 +426,11 @@ def test_a_bag_of_another_version_is_named_or_told_without_what_it_lacks(tmp_pat
     write_run(whole)
     state, report = f"{NAMESPACE}/controller/state", f"{NAMESPACE}/controller/diagnosis"
     without = of_another_version(whole, tmp_path / "a.bag", state, "desired_features")
-    with pytest.raises(BenchError, match=f"{state} is of another version .* without desired_f"):
+    with pytest.raises(BenchError, match=f"{state} has another version .* without desired_f"):
         read_bag(without)
     without = of_another_version(whole, tmp_path / "b.bag", report, "manipulability")
     record = read_bag(without)
-    assert f"{report} is of another version" in "".join(record.notes)
+    assert f"{report} has another version" in "".join(record.notes)
     assert not np.isfinite(record.scale).any()
     assert record.stamp == pytest.approx(read_bag(whole).run.stamp)
     # What was added later and is not needed is not missed.
@@ -452,11 +453,11 @@ def test_bags_that_cannot_be_reported_on_are_named(tmp_path):
     empty = tmp_path / "empty.bag"
     with rosbag.Bag(str(empty), "w") as bag:
         bag.write("/clock", JointState(), rospy.Time(1))
-    with pytest.raises(BenchError, match="holds no state of a servo controller .* it has /clock"):
+    with pytest.raises(BenchError, match="contains no state of a servo .* its topics: /clock"):
         read_bag(empty)
     waiting = tmp_path / "waiting.bag"
     with rosbag.Bag(str(waiting), "w") as bag:
         state = ServoState(phase="waiting", reason="no image on /labrob/camera")
         bag.write(f"{NAMESPACE}/controller/state", state, rospy.Time(1))
-    with pytest.raises(BenchError, match="was waiting: no image on /labrob/camera"):
+    with pytest.raises(BenchError, match="its last phase is waiting: no image on /labrob/camera"):
         read_bag(waiting)

@@ -22,9 +22,9 @@ from ros_graph import wait_for
 from sensor_msgs.msg import Image, JointState
 from tf.transformations import quaternion_from_euler
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.files import description_file
+from aras_visual_servo_bench.targets.files import write_description
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "docs" / "examples"
@@ -104,7 +104,7 @@ def test_one_in_the_hand_and_one_that_stands_servo_together(portal, ros_node, la
     cameras = {"palm": {"namespace": "/palm"}, "left": {**NAMED["left"], "target_frame": "hand"}}
     named = {"cameras": cameras, "target_frame": ""}  # that of the tests before is still set
     (tmp_path / "cameras.yaml").write_text(yaml.safe_dump(named))
-    place, urdf = Pose(), description_file(asked.target).read_text()
+    place, urdf = Pose(), write_description(asked.target).read_text()
     x, y, z, *turns = asked.target.pose
     place.position.x, place.position.y, place.position.z = x, y, z
     (place.orientation.x, place.orientation.y, place.orientation.z,

@@ -20,8 +20,8 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "unit" / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_base.poses import Pose, inverse, pose_difference, transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import Pose, inverse, matrix_from_xyz_rpy, pose_difference
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_controller.goals.goal import Goal
 
@@ -33,7 +33,7 @@ PLACE = [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]
 def reached(states, joints, arm, goal_joints):
     """Wait for 3 s after the loop has converged; how far off the camera then is, mm, degrees."""
     states.wait(90, timeout=90.0, where=lambda state: state.phase == "converged")
-    q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
+    q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
     distance, angle = pose_difference(arm.pose(goal_joints), arm.pose(q))
     return 1e3 * distance, np.degrees(angle)
 
@@ -81,7 +81,7 @@ def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(launch, collect, t
     (tmp_path / "camera.yaml").write_text(yaml.safe_dump({**settings, "segmentation": True}))
     told = {"segmentation": {"method": "label"}}
     shown = Experiment(target={"shape": shape, "size": size, "pose": place}, scheme=scheme,
-                       options=told, camera=settings)  # fmt: skip
+                       controller_parameters=told, camera=settings)  # fmt: skip
     made = assemble(shown)
     made.plant.close()
     (tmp_path / "goal.yaml").write_text(made.goal.to_yaml("for a test"))
@@ -94,7 +94,7 @@ def test_a_target_is_told_by_its_label_on_a_graph_in_lockstep(launch, collect, t
         camera=str(tmp_path / "camera.yaml"), speed_mode="lockstep",
     )  # fmt: skip
     arm = made.servo.arm
-    at = made.goal.joint_values(arm.names)
+    at = made.goal.get_joints(arm.names)
     begin = (at + np.array([0.02, 0.03, -0.03, 0.02, -0.02, 0.1])).round(5).tolist()
     nodes = launch(
         "aras_visual_servo_gazebo", "aras_visual_servo_nodes.launch",
@@ -134,7 +134,7 @@ def test_a_link_of_the_world_is_servoed_to(launch, ros_node, collect, tmp_path):
                                scheme="model"))  # fmt: skip
     made.plant.close()
     (tmp_path / "goal.yaml").write_text(made.goal.to_yaml("for a test"))
-    arm, at = made.servo.arm, made.goal.joint_values(made.servo.arm.names)
+    arm, at = made.servo.arm, made.goal.get_joints(made.servo.arm.names)
     states = collect(f"{SPACE}/controller/state", ServoState)
     joints = collect(f"{SPACE}/joint_states", JointState)
     robot = launch(
@@ -157,8 +157,8 @@ def test_a_link_of_the_world_is_servoed_to(launch, ros_node, collect, tmp_path):
         assert told == pytest.approx([0.035, -0.005, 0.623, 0.0, 0.0, 0.5], abs=1e-4)
         with time_goes_on():
             states.wait(60, timeout=90.0, where=lambda state: state.phase == "converged")
-        q = arm.sample(joints.messages[-1].name, joints.messages[-1].position).positions
-        crate = transform((0.02, 0.01, 0.62), (0.0, 0.0, 0.6))
+        q = arm.read_joints(joints.messages[-1].name, joints.messages[-1].position).positions
+        crate = matrix_from_xyz_rpy((0.02, 0.01, 0.62), (0.0, 0.0, 0.6))
         wanted = moved.matrix() @ inverse(crate) @ made.goal_pose
         distance, angle = pose_difference(wanted, arm.pose(q))
         assert distance < 5e-4 and angle < np.radians(0.3)

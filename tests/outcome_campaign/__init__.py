@@ -1,1 +1,1 @@
-"""Provoked against said: runs with a known fault, and what the loop made of them."""
+"""Outcome campaign: runs with injected faults, compared with the outcomes of the loop."""

@@ -1,4 +1,4 @@
-"""The command line of `tests/outcomes`."""
+"""Command line of `tests/outcomes`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,7 @@ FOLLOWED = 4  # the remedy of one trial in so many is applied, without --follow
 
 
 def main(arguments: list[str] | None = None) -> int:
-    """0: every bound is met; 1: one is not; 2: no such kind."""
+    """Run the campaign; return 0 if all bounds are met, 1 if not, 2 for an unknown kind."""
     options = _parser().parse_args(arguments)
     unknown = set(options.kinds) - set(KINDS)
     if unknown:
@@ -36,7 +36,7 @@ def main(arguments: list[str] | None = None) -> int:
     began = time.monotonic()
     drawn = secrets.randbelow(2**31) if options.seed is None else options.seed
     seeds = (KEPT,) if options.kept else (KEPT, drawn)
-    print(f"seeds {', '.join(map(str, seeds))}; {options.runs} runs a kind", flush=True)
+    print(f"seeds {', '.join(map(str, seeds))}; {options.runs} runs per kind", flush=True)
     found = []
     every = 1 if options.follow else FOLLOWED
     chosen = trials(seeds, options.runs, options.kinds)
@@ -55,14 +55,14 @@ def main(arguments: list[str] | None = None) -> int:
 
 
 def trials(seeds: Iterable[int], runs: int, names: Iterable[str] = ()) -> list[Trial]:
-    """`runs` trials of each kind, half of each seed where there are two."""
+    """Return `runs` trials of each kind; with two seeds, half of them with each seed."""
     seeds = tuple(seeds)
     chosen = [KINDS[name] for name in names or KINDS]
     return [kind.trial(seeds[i % len(seeds)], i) for i in range(runs) for kind in chosen]
 
 
 def carried_out(chosen: list[Trial], workers: int, every: int = FOLLOWED) -> Iterator[Judged]:
-    """The trials' results, as they come to their ends; the remedy of one in `every` is applied."""
+    """Yield results of trials as they finish; the remedy of one trial in `every` is applied."""
     judge = partial(_judged, every)
     if workers <= 1:
         yield from map(judge, chosen)
@@ -90,18 +90,18 @@ def _line(result: Judged) -> str:
 def _parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(
         prog="tests/outcomes",
-        description="Provoke faults, and hold what the loop says of them against what is true.",
+        description="Inject faults and compare the outcomes of the loop with the truth.",
         epilog="example: tests/outcomes target_drifts --runs 8 --kept",
     )
-    parser.add_argument("kinds", nargs="*", help="kinds of fault, as --list names them; all")
-    parser.add_argument("--runs", type=int, default=30, help="of each kind (default 30)")
-    parser.add_argument("--seed", type=int, help="the second seed; drawn anew where not given")
-    parser.add_argument("--kept", action="store_true", help="the kept seed alone")
+    parser.add_argument("kinds", nargs="*", help="kinds of faults, see --list (default: all)")
+    parser.add_argument("--runs", type=int, default=30, help="runs of each kind (default 30)")
+    parser.add_argument("--seed", type=int, help="second seed (default: random)")
+    parser.add_argument("--kept", action="store_true", help="use only the fixed seed")
     parser.add_argument("--workers", type=int, default=multiprocessing.cpu_count(),
-                        help="processes side by side (default: one a core)")  # fmt: skip
-    parser.add_argument("--list", action="store_true", help="the kinds, and what is right of them")
+                        help="parallel processes (default: one per core)")  # fmt: skip
+    parser.add_argument("--list", action="store_true", help="print kinds and correct outcomes")
     parser.add_argument("--follow", action="store_true", help="apply the remedy of every run that "
                         "fails (default: of one in four), and count whether it helps")
-    parser.add_argument("--verbose", action="store_true", help="a line for every run")
-    parser.add_argument("--write", action="store_true", help="write the table into docs/truth.md")
+    parser.add_argument("--verbose", action="store_true", help="print one line per run")
+    parser.add_argument("--write", action="store_true", help="write the table to docs/truth.md")
     return parser

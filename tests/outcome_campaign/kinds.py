@@ -1,4 +1,4 @@
-"""What is provoked, by kinds; for each the outcomes that are right, written down before the run."""
+"""Kinds of injected faults, each with the correct outcomes, defined before the run."""
 
 from __future__ import annotations
 
@@ -11,12 +11,12 @@ import numpy as np
 Draw = np.random.Generator
 Changes = dict[str, Any]
 
-# On the table of the Bullet arm, and at the same place before the other plants.
+# Position of the target: on the table of the Bullet arm, and the same for the other plants.
 TABLE = (0.0, 0.0, 0.591)
 PLANTS = ("chain", "chain", "free", "bullet")
 DOWN = np.pi  # roll of a camera that looks at the table
-# Corners of outlines without symmetry, parts of their size; less than 17 px wide the last one shows
-# three corners, which look the same from several poses.
+# Corners of outlines without symmetry, relative to their size. Below a width of 17 px only three
+# corners of the last outline are detected, which look the same from several poses.
 OUTLINES = (
     ((-0.5, -0.4), (0.5, -0.5), (0.35, 0.45), (-0.3, 0.3)),
     ((-0.5, -0.3), (0.4, -0.5), (0.5, 0.5), (-0.15, 0.2)),
@@ -26,9 +26,9 @@ OUTLINES = (
 
 @dataclass(frozen=True)
 class Event:
-    """Something done to a run under way, `at` s after its first image.
+    """Event during a run, `at` s after its first image.
 
-    what: "hold", "stop", "joints_end" (no joint states any more), "images_end" or "joints_stick".
+    what: "hold", "stop", "joints_end" (joint states end), "images_end" or "joints_stick".
     """
 
     what: str
@@ -37,9 +37,9 @@ class Event:
 
 @dataclass(frozen=True)
 class Trial:
-    """One run to be made: kind, its number, the experiment's keys, what is right.
+    """One run: kind, number, keys of the experiment, correct outcomes.
 
-    right: kinds of outcome that are right; 'converged' stands for 'converged up to ...' too.
+    right: kinds of correct outcomes; 'converged' includes 'converged up to ...'.
     """
 
     kind: str
@@ -51,10 +51,10 @@ class Trial:
 
 @dataclass(frozen=True)
 class Kind:
-    """A kind of fault: how its experiments are drawn, and what is right of them.
+    """Kind of fault: random experiments and their correct outcomes.
 
-    faults: how many are provoked at once. alike: whether its targets look the same from several
-    poses, so that no image tells which of them the camera is at.
+    faults: number of faults injected in one run. alike: True if the target looks the same from
+    several poses, so that images cannot distinguish them.
     """
 
     name: str
@@ -66,7 +66,7 @@ class Kind:
     text: str = field(default="", compare=False)
 
     def trial(self, seed: int, number: int) -> Trial:
-        """The trial of a number; the same for the same seed."""
+        """Return the trial with a number; equal seeds give equal trials."""
         random = np.random.default_rng([seed, number, *self.name.encode()])
         keys = {"seed": int(random.integers(2**31)), **self.draw(random)}
         event = None if self.event is None else self.event(random)
@@ -82,21 +82,21 @@ def kind(
     faults: int = 1,
     alike: bool = False,
 ) -> Callable[[Callable[[Draw], Changes]], Callable[[Draw], Changes]]:
-    """Enter a function that draws an experiment's keys as a kind of its name."""
+    """Register a function that draws the keys of an experiment as a kind."""
 
-    def enter(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
+    def register(draw: Callable[[Draw], Changes]) -> Callable[[Draw], Changes]:
         name = draw.__name__
         KINDS[name] = Kind(name, draw, right, event, faults, alike, (draw.__doc__ or "").strip())
         return draw
 
-    return enter
+    return register
 
 
-# -- what experiments have in common -----------------------------------------------------------
+# -- parts of experiments -----------------------------------------------------------
 
 
 def sampler(random: Draw, height: tuple[float, float] = (0.2, 0.32)) -> Changes:
-    """Starts with the target in view, at other heights each."""
+    """Return random starts from which the target is visible."""
     return {"height": list(height), "side": random.uniform(0.02, 0.05),
             "turn": random.uniform(0.2, 0.8)}  # fmt: skip
 
@@ -104,7 +104,7 @@ def sampler(random: Draw, height: tuple[float, float] = (0.2, 0.32)) -> Changes:
 def placed(
     random: Draw, shape: Any = None, size: float | None = None, outlines: int = len(OUTLINES)
 ) -> Changes:
-    """A target on the table, some way off its middle; without symmetry if no shape is named."""
+    """Return a target at a random pose on the table; without `shape` it has no symmetry."""
     size = float(random.uniform(0.05, 0.08)) if size is None else size
     if shape is None:
         outline = OUTLINES[random.integers(outlines)]
@@ -115,11 +115,11 @@ def placed(
 
 
 def goal_above(random: Draw, leans: bool = False) -> Changes:
-    """A camera's pose above the table's middle, at which the goal is shown.
+    """Return a camera pose above the centre of the table, at which the goal is taught.
 
-    leans: it looks at the table's middle from 8 to 16 degrees beside the vertical. Level poses are
-        singular for the arm: its first and its last joint turn the camera about one axis, and none
-        about its y axis (the Jacobian's least singular value is 0.003).
+    leans: tilt the optical axis by 8 to 16 degrees. Poses with a vertical optical axis are singular
+        for the arm: its first and last joint rotate the camera about the same axis, and no joint
+        about its y axis (the smallest singular value of the Jacobian is 0.003).
     """
     x, y = random.uniform(-0.01, 0.01, 2)
     height = random.uniform(0.24, 0.3)
@@ -131,15 +131,15 @@ def goal_above(random: Draw, leans: bool = False) -> Changes:
 def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
             schemes: tuple[str, ...] = ("points", "moments", "segments", "pose"),
             own: bool = False) -> Changes:  # fmt: skip
-    """A run that nothing is wrong with; `own`: not before the demo's two plates.
+    """Return a run without faults; with `own`, its target is not the default one.
 
-    An arm whose camera is to move in all directions gets a goal that leans, and a target that is
-    large enough to tell by how much.
+    If an arm controls all six directions, the goal is tilted and the target is large enough to
+    measure the tilt.
     """
     plant, scheme = str(random.choice(plants)), str(random.choice(schemes))
     keys: Changes = {
         "plant": plant, "scheme": scheme, "start": sampler(random),
-        "duration": 12.0, "linger": 0.3, "gain": float(random.uniform(1.5, 3.0)),
+        "duration": 12.0, "time_after_convergence": 0.3, "gain": float(random.uniform(1.5, 3.0)),
     }  # fmt: skip
     leans = plant != "free" and scheme != "moments"
     if own or leans or scheme not in ("points", "moments") or random.random() < 0.5:
@@ -149,43 +149,46 @@ def healthy(random: Draw, plants: tuple[str, ...] = PLANTS,
 
 
 def pictured(random: Draw, **given: Any) -> Changes:
-    """The same by pictures; `pose` is left to targets that are large enough for it, or markers."""
+    """Return a run without faults that uses images, by default without the scheme `pose`."""
     given.setdefault("schemes", ("points", "moments", "segments"))
-    return {**healthy(random, **given), "features": "pictures"}
+    return {**healthy(random, **given), "features": "images"}
 
 
-# -- nothing wrong -----------------------------------------------------------------------------
+# -- no fault -----------------------------------------------------------------------------
 
 
 @kind("converged", faults=0)
 def exact_features(random: Draw) -> Changes:
-    """Nothing wrong, exact features of any scheme."""
+    """No fault; exact features of any scheme."""
     keys = healthy(random, ("chain", "free"), ("points", "moments", "segments", "lines", "pose"))
     return {**keys, "features": "exact"}
 
 
 @kind("converged", faults=0)
 def pictures(random: Draw) -> Changes:
-    """Nothing wrong, pictures."""
+    """No fault; images."""
     return pictured(random)
 
 
 @kind("converged", "too_noisy", faults=0)
 def noisy_pictures(random: Draw) -> Changes:
-    """Pictures with noise of 1 to 5 grey levels: of some targets too much for six directions."""
+    """Images with noise of 1 to 5 grey levels, which is too much for six directions on some
+    targets."""
     return {**pictured(random), "noise": float(random.uniform(1.0, 5.0))}
 
 
 @kind("converged", "too_noisy", faults=0)
 def jittered_features(random: Draw) -> Changes:
-    """Exact features that jitter by 0.05 to 0.3 px: of a small target too much for its pose."""
+    """Exact features with noise of 0.05 to 0.3 px, which is too much for the pose of a small
+    target."""
     keys = healthy(random, ("chain", "free"))
     return {**keys, "features": "exact", "jitter": float(random.uniform(0.05, 0.3))}
 
 
 @kind("converged", "too_noisy", faults=0)
 def small_target(random: Draw) -> Changes:
-    """A target of 25 to 45 mm, ten to twenty pixels wide, by pictures: its pixels are noise."""
+    """A target of 25 to 45 mm in images, ten to twenty pixels wide, with errors from its few
+    pixels."""
     keys = pictured(random, plants=("free",))
     if random.random() < 0.5:
         keys |= {"plant": str(random.choice(["chain", "bullet"])), "scheme": "moments"}
@@ -195,7 +198,7 @@ def small_target(random: Draw) -> Changes:
 
 @kind("converged", faults=0)
 def marker_target(random: Draw) -> Changes:
-    """Points or pose before a marker of 7 to 10 cm, by pictures with a little noise."""
+    """Schemes of points or pose, a marker of 7 to 10 cm, images with little noise."""
     keys = pictured(random, schemes=("points", "pose"), own=True)
     return {**keys, "target": placed(random, "marker", float(random.uniform(0.07, 0.1))),
             "noise": float(random.uniform(0.0, 2.0))}  # fmt: skip
@@ -203,65 +206,67 @@ def marker_target(random: Draw) -> Changes:
 
 @kind("converged")
 def wrong_depth(random: Draw) -> Changes:
-    """A believed depth between 0.6 and 1.6 times the true one."""
+    """A calibrated depth of 0.6 to 1.6 times the true depth."""
     keys = healthy(random, ("chain", "free"))
-    return {**keys, "believed": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
+    return {**keys, "calibration_offset": {"depth": float(random.choice([0.6, 0.75, 1.3, 1.6]))}}
 
 
 @kind("converged", faults=0)
 def rate_known(random: Draw) -> Changes:
-    """A target that moves at 30 mm/s, before a scheme that knows so."""
+    """A target that moves at 30 mm/s, and a scheme that compensates this motion."""
     return {
         "plant": str(random.choice(["chain", "free"])), "features": "exact",
         "scheme": "outcome_campaign.schemes:Following", "target": {
             **placed(random), "motion": {"velocity": [0.03, 0, 0, 0, 0, 0]}},
-        "goal": goal_above(random), "start": sampler(random), "duration": 6.0, "linger": 0.5,
+        "goal": goal_above(random), "start": sampler(random), "duration": 6.0,
+        "time_after_convergence": 0.5,
         "gain": 3.0,
     }  # fmt: skip
 
 
-# -- a camera that is not as believed ----------------------------------------------------------
+# -- calibration errors of the camera ----------------------------------------------------------
 
 
 @kind("converged")
 def goal_shown_by_wrong_focal(random: Draw) -> Changes:
-    """The goal shown by the camera itself; its focal length is believed 5 to 30 % off."""
+    """A taught goal; the calibrated focal length is wrong by 5 to 30 %."""
     focal = float(random.choice([0.8, 0.95, 1.05, 1.15, 1.3]))
-    return {**pictured(random, own=True), "believed": {"focal": focal}}
+    return {**pictured(random, own=True), "calibration_offset": {"focal": focal}}
 
 
 @kind("converged")
 def goal_shown_by_wrong_centre(random: Draw) -> Changes:
-    """The goal shown by the camera itself; its principal point is believed 10 px off."""
+    """A taught goal; the calibrated principal point is wrong by 10 px."""
     return {**pictured(random, own=True),
-            "believed": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
+            "calibration_offset": {"centre": [float(random.choice([-10, 10])), 6.0]}}  # fmt: skip
 
 
 @kind("converged", "wrong_camera_model")
 def goal_shown_by_wrong_mounting(random: Draw) -> Changes:
-    """The goal shown by the camera itself, which is mounted 3 to 8 degrees off."""
+    """A taught goal; the mounting of the camera is wrong by 3 to 8 degrees."""
     keys = healthy(random, ("chain", "bullet"))
     turn = float(np.radians(random.uniform(3.0, 8.0)))
     axis = random.choice(3)
-    return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
 
 
 @kind("wrong_camera_model")
 def goal_of_another_camera(random: Draw) -> Changes:
-    """A goal worked out for the camera as it is; its focal length is believed 1.5 to 1.7."""
-    return {"plant": "chain", "features": "pictures", "scheme": "moments", "duration": 8.0,
-            "goal": "2016", "start": sampler(random), "linger": 0.3,
-            "believed": {"focal": float(random.uniform(1.5, 1.7))}}  # fmt: skip
+    """A goal computed for the true camera; the calibrated focal length is 1.5 to 1.7 times the true
+    one."""
+    return {"plant": "chain", "features": "images", "scheme": "moments", "duration": 8.0,
+            "goal": "2016", "start": sampler(random), "time_after_convergence": 0.3,
+            "calibration_offset": {"focal": float(random.uniform(1.5, 1.7))}}  # fmt: skip
 
 
 @kind("converged", "wrong_camera_model")
 def camera_turned_in_its_mount(random: Draw) -> Changes:
-    """The goal shown by the camera itself, mounted 35 to 50 degrees about its axis from where it is
-    believed."""
+    """A taught goal; the calibrated mounting is rotated by 35 to 50 degrees about the optical
+    axis."""
     keys = healthy(random, ("chain",), ("points",))
     turn = float(np.radians(random.uniform(35.0, 50.0)) * random.choice([-1, 1]))
     return {**keys, "features": "exact", "duration": 14.0,
-            "believed": {"rpy": [turn, 0.0, 0.0]}}  # fmt: skip
+            "calibration_offset": {"rpy": [turn, 0.0, 0.0]}}  # fmt: skip
 
 
 # -- the target --------------------------------------------------------------------------------
@@ -269,7 +274,7 @@ def camera_turned_in_its_mount(random: Draw) -> Changes:
 
 @kind("target_lost")
 def target_leaves(random: Draw) -> Changes:
-    """The target leaves the view faster than the camera follows."""
+    """The target leaves the image faster than the camera can follow."""
     v = random.uniform(1.2, 1.8)
     a = random.uniform(0, 2 * np.pi)
     motion = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0],
@@ -279,7 +284,7 @@ def target_leaves(random: Draw) -> Changes:
 
 @kind("target_lost")
 def target_covered(random: Draw) -> Changes:
-    """Something is laid over the whole target while the arm servoes: no pictures of it remain."""
+    """The whole target is covered during servoing, so that it is not visible in any later image."""
     keys = pictured(random, plants=("chain",), own=True)
     keys["target"]["motion"] = {"step": [3.0, 0.0, 0.0], "begin": float(random.uniform(0.3, 0.8))}
     return keys
@@ -287,7 +292,7 @@ def target_covered(random: Draw) -> Changes:
 
 @kind("target_moves")
 def target_drifts(random: Draw) -> Changes:
-    """The target moves steadily at 10 to 40 mm/s, which the scheme does not know."""
+    """The target moves at a constant 10 to 40 mm/s; the scheme does not compensate this motion."""
     v, a = random.uniform(0.01, 0.04), random.uniform(0, 2 * np.pi)
     keys = healthy(random, ("chain", "free"), own=True)
     keys["target"]["motion"] = {"velocity": [v * np.cos(a), v * np.sin(a), 0, 0, 0, 0]}
@@ -296,7 +301,7 @@ def target_drifts(random: Draw) -> Changes:
 
 @kind("target_moves")
 def target_swings(random: Draw) -> Changes:
-    """The target swings by 5 to 20 mm at 0.2 to 0.6 Hz."""
+    """The target oscillates with an amplitude of 5 to 20 mm at 0.2 to 0.6 Hz."""
     a, b = random.uniform(0.005, 0.02, 2)
     keys = healthy(random, ("chain", "free"), own=True)
     frequency = float(random.uniform(0.2, 0.6))
@@ -306,7 +311,7 @@ def target_swings(random: Draw) -> Changes:
 
 @kind("converged")
 def target_pushed_once(random: Draw) -> Changes:
-    """The target is pushed by 1 to 2 cm while the arm servoes, and lies still again."""
+    """The target is displaced once by 1 to 2 cm during servoing."""
     keys = healthy(random, ("chain", "free"), own=True)
     a = random.uniform(0, 2 * np.pi)
     keys["target"]["motion"] = {"step": [0.015 * np.cos(a), 0.015 * np.sin(a), 0.0],
@@ -316,18 +321,18 @@ def target_pushed_once(random: Draw) -> Changes:
 
 @kind("wrong_object")
 def other_object(random: Draw) -> Changes:
-    """A long strip lies where the goal's target was."""
+    """A long strip replaces the target with which the goal was taught."""
     width = random.uniform(0.05, 0.07)
     strip = [[-width, -0.008], [width, -0.008], [width, 0.008], [-width, 0.02]]
     return {"plant": "chain", "scheme": "moments", "start": sampler(random), "duration": 8.0,
-            "linger": 0.3, "goal": "2016",
+            "time_after_convergence": 0.3, "goal": "2016",
             "target": {"shape": strip, "pose": [0.0, 0.0, 0.59, 0.0, 0.0, 0.0]}}  # fmt: skip
 
 
 @kind("converged", faults=0, alike=True)
 def same_from_four_sides(random: Draw) -> Changes:
-    """A square by points, from a start that is turned by 60 to 120 degrees: any of its four
-    headings looks like the goal."""
+    """Points of a square, from a start rotated by 60 to 120 degrees: all four orientations look
+    like the goal."""
     keys = healthy(random, ("chain", "free"), ("points",))
     return {**keys, "features": "exact", "target": placed(random, "square"),
             "goal": goal_above(random)}  # fmt: skip
@@ -338,7 +343,7 @@ def same_from_four_sides(random: Draw) -> Changes:
 
 @kind("out_of_reach")
 def goal_below_reach(random: Draw) -> Changes:
-    """A goal pose that the arm cannot take: too low over the table."""
+    """A goal pose that the arm cannot reach, too low above the table."""
     z = float(random.uniform(0.66, 0.71))
     return {**healthy(random, ("chain",), ("moments",)), "target": {},
             "goal": {"pose": [0.0, 0.0, z, DOWN, 0.0, 0.0]}}  # fmt: skip
@@ -346,38 +351,39 @@ def goal_below_reach(random: Draw) -> Changes:
 
 @kind("converged", "singular")
 def goal_at_a_singular_posture(random: Draw) -> Changes:
-    """A level goal of points or segments, by pictures: the arm cannot turn the camera about its y
-    axis there."""
+    """A goal of points or segments with a vertical optical axis, in images: the arm cannot rotate
+    the camera about its y axis there."""
     keys = healthy(random, ("chain", "bullet"), ("points", "segments"))
-    return {**keys, "features": "pictures", "goal": goal_above(random)}
+    return {**keys, "features": "images", "goal": goal_above(random)}
 
 
 @kind("joint_limit")
 def limit_in_the_way(random: Draw) -> Changes:
-    """The gantry's limit lies before the goal."""
+    """The gantry reaches its limit before the goal."""
     upper = float(random.uniform(-0.12, -0.08))
     return {"plant": "chain", "scheme": str(random.choice(["moments", "points"])),
-            "options": {"upper": {"gantry": upper}}, "goal": "2016",
+            "controller_parameters": {"upper": {"gantry": upper}}, "goal": "2016",
             "start": {"height": [0.2, 0.32], "side": 0.02, "turn": 0.8},
-            "duration": 8.0, "linger": 0.3}  # fmt: skip
+            "duration": 8.0, "time_after_convergence": 0.3}  # fmt: skip
 
 
 @kind("saturation")
 def joints_too_slow(random: Draw) -> Changes:
-    """Joints that may move at 5 to 12 mrad/s only."""
+    """Joints whose velocity limit is only 5 to 12 mrad/s."""
     return {**healthy(random, ("chain",)), "duration": 8.0,
-            "options": {"max_velocity": float(random.uniform(0.005, 0.012))}}  # fmt: skip
+            "controller_parameters": {"max_velocity": float(random.uniform(0.005,
+                0.012))}}  # fmt: skip
 
 
 @kind("joints_do_not_follow")
 def joints_stay_behind(random: Draw) -> Changes:
-    """Joints that follow their commands with a lag of 3 to 8 s."""
+    """Joints that follow their commands with a time constant of 3 to 8 s."""
     return {**healthy(random, ("chain",)), "lag": float(random.uniform(3.0, 8.0))}
 
 
 @kind("joints_do_not_follow", event=lambda random: Event("joints_stick", random.uniform(0.2, 0.5)))
 def joints_stick(random: Draw) -> Changes:
-    """All joints stand still from a moment on, whatever is commanded: a blocked arm."""
+    """All joints stop during the run and ignore commands: a blocked arm."""
     return healthy(random, ("chain",))
 
 
@@ -386,13 +392,13 @@ def joints_stick(random: Draw) -> Changes:
 
 @kind("gain_too_high")
 def gain_far_too_high(random: Draw) -> Changes:
-    """A gain of 42 to 50 at 30 images a second."""
+    """A gain of 42 to 50 1/s at 30 images per second."""
     return {**healthy(random, ("chain",)), "gain": float(random.uniform(42.0, 50.0))}
 
 
 @kind("gain_too_high")
 def delay_too_long(random: Draw) -> Changes:
-    """A delay of 0.25 to 0.4 s at a gain that swings with it."""
+    """A delay of 0.25 to 0.4 s, and a gain that causes oscillations with this delay."""
     delay = float(random.uniform(0.25, 0.4))
     return {**healthy(random, ("chain", "free")), "delay": delay,
             "gain": float(random.uniform(1.3, 1.7) / delay)}  # fmt: skip
@@ -400,7 +406,7 @@ def delay_too_long(random: Draw) -> Changes:
 
 @kind("converged", "too_few_images")
 def images_seldom(random: Draw) -> Changes:
-    """One and a half to two and a half images a second."""
+    """1.5 to 2.5 images per second."""
     rate = float(random.uniform(1.5, 2.5))
     return {**healthy(random, ("chain", "free")), "features": "exact", "duration": 12.0,
             "camera": {"horizontal_fov": 2.0, "update_rate": rate}}  # fmt: skip
@@ -408,14 +414,14 @@ def images_seldom(random: Draw) -> Changes:
 
 @kind("timed_out")
 def gain_too_low(random: Draw) -> Changes:
-    """A gain of 0.1 to 0.2 for four seconds."""
+    """A gain of 0.1 to 0.2 1/s and a duration of four seconds."""
     return {**healthy(random, ("chain", "free")), "gain": float(random.uniform(0.1, 0.2)),
             "duration": 4.0}  # fmt: skip
 
 
 @kind("too_few_images", "converged")
 def images_dropped(random: Draw) -> Changes:
-    """The camera drops 95 to 97 of 100 images."""
+    """The camera loses 95 to 97 % of its images."""
     drop = float(random.uniform(0.95, 0.97))
     return {**healthy(random, ("chain",)), "gain": 1.0,
             "camera": {"horizontal_fov": 2.0, "effects": {"drop_probability": drop}}}  # fmt: skip
@@ -423,25 +429,25 @@ def images_dropped(random: Draw) -> Changes:
 
 @kind("too_few_images", event=lambda random: Event("images_end", random.uniform(0.3, 0.7)))
 def camera_dies(random: Draw) -> Changes:
-    """No image comes any more from a moment on."""
+    """The images end during the run."""
     return {**healthy(random), "gain": 1.0}
 
 
 @kind("no_joint_states", event=lambda random: Event("joints_end", random.uniform(0.3, 0.7)))
 def joint_states_end(random: Draw) -> Changes:
-    """No joint states come any more from a moment on."""
+    """The joint states end during the run."""
     return {**healthy(random, ("chain", "bullet")), "gain": 1.0}
 
 
 @kind("held", event=lambda random: Event("hold", random.uniform(0.2, 0.6)))
 def held_by_service(random: Draw) -> Changes:
-    """`hold` is called while the arm servoes."""
+    """The service `hold` is called during servoing."""
     return {**healthy(random), "gain": 1.0}
 
 
 @kind("stopped", event=lambda random: Event("stop", random.uniform(0.2, 0.6)))
 def stopped_by_service(random: Draw) -> Changes:
-    """`stop` is called while the arm servoes."""
+    """The service `stop` is called during servoing."""
     return {**healthy(random), "gain": 1.0}
 
 
@@ -450,7 +456,7 @@ def stopped_by_service(random: Draw) -> Changes:
 
 @kind("scheme_fault")
 def scheme_raises(random: Draw) -> Changes:
-    """A scheme that raises."""
+    """A scheme that raises an exception."""
     return {**healthy(random, ("chain", "free")), "scheme": "outcome_campaign.schemes:Broken"}
 
 
@@ -462,24 +468,26 @@ def scheme_not_finite(random: Draw) -> Changes:
 
 @kind("local_minimum")
 def features_contradict(random: Draw) -> Changes:
-    """Features that cannot all be at their goals."""
+    """Features that cannot all reach their goals."""
     return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Contrary",
             "goal": goal_above(random)}  # fmt: skip
 
 
 @kind("singular")
 def directions_unseen(random: Draw) -> Changes:
-    """Two independent features that are to move the camera in six directions."""
+    """A scheme that controls six directions with only two independent features."""
     return {**healthy(random, ("chain",)), "scheme": "outcome_campaign.schemes:Dependent"}
 
 
 @kind("camera_retreat", "target_lost")
 def half_turn_by_points(random: Draw) -> Changes:
-    """Points from a start turned by 172 to 180 degrees about the optical axis, L current."""
+    """Points with the current L, from a start rotated by 174 to 180 degrees about the optical
+    axis."""
     goal = goal_above(random)
     x, y, z, *_ = goal["pose"]
     turn = float(np.radians(random.uniform(174.0, 180.0)))
     return {"plant": "free", "features": "exact", "scheme": "points", "goal": goal,
-            "options": {"interaction": "current"}, "target": placed(random),
-            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0, "linger": 0.3,
+            "controller_parameters": {"interaction": "current"}, "target": placed(random),
+            "start": {"pose": [x, y, z, DOWN, 0.0, turn]}, "duration": 10.0,
+            "time_after_convergence": 0.3,
             "gain": 2.0}  # fmt: skip

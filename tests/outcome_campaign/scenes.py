@@ -11,8 +11,8 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_base.poses import exponential, inverse, to_xyz_rpy
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_base.poses import exponential, inverse, xyz_rpy_from_matrix
+from aras_visual_servo_controller.kinematics import Arm
 
 Draw = np.random.Generator
 Changes = dict[str, Any]
@@ -105,7 +105,7 @@ def facing(random: Draw, distance: float, lean: float) -> np.ndarray:
 
 def six(pose: np.ndarray) -> list[float]:
     """x, y, z (m), roll, pitch, yaw (rad) of a pose (4, 4)."""
-    return [round(float(value), 9) for value in np.concatenate(to_xyz_rpy(pose))]
+    return [round(float(value), 9) for value in np.concatenate(xyz_rpy_from_matrix(pose))]
 
 
 def flying(

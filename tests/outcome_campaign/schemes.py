@@ -9,11 +9,11 @@ import time
 import numpy as np
 
 from aras_visual_servo_camera.interaction import point_interaction
-from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Decision, Scheme
-from aras_visual_servo_controller.seeing.observation import Observation
+from aras_visual_servo_controller.observation.observation import Observation
+from aras_visual_servo_controller.schemes import Scheme, SchemeOutput
 
 
 class Broken(Scheme):
@@ -24,7 +24,7 @@ class Broken(Scheme):
     def __init__(self, law: object = None) -> None:
         self._images = 0
 
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """Never comes to an answer."""
         raise RuntimeError("broken on purpose")
 
@@ -35,10 +35,10 @@ class NotFinite(Feature):
     name, names, tolerances = "not_finite", ("x", "y"), (1e-3, 1e-3)
     directions = (True, True, False, False, False, False)
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         nothing = np.full(2, np.nan)
-        return Measured(nothing, np.zeros(2), nothing, np.eye(2, 6))
+        return FeatureMeasurement(nothing, np.zeros(2), nothing, np.eye(2, 6))
 
 
 class Contrary(Feature):
@@ -48,14 +48,14 @@ class Contrary(Feature):
     tolerances = (1e-3, 1e-3, 1e-3)
     directions = (True, True, False, False, False, False)
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         seen = observation.moments
         x, y = seen.xg - goal.moments.xg, seen.yg - goal.moments.yg
         error = np.array([x, y, x + y + 0.2])
         depth = goal.depth * np.sqrt(goal.moments.m00 / seen.m00)
         L = point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth]))
-        return Measured(error, np.zeros(3), error, np.vstack([L, L.sum(axis=0)]))
+        return FeatureMeasurement(error, np.zeros(3), error, np.vstack([L, L.sum(axis=0)]))
 
 
 class Dependent(Contrary):
@@ -74,13 +74,13 @@ class Following(Points):
     name = "following"
     SPEED = 0.03
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Points, with the rate at which the target's own motion changes them."""
         measured = super().measure(observation, goal)
         pose = observation.world_T_camera
         velocity = pose[:3, :3].T @ np.array([self.SPEED, 0.0, 0.0])
         rate = -measured.L[:, :3] @ velocity
-        return dataclasses.replace(measured, rate=rate)
+        return dataclasses.replace(measured, error_drift=rate)
 
 
 class NowAndThenNotFinite(Points):
@@ -88,7 +88,7 @@ class NowAndThenNotFinite(Points):
 
     name = "now_and_then_not_finite"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         measured = super().measure(observation, goal)
         if not _fails(observation):
@@ -101,7 +101,7 @@ class NowAndThenRaises(Points):
 
     name = "now_and_then_raises"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         if _fails(observation):
             raise ValueError("raised on purpose")
@@ -113,7 +113,7 @@ class NowAndThenShorter(Points):
 
     name = "now_and_then_shorter"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         measured = super().measure(observation, goal)
         if not _fails(observation):
@@ -126,7 +126,7 @@ class WrongSign(Points):
 
     name = "wrong_sign"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         measured = super().measure(observation, goal)
         return dataclasses.replace(measured, L=-measured.L)
@@ -137,7 +137,7 @@ class Constant(Points):
 
     name = "constant"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         measured = super().measure(observation, goal)
         return dataclasses.replace(measured, error=np.full_like(measured.error, 0.05))
@@ -148,7 +148,7 @@ class Jumping(Points):
 
     name = "jumping"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         measured = super().measure(observation, goal)
         high = int(10.0 * observation.stamp) % 3 == 0
@@ -160,7 +160,7 @@ class Hanging(Points):
 
     name = "hanging"
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         while observation.stamp > 0.2:
             self.wait()
@@ -201,7 +201,7 @@ class CentreAndSize(Feature):
         """What the goal's centre and size are taken for, (3,)."""
         return np.array([goal.moments.xg, goal.moments.yg, 0.5 * np.log(goal.moments.m00)])
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """See Feature.measure."""
         seen = observation.moments
         s = np.array([seen.xg, seen.yg, 0.5 * np.log(seen.m00)])
@@ -211,7 +211,7 @@ class CentreAndSize(Feature):
             point_interaction(np.array([[seen.xg, seen.yg]]), np.array([1.0 / depth])),
             [[0.0, 0.0, 1.0 / depth, 1.5 * seen.yg, -1.5 * seen.xg, 0.0]],
         ])  # fmt: skip
-        return Measured(s, wanted, s - wanted, L)
+        return FeatureMeasurement(s, wanted, s - wanted, L)
 
 
 class SwappedGoal(CentreAndSize):

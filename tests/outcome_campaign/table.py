@@ -1,4 +1,4 @@
-"""The campaign's table, its numbers and their bounds."""
+"""Table of the outcome campaign, its figures and their bounds."""
 
 from __future__ import annotations
 
@@ -14,15 +14,16 @@ from .kinds import KINDS
 from .trial import REFUSED, Judged
 
 TABLE = Path(__file__).parents[2] / "docs" / "truth.md"
-TITLE = "## What the loop says of its runs"
-ALL, EACH = 0.95, 0.85  # least parts that are told right, of all runs and of each kind
-REMEDIED, HELPED = 0.8, 0.7  # least parts of failed runs with a remedy, and of remedies that help
-EXCEEDED, WORST = 0.005, 1.5  # of what is left open: part of the runs, and times of it
-WIDTH = 3.0  # times the median error that the median of what is left open may be
+TITLE = "## Accuracy of outcomes"
+ALL, EACH = 0.95, 0.85  # least fractions of correct outcomes, in all runs and in each kind
+# Least fraction of failed runs that have a remedy, and of remedies that help.
+REMEDIED, HELPED = 0.8, 0.7
+EXCEEDED, WORST = 0.005, 1.5  # uncertainty: largest fraction of runs beyond it, and largest ratio
+WIDTH = 3.0  # largest ratio of the median uncertainty to the median error
 
 
 def summary(found: Sequence[Judged]) -> dict[str, float]:
-    """The numbers that the bounds are for."""
+    """Compute the figures that have bounds."""
     by_kind = {name: [f.right for f in found if f.kind == name] for name in KINDS}
     there = [f for f in found if f.converged]
     excess = np.array([f.excess for f in there])
@@ -51,9 +52,11 @@ def summary(found: Sequence[Judged]) -> dict[str, float]:
 
 
 def by_faults(found: Sequence[Judged]) -> dict[str, float]:
-    """Parts of the runs, by the number of faults provoked, that are told right; 'plain': of those
-    without a fault, before targets of one pose that are exact enough, that are called 'converged'
-    and no more."""
+    """Return the fraction of correct outcomes, by the number of injected faults.
+
+    'plain' is the fraction of plain 'converged' among runs without a fault whose target has one
+    pose and is measured accurately enough.
+    """
     parts = {
         name: [f.right for f in found if KINDS[f.kind].faults == count]
         for count, name in enumerate(("fault_free", "one_fault", "two_faults"))
@@ -67,26 +70,27 @@ def by_faults(found: Sequence[Judged]) -> dict[str, float]:
 
 
 def failures(numbers: dict[str, float]) -> list[str]:
-    """The bounds that are not met, in words."""
+    """Return the bounds that are not met, as text."""
     checks = {
-        f"right in {ALL:.0%} of all": numbers["right"] >= ALL,
-        f"right in {EACH:.0%} of each kind": numbers["least_kind"] >= EACH,
-        f"left open exceeded in {EXCEEDED:.1%} at most": numbers["exceeded"] <= EXCEEDED,
-        f"left open never exceeded {WORST:g} times": numbers["worst"] <= WORST,
+        f"correct in {ALL:.0%} of all runs": numbers["right"] >= ALL,
+        f"correct in {EACH:.0%} of each kind": numbers["least_kind"] >= EACH,
+        f"uncertainty exceeded in {EXCEEDED:.1%} at most": numbers["exceeded"] <= EXCEEDED,
+        f"uncertainty never exceeded {WORST:g} times": numbers["worst"] <= WORST,
         f"a remedy in {REMEDIED:.0%} of the failed runs": numbers["remedied"] >= REMEDIED,
         f"{HELPED:.0%} of the remedies help": numbers["remedies_helped"] >= HELPED,
     }
     for part in ("distance", "angle"):
         if f"median_{part}" in numbers:
             width = numbers[f"median_open_{part}"] / max(numbers[f"median_{part}"], 1e-9)
-            checks[f"{part} left open within {WIDTH:g} times the median error"] = width <= WIDTH
+            name = f"uncertainty of {part} within {WIDTH:g} times the median error"
+            checks[name] = width <= WIDTH
     return [name for name, met in checks.items() if not met]
 
 
 def markdown(found: Sequence[Judged]) -> str:
-    """A row for each kind, and a sentence of what is left open."""
+    """Format one row for each kind, and a sentence about the uncertainty."""
     rows = [
-        "| provoked | right is | said | right | remedy followed |",
+        "| injected fault | correct outcomes | reported outcomes | correct | remedy applied |",
         "|---|---|---|---|---|",
     ]
     for name, kind in KINDS.items():
@@ -105,19 +109,19 @@ def markdown(found: Sequence[Judged]) -> str:
     text = "\n".join(rows)
     if parts := by_faults(found):
         words = {
-            "fault_free": "without a fault", "plain": "plainly converged of those that must be",
+            "fault_free": "without a fault", "plain": "plain `converged` where required",
             "one_fault": "with one fault", "two_faults": "with two faults",
         }  # fmt: skip
-        text += "\n\nRight, by faults provoked: " + ", ".join(
+        text += "\n\nCorrect outcomes by number of injected faults: " + ", ".join(
             f"{parts[name]:.1%} {word}" for name, word in words.items() if name in parts
         ) + "."
     if "median_distance" in numbers:
         text += (
-            f"\n\nRight in {numbers['right']:.1%} of {numbers['runs']} runs. Of "
-            f"{numbers['converged']} that were called converged, {numbers['exceeded']:.1%} were "
-            f"farther from the goal than was left open, {numbers['worst']:.2f} times at most. "
+            f"\n\nCorrect in {numbers['right']:.1%} of {numbers['runs']} runs. Of "
+            f"{numbers['converged']} runs with the outcome `converged`, {numbers['exceeded']:.1%} "
+            f"had an error above the reported uncertainty, at most {numbers['worst']:.2f} times. "
             f"Median error {1e3 * numbers['median_distance']:.2f} mm and "
-            f"{np.degrees(numbers['median_angle']):.3f} degrees, median of what is left open "
+            f"{np.degrees(numbers['median_angle']):.3f} degrees, median uncertainty "
             f"{1e3 * numbers['median_open_distance']:.2f} mm and "
             f"{np.degrees(numbers['median_open_angle']):.3f} degrees."
         )
@@ -125,8 +129,8 @@ def markdown(found: Sequence[Judged]) -> str:
 
 
 def _remedies(found: Sequence[Judged]) -> str:
-    """A row for each outcome of a run that failed: how many had a remedy, and what it achieved."""
-    rows = ["| outcome | failed runs | with a remedy | remedy followed |", "|---|---|---|---|"]
+    """Format one row for each outcome of failed runs: number with a remedy, and its effect."""
+    rows = ["| outcome | failed runs | with a remedy | remedy applied |", "|---|---|---|---|"]
     failed = [f for f in found if not f.converged]
     for said, count in Counter(f.said for f in failed).most_common():
         of_kind = [f for f in failed if f.said == said]
@@ -136,24 +140,25 @@ def _remedies(found: Sequence[Judged]) -> str:
 
 
 def _followed(found: Sequence[Judged]) -> str:
-    """How many of the runs whose remedy was applied converge with it, as text."""
+    """Return as text how many runs converge after their remedy was applied."""
     helped = [f.helped for f in found if f.helped is not None]
-    return f"{sum(helped)} of {len(helped)} then converge" if helped else ""
+    return f"{sum(helped)} of {len(helped)} converge" if helped else ""
 
 
 def section(text: str, found: Sequence[Judged], seeds: Sequence[int]) -> str:
-    """A page's text with this campaign's section, its last, in place of the one before."""
+    """Return the text of a page with an updated section of this campaign, its last."""
     before = text.partition(TITLE)[0].rstrip()
     head = (
-        f"{TITLE}\n\nMade by `tests/outcomes --write`, seeds {' and '.join(map(str, seeds))}. "
-        "Faults of known kinds are provoked; which outcomes are right is written down before the "
-        "run. *converged* is right only where the camera stands within what is left open.\n\n"
+        f"{TITLE}\n\nThis table is generated by `tests/outcomes --write` with the seeds "
+        f"{' and '.join(map(str, seeds))}. Each run has injected faults of a known kind, and the "
+        "correct outcomes are defined before the run. `converged` is correct only if the error of "
+        "the camera's pose is within the reported uncertainty.\n\n"
     )
     return with_result(f"{before}\n\n{head}{markdown(found)}\n")
 
 
 def section_of(text: str) -> str:
-    """This campaign's section of a page, with the empty line before; empty where it has none."""
+    """Return this campaign's section of a page with a leading empty line, or an empty text."""
     _, title, section = text.partition(TITLE)
     return f"\n{title}{section}" if title else ""
 

@@ -1,4 +1,4 @@
-"""One trial carried out: the run, what was said of it, and what is true."""
+"""Execution of one trial: its run, the outcome of the loop, and the true result."""
 
 from __future__ import annotations
 
@@ -8,27 +8,27 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.study.remedies import apply_remedy
+from aras_visual_servo_bench.studies.remedies import apply_remedy
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.remedy import Remedy
-from aras_visual_servo_controller.seeing.frame import Frame
 
 from .kinds import Event, Trial
 
 ONCE = ("hold", "stop")
 REFUSED = "refused"  # the experiment could not be made; right where that names what is believed
-BELIEVED = "believed"
-EXCESS = 1.5  # times what is left open that a run may be off whose outcome counts as right
+BELIEVED = "calibration_offset"
+EXCESS = 1.5  # largest error of a correct outcome, relative to its uncertainty
 
 
 @dataclass(frozen=True)
 class Judged:
-    """What came of a trial.
+    """Result of a trial.
 
     said, reason, remedy: the loop's. distance, angle: of the true camera from its goal at the end,
     m and rad. open_distance, open_angle: what 'converged' leaves open, m and rad; NaN without it.
@@ -50,17 +50,17 @@ class Judged:
 
     @property
     def converged(self) -> bool:
-        """Whether the loop held that it is at its goal."""
+        """True if the loop reported convergence."""
         return self.said.startswith("converged")
 
     @property
     def excess(self) -> float:
-        """How many times what was left open the camera is off, the worse of the two parts."""
+        """Larger ratio of the true error to the reported uncertainty, of distance and angle."""
         return max(self.distance / self.open_distance, self.angle / self.open_angle)
 
 
 class Disturbed:
-    """A plant to which an event happens; everything else is the plant's own."""
+    """Wrapper of a plant that injects an event."""
 
     def __init__(self, plant: Any, event: Event) -> None:
         self._plant, self._event = plant, event
@@ -69,11 +69,11 @@ class Disturbed:
     def __getattr__(self, name: str) -> Any:
         return getattr(self._plant, name)
 
-    def join(self, *_: Any) -> None:
-        """Nothing: what is joined with the plant's own cycles would not go through here."""
+    def attach_loop(self, *_: Any) -> None:
+        """Do nothing, so that compiled control cycles do not bypass the event."""
 
     def advance(self, until_ns: int) -> list[Any]:
-        """As the plant's, without the readings that have ended."""
+        """Return the readings of the plant, without those that have ended."""
         readings = self._plant.advance(until_ns)
         if not self.happened:
             return readings
@@ -81,32 +81,32 @@ class Disturbed:
         return [r for r in readings if ended is None or isinstance(r, Frame) != ended]
 
     def command(self, kind: str, values: Any) -> None:
-        """As the plant's; joints that stick get none."""
+        """Forward commands to the plant, except to blocked joints."""
         if not (self.happened and self._event.what == "joints_stick"):
             self._plant.command(kind, values)
 
 
 def carried_out(keys: Mapping[str, Any], event: Event | None = None) -> tuple[Run, Outcome]:
-    """The run of an experiment's keys, to which an event happens, and what the loop says of it."""
+    """Run an experiment with an event; return the run and the outcome of the loop."""
     experiment = Experiment.from_mapping(keys)
     parts = assemble(experiment)
     if event is not None:
         parts.plant = Disturbed(parts.plant, event)
     loop = Loop(experiment, parts)
     try:
-        while not loop.over:
-            loop.to_image()
+        while not loop.is_over:
+            loop.run_to_image()
             if event is not None and not parts.plant.happened and loop.servo_time >= event.at:
                 parts.plant.happened = True
                 if event.what in ONCE:
                     getattr(loop.servo, event.what)(f"{event.what} was called")
-        return loop.result(), loop.servo.outcome
+        return loop.make_run(), loop.servo.outcome
     finally:
         loop.close()
 
 
 def judged(trial: Trial, follow: bool) -> Judged:
-    """Carry a trial out and compare what was said with what is right and what is true.
+    """Run a trial and compare its outcome with the correct outcomes and the truth.
 
     Args:
         follow: also apply the remedy of a run that failed, where it changes a setting.
@@ -135,7 +135,7 @@ def _found(trial: Trial, run: Run, outcome: Outcome) -> Judged:
 
 
 def _helps(trial: Trial, remedy: Remedy) -> bool:
-    """Whether the run converges, and truly so, with the remedy's changes."""
+    """Return True if the run reaches its goal with the changes of the remedy."""
     try:
         changed = apply_remedy(Experiment.from_mapping(trial.keys), remedy)
         after = _found(trial, *carried_out(changed.to_mapping()))

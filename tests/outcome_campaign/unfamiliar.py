@@ -1,4 +1,4 @@
-"""Kinds of trials before scenes, arms and lenses that the project does not ship."""
+"""Kinds of trials with random targets, arms and lenses."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.setup.assembly import assemble
 
 from .kinds import kind
@@ -20,60 +20,62 @@ SCHEMES = "outcome_campaign.schemes:"
 
 
 def loop(random: Draw, keys: Changes, schemes: tuple[str, ...] = SIX) -> Changes:
-    """A scene with a scheme, a gain that its delay and image rate allow, and time enough."""
+    """Add a scheme, a gain that is stable with the delay and image rate, and a duration."""
     rate = keys["camera"].get("update_rate", 30.0)
     delay = float(random.uniform(0.0, 0.03))
     gain = float(random.uniform(0.8, min(3.0, 0.25 / (delay + 1.0 / rate))))
     return {**keys, "features": keys.get("features", "exact"), "delay": round(delay, 4),
-            "scheme": str(random.choice(schemes)), "gain": round(gain, 3), "linger": 0.3,
+            "scheme": str(random.choice(schemes)), "gain": round(gain, 3),
+            "time_after_convergence": 0.3,
             "duration": round(8.0 + 14.0 / gain, 1)}  # fmt: skip
 
 
 def any_arm(random: Draw, names: tuple[str, ...] = tuple(ARMS), camera: Lens | None = None,
             schemes: tuple[str, ...] = SIX) -> Changes:  # fmt: skip
-    """A healthy run of one of the arms."""
+    """Return a run of one of the arms without faults."""
     camera = lens(random) if camera is None else camera
     return loop(random, on_arm(random, str(random.choice(names)), camera), schemes)
 
 
 def either(random: Draw, schemes: tuple[str, ...] = SIX) -> Changes:
-    """A healthy run of a free camera or of an arm."""
+    """Return a run of a free camera or of an arm without faults."""
     if random.random() < 0.5:
         return loop(random, flying(random, lens(random)), schemes)
     return any_arm(random, schemes=schemes)
 
 
-# -- nothing wrong -------------------------------------------------------------------------------
+# -- no fault -------------------------------------------------------------------------------
 
 
 @kind("converged", faults=0)
 def any_attitude(random: Draw) -> Changes:
-    """Nothing wrong, a free camera anywhere, exact features."""
+    """No fault; a free camera at random poses, exact features."""
     return loop(random, flying(random, lens(random)))
 
 
 @kind("converged", faults=0)
 def any_attitude_by_pictures(random: Draw) -> Changes:
-    """Nothing wrong, a free camera anywhere, pictures."""
+    """No fault; a free camera at random poses, images."""
     keys = flying(random, lens(random), pixels=(70, 120))
-    return loop(random, {**keys, "features": "pictures"}, BY_IMAGES)
+    return loop(random, {**keys, "features": "images"}, BY_IMAGES)
 
 
 @kind("converged", "ambiguous", faults=0)
 def long_lens(random: Draw) -> Changes:
-    """A field of view of 9 to 23 degrees: a flat target looks nearly the same from two sides."""
+    """A field of view of 9 to 23 degrees, with which a flat target looks nearly the same from two
+    poses."""
     return loop(random, flying(random, lens(random, (0.16, 0.4)), lean=1.0))
 
 
 @kind("converged", faults=0)
 def fisheye(random: Draw) -> Changes:
-    """An equidistant lens that sees 115 to 170 degrees."""
+    """An equidistant lens with a field of view of 115 to 170 degrees."""
     return loop(random, flying(random, lens(random, (2.0, 3.0), fisheye=True)))
 
 
 @kind("converged", faults=0)
 def slow_and_fast_images(random: Draw) -> Changes:
-    """5 to 8, or 90 to 120 images a second."""
+    """5 to 8 or 90 to 120 images per second."""
     camera = lens(random)
     fast = random.random() < 0.5
     camera.keys["update_rate"] = float(random.uniform(90, 120) if fast else random.uniform(5, 8))
@@ -84,29 +86,29 @@ def slow_and_fast_images(random: Draw) -> Changes:
 
 @kind("converged", "ambiguous", faults=0)
 def triangle(random: Draw) -> Changes:
-    """Three points or three lines, which look the same from up to four poses."""
+    """Three points or three lines, which have the same image from up to four poses."""
     return loop(random, flying(random, lens(random), corners=3),
                 ("points", "numbered_points", "lines"))  # fmt: skip
 
 
 @kind("converged", "ambiguous", faults=0)
 def solid(random: Draw) -> Changes:
-    """A box, by the edges of its model, in pictures; it looks the same after half a turn."""
+    """A box in images, tracked by the edges of its model; it looks the same after half a turn."""
     keys = flying(random, lens(random, (0.6, 1.1)), thickness=0.5, pixels=(80, 120), lean=0.6)
-    return loop(random, {**keys, "features": "pictures"}, ("model",))
+    return loop(random, {**keys, "features": "images"}, ("model",))
 
 
 @kind("converged", faults=0)
 def unfamiliar_arm(random: Draw) -> Changes:
-    """Nothing wrong, an arm of four, six or seven joints, exact features."""
+    """No fault; an arm of four, six or seven joints, exact features."""
     return any_arm(random)
 
 
 @kind("converged", "too_noisy", faults=0)
 def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
-    """The same by pictures with noise of 1 to 4 grey levels."""
+    """An arm of four, six or seven joints, images with noise of 1 to 4 grey levels."""
     keys = any_arm(random, schemes=BY_IMAGES)
-    return {**keys, "features": "pictures", "noise": float(random.uniform(1.0, 4.0))}
+    return {**keys, "features": "images", "noise": float(random.uniform(1.0, 4.0))}
 
 
 # -- a target that moves -------------------------------------------------------------------------
@@ -114,7 +116,8 @@ def unfamiliar_arm_by_noisy_pictures(random: Draw) -> Changes:
 
 @kind("target_moves", "converged")
 def slow_target(random: Draw) -> Changes:
-    """A target that moves steadily at 0.5 to 8 mm/s; converged where it is within the bound."""
+    """A target that moves at a constant 0.5 to 8 mm/s; `converged` is correct if the error is
+    within the bound."""
     keys = either(random)
     direction = random.normal(size=3)
     velocity = direction / np.linalg.norm(direction) * random.uniform(0.5e-3, 8e-3)
@@ -124,7 +127,7 @@ def slow_target(random: Draw) -> Changes:
 
 @kind("target_moves", "converged")
 def slowly_swinging_target(random: Draw) -> Changes:
-    """A target that swings by 2 to 8 mm at 0.1 to 0.3 Hz."""
+    """A target that oscillates with an amplitude of 2 to 8 mm at 0.1 to 0.3 Hz."""
     keys = either(random)
     keys["target"]["motion"] = {"amplitude": random.uniform(0.002, 0.008, 3).tolist(),
                                 "frequency": float(random.uniform(0.1, 0.3))}  # fmt: skip
@@ -133,7 +136,7 @@ def slowly_swinging_target(random: Draw) -> Changes:
 
 @kind("target_moves", "converged")
 def slowly_turning_target(random: Draw) -> Changes:
-    """A target that turns at 0.5 to 4 degrees a second."""
+    """A target that rotates at 0.5 to 4 degrees per second."""
     keys = either(random)
     rate = float(np.radians(random.uniform(0.5, 4.0)))
     keys["target"]["motion"] = {"velocity": [0.0, 0.0, 0.0, 0.0, 0.0, rate]}
@@ -145,33 +148,36 @@ def slowly_turning_target(random: Draw) -> Changes:
 
 @kind("wrong_camera_model", "refused")
 def turned_mounting(random: Draw) -> Changes:
-    """A mounting believed to be turned by 90 to 180 degrees; refused where the target would lie
+    """A calibrated mounting that is rotated by 90 to 180 degrees; refused if the target would be
     behind the camera at the goal."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     turn = float(random.uniform(0.5, 1.0) * np.pi)
     axis = random.choice(3)
-    return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
 
 
 @kind("converged", "wrong_camera_model")
 def mounting_somewhat_off(random: Draw) -> Changes:
-    """A mounting believed 2 to 30 degrees, or 5 to 60 mm, off; the goal is shown by the camera."""
+    """A taught goal; the calibrated mounting is wrong by 2 to 30 degrees or 5 to 60 mm."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     axis = random.choice(3)
     if random.random() < 0.5:
         turn = float(np.radians(random.uniform(2.0, 30.0)))
-        return {**keys, "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}
+        return {
+            **keys,
+            "calibration_offset": {"rpy": [turn if i == axis else 0.0 for i in range(3)]},
+        }
     offset = float(random.uniform(0.005, 0.06))
-    return {**keys, "believed": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
+    return {**keys, "calibration_offset": {"xyz": [offset if i == axis else 0.0 for i in range(3)]}}
 
 
 @kind("wrong_camera_model", "converged")
 def computed_goal_and_wrong_focal_length(random: Draw) -> Changes:
-    """A goal that was computed for the true camera, whose focal length is believed 1.3 to 1.8 times
-    the true one; converged where it is within the bound."""
+    """A goal computed for the true camera; the calibrated focal length is 1.3 to 1.8 times the true
+    one. `converged` is correct if the error is within the bound."""
     keys = either(random)
     factor = float(random.uniform(1.3, 1.8) ** random.choice([-1, 1]))
-    return {**keys, "goal": computed_goal(keys), "believed": {"focal": factor}}
+    return {**keys, "goal": computed_goal(keys), "calibration_offset": {"focal": factor}}
 
 
 def computed_goal(keys: Changes) -> str:
@@ -193,7 +199,7 @@ def computed_goal(keys: Changes) -> str:
 
 @kind("target_lost", "wrong_object")
 def covered_from_a_moment_on(random: Draw) -> Changes:
-    """Something covers 20 to 70 % of the target from a moment on, and stays."""
+    """During the run, 20 to 70 % of the target is covered permanently."""
     keys = loop(random, flying(random, lens(random), pixels=(80, 120)), ("points", "moments"))
     corners = np.array(keys["target"]["shape"])
     low, high = corners.min(axis=0), corners.max(axis=0)
@@ -202,18 +208,18 @@ def covered_from_a_moment_on(random: Draw) -> Changes:
     keys["target"] |= {"occluder": [[float(low[0]) - 1e-3, float(low[1]) - 1e-3],
                                     [float(edge), float(high[1]) + 1e-3]],
                        "occluded": [[begin, 60.0]]}  # fmt: skip
-    return {**keys, "features": "pictures"}
+    return {**keys, "features": "images"}
 
 
 @kind("joint_limit", "converged", "singular")
 def limit_of_an_unfamiliar_arm(random: Draw) -> Changes:
-    """A limit that lies between the start and the goal of one joint; the others may do its part."""
+    """One joint has a limit between its start and its goal; the other joints may compensate."""
     keys = any_arm(random, ("scara", "offset_6r", "gantry_6"))
     start, goal = np.array(keys["start"]), np.array(keys["goal"])
     i = int(np.argmax(np.abs(goal - start)))
     limit = float(goal[i] - 0.3 * (goal[i] - start[i]))
     side = "upper" if goal[i] > start[i] else "lower"
-    return {**keys, "options": {side: {f"q{i + 1}": limit}}}
+    return {**keys, "controller_parameters": {side: {f"q{i + 1}": limit}}}
 
 
 @kind("gain_too_high", "converged")
@@ -227,15 +233,15 @@ def too_high_for_the_delay(random: Draw) -> Changes:
 
 @kind("converged", "too_noisy")
 def jitter_of_any_size(random: Draw) -> Changes:
-    """Exact features that jitter by 0.1 to 3 px."""
+    """Exact features with noise of 0.1 to 3 px."""
     return {**either(random), "jitter": float(10.0 ** random.uniform(-1.0, 0.5))}
 
 
 @kind("saturation", "converged")
 def slow_joints(random: Draw) -> Changes:
-    """Joints of an unfamiliar arm that may move at 2 to 40 mrad/s."""
+    """An arm of four, six or seven joints with velocity limits of 2 to 40 mrad/s."""
     speed = float(10.0 ** random.uniform(-2.7, -1.4))
-    return {**any_arm(random), "options": {"max_velocity": speed}, "duration": 8.0}
+    return {**any_arm(random), "controller_parameters": {"max_velocity": speed}, "duration": 8.0}
 
 
 # -- two faults at once --------------------------------------------------------------------------
@@ -243,7 +249,7 @@ def slow_joints(random: Draw) -> Changes:
 
 @kind("target_moves", "gain_too_high", faults=2)
 def moving_target_and_high_gain(random: Draw) -> Changes:
-    """A target that moves at 10 to 40 mm/s, and a gain too high for the delay."""
+    """A target that moves at 10 to 40 mm/s, and a gain that is too high for the delay."""
     keys = either(random)
     velocity = random.normal(size=3)
     velocity *= random.uniform(0.01, 0.04) / np.linalg.norm(velocity)
@@ -253,31 +259,37 @@ def moving_target_and_high_gain(random: Draw) -> Changes:
 
 @kind("wrong_camera_model", "too_noisy", "converged", faults=2)
 def mounting_off_and_jitter(random: Draw) -> Changes:
-    """A mounting believed 5 to 25 degrees off, and a jitter of 0.3 to 2 px."""
+    """A calibrated mounting that is wrong by 5 to 25 degrees, and noise of 0.3 to 2 px."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     turn = float(np.radians(random.uniform(5.0, 25.0)))
     axis = random.choice(3)
     return {**keys, "jitter": float(random.uniform(0.3, 2.0)),
-            "believed": {"rpy": [turn if i == axis else 0.0 for i in range(3)]}}  # fmt: skip
+            "calibration_offset": {"rpy": [turn if i == axis else 0.0
+                for i in range(3)]}}  # fmt: skip
 
 
 @kind("target_moves", "wrong_camera_model", "converged", faults=2)
 def moving_target_and_mounting_off(random: Draw) -> Changes:
-    """A target that moves at 3 to 20 mm/s before a camera mounted 5 to 25 degrees off."""
+    """A target that moves at 3 to 20 mm/s, and a calibrated mounting that is wrong by 5 to 25
+    degrees."""
     keys = any_arm(random, ("offset_6r", "redundant_7r", "gantry_6"))
     velocity = random.normal(size=3)
     velocity *= random.uniform(0.003, 0.02) / np.linalg.norm(velocity)
     turn = float(np.radians(random.uniform(5.0, 25.0)))
     keys["target"]["motion"] = {"velocity": [*velocity.tolist(), 0.0, 0.0, 0.0]}
-    return {**keys, "believed": {"rpy": [turn, 0.0, 0.0]}}
+    return {**keys, "calibration_offset": {"rpy": [turn, 0.0, 0.0]}}
 
 
 @kind("saturation", "joint_limit", "converged", "singular", faults=2)
 def slow_joints_and_a_limit(random: Draw) -> Changes:
-    """Slow joints, one of which cannot get to its goal."""
+    """Slow joints, one of which cannot reach its goal."""
     keys = limit_of_an_unfamiliar_arm(random)
     speed = float(10.0 ** random.uniform(-2.5, -1.2))
-    return {**keys, "options": {**keys["options"], "max_velocity": speed}, "duration": 10.0}
+    return {
+        **keys,
+        "controller_parameters": {**keys["controller_parameters"], "max_velocity": speed},
+        "duration": 10.0,
+    }
 
 
 # -- schemes that a start is too far for -------------------------------------------------------
@@ -291,11 +303,11 @@ def scheme_leads_astray(random: Draw) -> Changes:
     scheme = str(random.choice(["numbered_points", "partitioned", "moments_six", "points_3d"]))
     kinds = ("current",) if scheme == "partitioned" else ("current", "desired", "mean")
     interaction = str(random.choice(kinds))
-    plants = [{"plant": "free", "features": "pictures"}, {"plant": "ideal", "features": "exact",
+    plants = [{"plant": "free", "features": "images"}, {"plant": "ideal", "features": "exact",
               "ideal": {"speed": [1.0, 1.5], "unbounded": True}}]  # fmt: skip
     options = {} if interaction == "current" else {"interaction": interaction}
     return {
-        **plants[int(random.integers(2))], "scheme": scheme, "options": options,
+        **plants[int(random.integers(2))], "scheme": scheme, "controller_parameters": options,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 0.761, "update_rate": 25.0},
         "target": {"shape": [[-0.1, -0.1], [0.1, -0.08], [0.08, 0.1], [-0.06, 0.06]]},
         "goal": {"pose": [0.0, 0.0, -0.6, 0.0, 0.0, 0.0]}, "gain": 2.0, "duration": 6.0,
@@ -309,41 +321,42 @@ def scheme_leads_astray(random: Draw) -> Changes:
 
 @kind("scheme_fault", "converged")
 def scheme_fails_now_and_then(random: Draw) -> Changes:
-    """A feature that is NaN, raises or changes its length at one image in five; converged with a
-    reason that counts these images."""
+    """A feature that is NaN, raises an exception or changes its length in one of five images;
+    `converged` with a reason that counts these images is correct, too."""
     name = random.choice(["NowAndThenNotFinite", "NowAndThenRaises", "NowAndThenShorter"])
     return {**either(random), "scheme": f"{SCHEMES}{name}"}
 
 
 @kind("scheme_fault")
 def scheme_hangs(random: Draw) -> Changes:
-    """A scheme that never comes to the end of an image: it computes, sleeps, or waits."""
+    """A scheme that never finishes an image: it computes, sleeps or waits."""
     keys = either(random)
     name = random.choice(["Hanging", "Sleeping", "Waiting"])
     options = {**keys.get("options", {}), "scheme_timeout": 0.5}
-    return {**keys, "scheme": f"{SCHEMES}{name}", "options": options}
+    return {**keys, "scheme": f"{SCHEMES}{name}", "controller_parameters": options}
 
 
 @kind("scheme_fault")
 def wrong_sign_of_L(random: Draw) -> Changes:
-    """Points whose interaction matrix has the wrong sign: the camera goes away from its goal."""
+    """Points whose interaction matrix has the wrong sign, so that the camera moves away from its
+    goal."""
     return {**either(random), "scheme": f"{SCHEMES}WrongSign"}
 
 
 @kind("scheme_fault")
 def constant_feature(random: Draw) -> Changes:
-    """An error that never changes, whatever the camera does."""
+    """An error that never changes, regardless of the motion of the camera."""
     return {**either(random), "scheme": f"{SCHEMES}Constant"}
 
 
 @kind("scheme_fault")
 def jumping_feature(random: Draw) -> Changes:
-    """Points to which 0.3 is added or not, by a switch that chatters."""
+    """Points to which 0.3 is added or not, in rapid alternation."""
     return {**either(random), "scheme": f"{SCHEMES}Jumping"}
 
 
 @kind("scheme_fault", "ambiguous", "wrong_object", "wrong_camera_model")
 def goal_read_wrongly(random: Draw) -> Changes:
-    """The target's centre and size, of which one is compared with a wrong number of the goal."""
+    """The target's centre and size, one of which is compared with a wrong value of the goal."""
     name = random.choice(["SwappedGoal", "CentredGoal", "SizeGoal"])
     return {**either(random), "scheme": f"{SCHEMES}{name}"}

@@ -191,7 +191,7 @@ def unnamed(package: Package, lines: Sequence[str]) -> list[str]:
 
 def table(results: Sequence[Result]) -> str:
     """The table of docs/porting.md."""
-    lines = ["| package | started by | works | wrong | named in one line as not served |",
+    lines = ["| package | started by | works | faults | unsupported parts, named by the log |",
              "|---|---|---|---|---|"]
     for one in results:
         faults = "; ".join(one.faults) or "-"
@@ -202,8 +202,8 @@ def table(results: Sequence[Result]) -> str:
                for repo, commit in one.package.repositories.items()}
     of = ", ".join(f"{repo} {commit[:12]}" for repo, commit in sorted(commits.items()))
     good = sum(not one.faults for one in results)
-    return "\n".join([f"{good} of {len(results)} start with every served part working.", "",
-                      *lines, "", f"Sources: {of}."])
+    summary = f"{good} of {len(results)} packages start, and all their supported parts work."
+    return "\n".join([summary, "", *lines, "", f"Sources: {of}."])
 
 
 def main(arguments: Sequence[str] | None = None) -> int:

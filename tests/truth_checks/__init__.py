@@ -1,1 +1,1 @@
-"""What `tests/truth` compares: ours against Pinocchio, MuJoCo, OpenCV, SciPy and closed forms."""
+"""Comparisons of the simulator with Pinocchio, MuJoCo, OpenCV, SciPy and closed forms."""

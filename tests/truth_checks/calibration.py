@@ -1,4 +1,4 @@
-"""Hand-eye calibration: where the camera is mounted, told by joints and pictures alone."""
+"""Hand-eye calibration from joint positions and images, compared with the true mounting."""
 
 from __future__ import annotations
 
@@ -23,8 +23,8 @@ from scenes import Bench, chessboard  # noqa: E402
 
 HAND, LINK = "link6", "camera_link"
 PICTURES = 20
-_INNER, _SQUARE = (6, 5), 0.025  # corners of a board of 7 x 6 squares; m
-_BESIDE = {"xyz": (0.02, -0.03, 0.01), "rpy": (0.1, -0.2, 0.3)}  # of the sensor in its link
+_INNER, _SQUARE = (6, 5), 0.025  # inner corners of a board of 7 x 6 squares; square size, m
+_BESIDE = {"xyz": (0.02, -0.03, 0.01), "rpy": (0.1, -0.2, 0.3)}  # pose of the sensor in its link
 _CAMERAS = {
     "pinhole": {"horizontal_fov": 1.0},
     "plumb_bob": {"camera_matrix": {"fx": 560.0, "fy": 572.0, "cx": 331.3, "cy": 227.8},
@@ -33,7 +33,7 @@ _CAMERAS = {
 
 
 def _transform(turn: np.ndarray, place: np.ndarray) -> np.ndarray:
-    """(4, 4) of a rotation matrix or vector, rad, and a place, m."""
+    """Return the pose (4, 4) of a rotation matrix or rotation vector, rad, and a position, m."""
     T = np.eye(4)
     T[:3, :3] = turn if np.ndim(turn) == 2 else Rotation.from_rotvec(turn).as_matrix()
     T[:3, 3] = place
@@ -41,19 +41,19 @@ def _transform(turn: np.ndarray, place: np.ndarray) -> np.ndarray:
 
 
 def _twelve(*poses: np.ndarray) -> np.ndarray:
-    """Rotation vectors and places of poses (4, 4), one after the other."""
+    """Return rotation vector and position of each pose (4, 4), concatenated."""
     return np.concatenate([part for T in poses for part in (
         Rotation.from_matrix(T[:3, :3]).as_rotvec(), T[:3, 3])])  # fmt: skip
 
 
 def _placement(robot: Robot, joints: np.ndarray, link: str) -> np.ndarray:
-    """base_T_link (4, 4) by Pinocchio."""
+    """Compute base_T_link (4, 4) with Pinocchio."""
     pinocchio.framesForwardKinematics(robot.pin, robot.data, robot.pin_state(joints))
     return robot.data.oMf[robot.pin.getFrameId(link)].homogeneous
 
 
 def _mounting(robot: Robot) -> np.ndarray:
-    """hand_T_camera (4, 4), its optical frame, as URDF and settings have it."""
+    """Return the true hand_T_camera (4, 4) of the optical frame, from URDF and settings."""
     rest = np.zeros(len(robot.names))
     hand_T_link = np.linalg.inv(_placement(robot, rest, HAND)) @ _placement(robot, rest, LINK)
     seat = _transform(Rotation.from_euler("xyz", _BESIDE["rpy"]).as_matrix(), _BESIDE["xyz"])
@@ -62,8 +62,10 @@ def _mounting(robot: Robot) -> np.ndarray:
 
 
 def _corners(image: np.ndarray, board: np.ndarray) -> np.ndarray | None:
-    """Inner corners (30, 2), px, of a board (30, 3), found without a guess; the square before the
-    first is white. None where it is not wholly in view."""
+    """Detect the inner corners (30, 2), px, of a board (30, 3); None if it is not fully visible.
+
+    The square in front of the first corner is white.
+    """
     grey = cv2.cvtColor(image, cv2.COLOR_RGB2GRAY)
     found, corners = cv2.findChessboardCornersSB(grey, _INNER, flags=cv2.CALIB_CB_ACCURACY)
     if not found:
@@ -74,7 +76,7 @@ def _corners(image: np.ndarray, board: np.ndarray) -> np.ndarray | None:
     to_picture = cv2.findHomography(board[:, :2], corners)[0]
     u, v = np.moveaxis(cv2.perspectiveTransform(middles, to_picture), -1, 0).astype(np.float32)
     seen = cv2.remap(grey, u, v, cv2.INTER_NEAREST, borderValue=128)
-    # Both find corners well; only these do so without errors that are alike all over a picture.
+    # Both detectors are accurate, but only this one has no systematic error over the whole image.
     corners = cv2.cornerSubPix(grey, corners.reshape(-1, 1, 2).astype(np.float32), (5, 5), (-1, -1),
                                (3, 100, 1e-5)).reshape(-1, 2).astype(float)  # fmt: skip
     if ((seen > 192) == white).all() and ((seen < 64) != white).all():
@@ -85,7 +87,7 @@ def _corners(image: np.ndarray, board: np.ndarray) -> np.ndarray | None:
 
 
 def _pose(board: np.ndarray, corners: np.ndarray, info: CameraIntrinsics) -> np.ndarray:
-    """camera_T_board (4, 4) by OpenCV."""
+    """Compute camera_T_board (4, 4) with OpenCV."""
     K, D = np.array(info.K, float), np.array(info.D, float)
     _, turn, place = cv2.solvePnP(board, corners, K, D)
     return _transform(turn.ravel(), place.ravel())
@@ -94,8 +96,7 @@ def _pose(board: np.ndarray, corners: np.ndarray, info: CameraIntrinsics) -> np.
 def _pictures(
     robot: Robot, sensor: CameraSensor, board: np.ndarray
 ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """base_T_hand (n, 4, 4) by Pinocchio from the joints, and what is seen there: camera_T_board
-    (n, 4, 4) and corners (n, 30, 2)."""
+    """Return base_T_hand (n, 4, 4) from Pinocchio, camera_T_board (n, 4, 4), corners (n, 30, 2)."""
     random = np.random.default_rng(11)
     hands, boards, seen = [], [], []
     for _ in range(40 * PICTURES):
@@ -113,7 +114,7 @@ def _pictures(
 
 
 def _closed_form(hands: np.ndarray, boards: np.ndarray) -> np.ndarray:
-    """hand_T_camera (4, 4) of poses base_T_hand and camera_T_board (n, 4, 4).
+    """Compute hand_T_camera (4, 4) from base_T_hand and camera_T_board (n, 4, 4).
 
     F. Park and B. Martin, Robot sensor calibration: solving AX = XB on the Euclidean group, IEEE
     Transactions on Robotics and Automation 10(5), 1994.
@@ -131,9 +132,11 @@ def _calibrated(
     board: np.ndarray, hands: np.ndarray, boards: np.ndarray, seen: np.ndarray,
     info: CameraIntrinsics,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """hand_T_camera (4, 4) of the least squared distances between corners and their projections,
-    and the covariance (6, 6) of its rotation vector and place, by what each picture misses: corners
-    of one picture err together."""
+    """Return hand_T_camera (4, 4) with the least reprojection error, and its covariance.
+
+    The covariance (6, 6) is that of rotation vector and position. It is estimated from the total
+    residual of each image, because the errors of corners in one image are correlated.
+    """
     K, D = np.array(info.K, float), np.array(info.D, float)
     first = _closed_form(hands, boards)
 
@@ -157,7 +160,7 @@ def _calibrated(
 
 @check("OpenCV, Pinocchio, SciPy")
 def hand_eye_calibration() -> Iterator[Row]:
-    """A board before the arm's camera, which sits askew in its hand: 20 pictures and joints."""
+    """Calibrate a camera that is mounted at an angle, from 20 images of a board and joints."""
     board = np.array([(i * _SQUARE, j * _SQUARE, 0.0) for j in range(_INNER[1])
                       for i in range(_INNER[0])])  # fmt: skip
     for name, lens in _CAMERAS.items():
@@ -171,9 +174,9 @@ def hand_eye_calibration() -> Iterator[Row]:
         turn = Rotation.from_matrix(true[:3, :3].T @ found[:3, :3]).as_rotvec()
         away = found[:3, 3] - true[:3, 3]
         off = _twelve(found) - _twelve(true)
-        yield Row(f"{name}, place", "the URDF's mounting", 1e3 * float(np.linalg.norm(away)), 0.1,
-                  "mm")  # fmt: skip
+        yield Row(f"{name}, position", "the URDF's mounting",
+                  1e3 * float(np.linalg.norm(away)), 0.1, "mm")  # fmt: skip
         yield Row(f"{name}, attitude", "the URDF's mounting",
                   float(np.degrees(np.linalg.norm(turn))), 0.02, "°")  # fmt: skip
         stated = float(np.sqrt(off @ np.linalg.solve(covariance, off) / 6.0))
-        yield Row(f"{name}, in its stated errors", "1", stated, 2.0)
+        yield Row(f"{name}, error relative to its stated deviation", "1", stated, 2.0)

@@ -1,4 +1,4 @@
-"""One check, and the list of all."""
+"""Comparison of the simulator with independent software, and the registry of all checks."""
 
 from __future__ import annotations
 
@@ -8,10 +8,10 @@ from dataclasses import dataclass
 
 @dataclass(frozen=True)
 class Row:
-    """A line of the table.
+    """One row of the table.
 
-    what: compared quantity. expected: what it should be, in words. measured: the worst found, in
-    `unit`; bound: what it may be at most.
+    what: compared quantity. expected: its expected value, as text. measured: the largest deviation
+    found, in `unit`. bound: the largest deviation allowed.
     """
 
     what: str
@@ -22,7 +22,7 @@ class Row:
 
     @property
     def passed(self) -> bool:
-        """Whether the measured number is within its bound; NaN is not."""
+        """True if the measured value is within its bound; False for NaN."""
         return self.measured <= self.bound
 
 
@@ -30,7 +30,7 @@ class Row:
 class Check:
     """A group of rows from one function.
 
-    against: what it is compared with. quick: cheap enough (a second or two) for CI.
+    against: reference of the comparison. quick: fast enough (a second or two) for CI.
     """
 
     name: str
@@ -44,10 +44,10 @@ CHECKS: dict[str, Check] = {}
 
 def check(against: str, quick: bool = False) -> Callable[[Callable[[], Iterator[Row]]],
                                                          Callable[[], Iterator[Row]]]:
-    """Enter a generator of rows into CHECKS under its own name."""
-    def enter(function: Callable[[], Iterator[Row]]) -> Callable[[], Iterator[Row]]:
+    """Register a generator of rows in CHECKS under its own name."""
+    def register(function: Callable[[], Iterator[Row]]) -> Callable[[], Iterator[Row]]:
         name = function.__name__.replace("_", " ")
         CHECKS[name] = Check(name, against, quick, function)
         return function
 
-    return enter
+    return register

@@ -1,4 +1,4 @@
-"""Equations of motion at random states, against Pinocchio and MuJoCo."""
+"""Equations of motion at random states, compared with Pinocchio and MuJoCo."""
 
 from __future__ import annotations
 
@@ -17,13 +17,13 @@ _STATES = 5
 
 
 def _worst(ours: np.ndarray, theirs: np.ndarray) -> float:
-    """Largest difference as a share of the largest component."""
+    """Return the largest difference divided by the largest component."""
     return float(np.abs(np.subtract(ours, theirs)).max() / np.abs(theirs).max())
 
 
 @check("Pinocchio, MuJoCo", quick=True)
 def mass_matrix() -> Iterator[Row]:
-    """From what unit efforts do to a robot at rest."""
+    """Compare the mass matrix, measured by unit efforts on a robot at rest."""
     rng = np.random.default_rng(1)
     for name in ARMS:
         worst = {"Pinocchio": 0.0, "MuJoCo": 0.0}
@@ -53,7 +53,7 @@ def mass_matrix() -> Iterator[Row]:
 
 @check("Pinocchio", quick=True)
 def gravity_and_velocity_terms() -> Iterator[Row]:
-    """Efforts that keep joint velocities as they are."""
+    """Compare the efforts that keep joint velocities constant."""
     rng = np.random.default_rng(2)
     for name in ARMS:
         worst = 0.0
@@ -70,7 +70,7 @@ def gravity_and_velocity_terms() -> Iterator[Row]:
 
 @check("Pinocchio, MuJoCo", quick=True)
 def accelerations() -> Iterator[Row]:
-    """Of joints at random positions, velocities and efforts."""
+    """Compare joint accelerations at random positions, velocities and efforts."""
     rng = np.random.default_rng(3)
     for name in ARMS:
         worst = {"Pinocchio": 0.0, "MuJoCo": 0.0}
@@ -95,11 +95,11 @@ def accelerations() -> Iterator[Row]:
 
 @check("Pinocchio, MuJoCo", quick=True)
 def a_free_base() -> Iterator[Row]:
-    """A base of 5 kg with three joints, tumbling: its acceleration and the joints'."""
+    """Compare the accelerations of a tumbling base of 5 kg and of its three joints."""
     rng = np.random.default_rng(4)
     worst = {"base, Pinocchio": 0.0, "joints, Pinocchio": 0.0, "base, MuJoCo": 0.0,
              "joints, MuJoCo": 0.0}
-    step = 1e-6  # s: what differs between a derivative and a difference vanishes with it
+    step = 1e-6  # s; small enough that the finite difference equals the derivative
     with Robot("free arm", step) as robot:
         n = len(robot.names)
         for _ in range(_STATES):
@@ -133,7 +133,7 @@ def _pinocchio_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.nd
     velocity[:3], velocity[3:6] = turn.T @ linear, turn.T @ angular
     found = pinocchio.aba(robot.pin, robot.data, robot.pin_state(q, pose), velocity,
                           robot.pin_vector(effort))
-    # Pinocchio's is the spatial acceleration in the body's frame.
+    # Pinocchio returns the spatial acceleration in the frame of the body.
     straight = turn @ (found[:3] + np.cross(velocity[3:6], velocity[:3]))
     return np.concatenate([straight, turn @ found[3:6]]), found[robot.pin_v]
 
@@ -147,5 +147,5 @@ def _mujoco_free(robot: Robot, pose: Pose, linear: np.ndarray, angular: np.ndarr
     data.qpos[robot.mj_q], data.qvel[robot.mj_v] = q, v
     data.qfrc_applied[robot.mj_v] = effort
     mujoco.mj_forward(robot.mj, data)
-    # A free joint: linear in the world's axes, angular in the body's.
+    # Free joint of MuJoCo: linear part in world axes, angular part in body axes.
     return np.concatenate([data.qacc[:3], turn @ data.qacc[3:6]]), data.qacc[robot.mj_v].copy()

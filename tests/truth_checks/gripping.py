@@ -1,4 +1,4 @@
-"""What two fingers hold, and what slips through them, against Coulomb's law."""
+"""Gripping and slipping between two fingers, compared with Coulomb's law."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _BOX = """<robot name="box"><link name="box"><inertial><mass value="{mass}"/>
 
 
 def _gripped(world: World, mu: float, tilt: float, aside: float) -> tuple[Model, Model]:
-    """A hand with two fingers and the box between them, `aside` [m] of their middles."""
+    """Spawn a hand with two fingers and a box between them, `aside` [m] from their centres."""
     fingers = "".join(_FINGER.format(name=name, y=0.025 * sign, z=_HIGH, along=-sign, mu=mu)
                       for name, sign in (("left", 1.0), ("right", -1.0)))
     hand = parse_urdf(f'<robot name="hand"><link name="world"/>{fingers}</robot>')
@@ -46,7 +46,7 @@ def _steps(world: World, hand: Model, press: float, count: int) -> None:
 
 @check("Coulomb's law")
 def gripping() -> Iterator[Row]:
-    """A box of 0.2 kg between two fingers, upright and tilted, for 10 s; and one that slips."""
+    """Hold a box of 0.2 kg between two fingers for 10 s, upright and tilted; let another slip."""
     for mu, press, tilt in ((0.5, 10.0, 0.0), (0.5, 10.0, 0.4), (1.0, 3.0, 0.2)):
         with World() as world:
             hand, box = _gripped(world, mu, tilt, 0.005)
@@ -54,16 +54,18 @@ def gripping() -> Iterator[Row]:
             first = box.pose()
             _steps(world, hand, press, 10_000)
             last = box.pose()
-        what = f"held by {press:g} N with friction {mu:g}, tilted by {tilt:g} rad"
+        what = f"gripping force {press:g} N, friction {mu:g}, tilted by {tilt:g} rad"
         slid = dist(first.xyz[::2], last.xyz[::2])
-        yield Row(f"{what}: slid in 10 s", "in place", 1e3 * slid, 0.1, "mm")
+        yield Row(f"{what}: displacement in 10 s", "none", 1e3 * slid, 0.1, "mm")
     mu, press = 0.2, 3.0
     with World() as world:
-        # In their middle: aside it turns as well, and then not all friction is upwards.
+        # Hold the box at the centre of the fingers: elsewhere it also rotates, and friction is
+        # not vertical.
         hand, box = _gripped(world, mu, 0.0, 0.0)
         _steps(world, hand, press, 50)
         before = box.twist().linear[2]
         _steps(world, hand, press, 20)
         found = (before - box.twist().linear[2]) / (20 * STEP)
     expected = G - 2.0 * mu * press / MASS
-    yield Row("slips", f"{expected:.3g} m/s²", abs(found / expected - 1.0), 0.02)
+    yield Row("acceleration while slipping", f"{expected:.3g} m/s²",
+              abs(found / expected - 1.0), 0.02)

@@ -1,4 +1,4 @@
-"""Interaction matrices of all features against pictures from cameras that really moved."""
+"""Interaction matrices of all features, compared with finite differences of images."""
 
 from __future__ import annotations
 
@@ -9,19 +9,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import adjoint, relative
+from aras_visual_servo_base.poses import adjoint, relative_pose
 from aras_visual_servo_bench.targets.geometry import PolygonTarget, Target
-from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_bench.targets.pictures import seen
+from aras_visual_servo_bench.targets.rendering import render_target
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.features import FEATURES, Feature, Measured
+from aras_visual_servo_controller.features import FEATURES, Feature, FeatureMeasurement
 from aras_visual_servo_controller.features.luminance import Luminance, LuminanceMap
 from aras_visual_servo_controller.features.matches import Matches
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need, Observation
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 from .check import Row, check
 from .robots import SOURCES
@@ -35,7 +35,7 @@ _CAMERAS = {
     "pinhole": CameraModel(*_SIZE, _K),
     "plumb_bob": CameraModel(*_SIZE, _K, (-0.25, 0.09, 0.001, -0.002, 0.0), "plumb_bob"),
 }
-# target_T_camera: aslant by 21 and 25 degrees, turned.
+# target_T_camera with tilts of 21 and 25 degrees and a rotation about the optical axis.
 _VIEWS = {
     "pinhole": looking((0.10, -0.05, 0.28), (0.004, 0.003, 0.0), (0.3, 1.0, 0.0)),
     "plumb_bob": looking((-0.07, 0.11, 0.27), (-0.003, 0.004, 0.0), (-0.8, 1.0, 0.0)),
@@ -53,12 +53,12 @@ _PARALLELOGRAM = PolygonTarget(((-0.08, -0.05), (0.045, -0.055), (0.08, 0.05), (
 
 @dataclass(frozen=True)
 class _Kind:
-    """How a group of features is looked at.
+    """Test conditions of a group of features.
 
-    names: of the features. target: what is drawn. needs: of the image.
-    reach, count: pictures of a camera moved to either side by m and rad, and how many.
-    degree: of the polynomials through them. bound: of the rows' relative error.
-    at_goal: the goal is this very view. level: it is looked at square on.
+    names: names of the features. target: visible target. needs: inputs from the image.
+    reach: largest camera motion in each direction, m and rad. count: number of images.
+    degree: degree of the fitted polynomials. bound: largest relative error of a row of L.
+    at_goal: True if the goal is at the tested pose. level: True for a perpendicular view.
     """
 
     names: frozenset[str]
@@ -84,14 +84,14 @@ def _kinds() -> list[_Kind]:
     cornered = frozenset(
         n for n, f in FEATURES.items() if Need.CORNERS in f.needs and n not in stereo | matched)
     moments = frozenset(FEATURES) - photometric - matched - stereo - cornered - kernel
-    poster = shape_of("poster", (0.5, 0.4))
+    poster = make_target("poster", (0.5, 0.4))
     return [
         _Kind(moments, _WITHOUT_SYMMETRY, frozenset((Need.MOMENTS,)), 0.005),
         _Kind(cornered, _PARALLELOGRAM, frozenset((Need.CORNERS,)), 0.02),
         _Kind(stereo, _PARALLELOGRAM, frozenset((Need.CORNERS,)), 0.03),
-        # It counts whole pixels, and knows a pinhole that looks square on.
+        # This feature uses whole pixels and supports only a perpendicular pinhole camera.
         _Kind(kernel, _LARGE, frozenset((Need.KERNEL,)), 0.1, 0.03, 201, 3, level=True),
-        # Grey levels change linearly over a pixel, sums of all over several.
+        # Grey levels change linearly over one pixel, their sums over several.
         _Kind(grey, poster, frozenset((Need.IMAGE,)), 0.1, 1e-3, 9, 3, True),
         _Kind(sums, poster, frozenset((Need.IMAGE,)), 0.15, 4e-3, at_goal=True),
         _Kind(matched, poster, frozenset((Need.IMAGE,)), 0.1, 0.04, degree=3),
@@ -99,7 +99,7 @@ def _kinds() -> list[_Kind]:
 
 
 def _moved(step: float, axis: int) -> np.ndarray:
-    """(4, 4) of a camera that has moved by step (m or rad) along or about its own axis."""
+    """Return the displacement (4, 4) by step (m or rad) along or about a camera axis."""
     T = np.eye(4)
     if axis < 3:
         T[axis, 3] = step
@@ -109,27 +109,30 @@ def _moved(step: float, axis: int) -> np.ndarray:
 
 
 class _Look:
-    """Pictures of a target, and what the pipeline makes of them."""
+    """Rendered images of a target, and their observations."""
 
     def __init__(self, kind: _Kind, camera: CameraModel) -> None:
         self._kind, self._camera = kind, camera
-        self._observers = [Observer(None, kind.needs, name=name) for name in ("first", "second")]
+        self._observers = [
+            FeatureObserver(None, kind.needs, name=name) for name in ("first", "second")
+        ]
         self._stereo = any(FEATURES[name].reads > 1 for name in kind.names)
 
     def at(self, pose: np.ndarray) -> Observation:
-        """From target_T_camera (4, 4)."""
+        """Return the observation at target_T_camera (4, 4)."""
         first = self._one(self._observers[0], pose)
         if not self._stereo:
             return first
         second = self._one(self._observers[1], pose @ _SECOND)
-        across = adjoint(relative(second.world_T_camera, first.world_T_camera))
-        return replace(first, others={"second": replace(second, of_control=across)})
+        across = adjoint(relative_pose(second.world_T_camera, first.world_T_camera))
+        return replace(first, other_cameras={"second": replace(second, twist_from_control=across)})
 
-    def _one(self, observer: Observer, pose: np.ndarray) -> Observation:
+    def _one(self, observer: FeatureObserver, pose: np.ndarray) -> Observation:
         target = self._kind.target
         observer.reset()
-        observation = observer.of_image(
-            0.0, seen(target, self._camera, pose), self._camera, plane=_plane(target, pose),
+        observation = observer.observe_image(
+            0.0, render_target(target, self._camera, pose), self._camera,
+            plane=_plane(target, pose),
             world_T_camera=pose)  # fmt: skip
         if not observation.valid:
             raise RuntimeError(f"{', '.join(self._kind.names)}: {observation.reason}")
@@ -137,7 +140,7 @@ class _Look:
 
 
 def _plane(target: Target, pose: np.ndarray) -> Plane:
-    """The plane z = 0 seen from target_T_camera (4, 4)."""
+    """Return the plane z = 0 of the target in the camera frame at target_T_camera (4, 4)."""
     return Plane(*(-pose[2, :3] / (pose[2, 3] - target.height)).tolist())
 
 
@@ -150,9 +153,9 @@ def _feature(name: str) -> Feature:
 
 def _slopes(values: Callable[[np.ndarray], np.ndarray], kind: _Kind, pose: np.ndarray
             ) -> np.ndarray:
-    """(k, 6) slopes at zero of polynomials through s (k,) of pictures from moved cameras.
+    """Return slopes (k, 6) at zero of polynomials through s (k,) of displaced cameras.
 
-    Numbers that are NaN, of keypoints that were not found, are left out.
+    Values that are NaN, from keypoints that were not found, are omitted.
     """
     steps = np.linspace(-1.0, 1.0, kind.count)
     columns = []
@@ -168,11 +171,12 @@ def _slopes(values: Callable[[np.ndarray], np.ndarray], kind: _Kind, pose: np.nd
     return np.stack(columns, axis=1)
 
 
-def _told(feature: Feature, measured: Measured) -> tuple[np.ndarray, np.ndarray]:
-    """Numbers (k,) of a picture, and by L the rate (k, 6) at which they change.
+def _get_values(feature: Feature, measured: FeatureMeasurement) -> tuple[np.ndarray, np.ndarray]:
+    """Return values (k,) of an image and their derivative (k, 6) by the camera's displacement.
 
-    The error; of whole pictures the gradient g = L_I^T e of their normal equations, whose rate is
-    H = L_I^T L_I, without the damping: they have no other numbers that are the same in each frame.
+    The values are the error. For photometric features they are the gradient g = L_I^T e of the
+    normal equations, whose derivative is H = L_I^T L_I without damping, because these features
+    have no other values that correspond between images.
     """
     L = measured.L
     if not isinstance(feature, Luminance) or isinstance(feature, LuminanceMap | Matches):
@@ -181,9 +185,11 @@ def _told(feature: Feature, measured: Measured) -> tuple[np.ndarray, np.ndarray]
     return L.T @ measured.error, H - damped * np.diag(H.diagonal())
 
 
-def _in_order(feature: Feature, measured: Measured, first: Measured) -> np.ndarray:
-    """Numbers (k,) in the order of the first picture's; angles next to its, modulo half a turn."""
-    now, then = (_told(feature, one)[0] for one in (measured, first))
+def _in_order(
+    feature: Feature, measured: FeatureMeasurement, first: FeatureMeasurement
+) -> np.ndarray:
+    """Return values (k,) in the order of the first image, with angles within half a turn of it."""
+    now, then = (_get_values(feature, one)[0] for one in (measured, first))
     if np.array_equal(measured.desired, first.desired):
         now = now.copy()
         for i in range(len(now) if len(feature.units) == len(now) else 0):
@@ -197,12 +203,12 @@ def _in_order(feature: Feature, measured: Measured, first: Measured) -> np.ndarr
 
 
 def _errors(kind: _Kind, lens: str) -> dict[str, float]:
-    """By feature: the norm of L's difference to the slopes, of the worst row by the row's norm."""
+    """Return the largest relative error of a row of L, by feature."""
     look, pose = _Look(kind, _CAMERAS[lens]), _LEVEL if kind.level else _VIEWS[lens]
     features, goals = {name: _feature(name) for name in sorted(kind.names)}, {}
     taught_at = pose if kind.at_goal else _GOAL
     for name, feature in features.items():
-        goals[name] = Goal.teach(Composed(feature), look.at(taught_at))
+        goals[name] = Goal.teach(FeatureScheme(feature), look.at(taught_at))
         feature.check(goals[name])
     here = look.at(pose)
     first = {name: f.measure(here, goals[name]) for name, f in features.items()}
@@ -216,31 +222,32 @@ def _errors(kind: _Kind, lens: str) -> dict[str, float]:
     slopes = _slopes(values, kind, pose)
     found, begin = {}, 0
     for name, feature in features.items():
-        L = _told(feature, first[name])[1]
+        L = _get_values(feature, first[name])[1]
         numeric = slopes[begin : begin + len(L)]
         begin += len(L)
         if kind.level:
             L, numeric = (rows[:, list(feature.directions)] for rows in (L, numeric))
         known = np.isfinite(numeric).all(axis=1)
         if known.sum() < min(len(L), 20):
-            raise RuntimeError(f"{name}: only {known.sum()} of {len(L)} rows are known")
+            raise RuntimeError(f"{name}: only {known.sum()} of {len(L)} rows are finite")
         off, size = (np.linalg.norm(rows[known], axis=1) for rows in (numeric - L, numeric))
-        # One keypoint of many hundred tells nothing: theirs are taken together.
+        # Single keypoints of several hundred are too noisy: compare all of them together.
         found[name] = float((off / size).max()) if len(L) <= 24 else float(
             np.linalg.norm(off) / np.linalg.norm(size))  # fmt: skip
     return found
 
 
-@check("moved cameras' pictures")
+@check("finite differences of images")
 def interaction_matrices() -> Iterator[Row]:
-    """L of one picture, by renderer, pipeline and feature, against slopes of s over others."""
+    """Compare L of one rendered image with the slopes of s over images of displaced cameras."""
     kinds = _kinds()
     if left := set(FEATURES) - set().union(*(kind.names for kind in kinds)):
-        raise RuntimeError(f"features that nobody looks at: {', '.join(sorted(left))}")
+        raise RuntimeError(f"features without a check: {', '.join(sorted(left))}")
     for kind in kinds:
         lenses = ["pinhole"] if kind.level else list(_CAMERAS)
         errors = [_errors(kind, lens) for lens in lenses]
-        seen_from = "square on" if kind.level else "aslant"
+        seen_from = "perpendicular" if kind.level else "oblique"
         for name in sorted(kind.names):
             worst = max(error[name] for error in errors)
-            yield Row(f"{name}, {seen_from}", "slopes of s", worst, kind.bound, "of a row")
+            yield Row(f"{name}, {seen_from}", "finite differences of s", worst, kind.bound,
+                      "of a row")

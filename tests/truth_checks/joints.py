@@ -1,4 +1,4 @@
-"""Joints with damping, friction, stops and controllers."""
+"""Comparisons of joints with damping, friction, stops and controllers."""
 
 from __future__ import annotations
 
@@ -37,7 +37,7 @@ _WHEEL = """<robot name="wheel"><link name="world"/><link name="wheel"><inertial
 
 @check("closed form", quick=True)
 def joint_stops() -> Iterator[Row]:
-    """A wheel with stops 2 rad apart."""
+    """Measure how far a wheel exceeds its stops, which are 2 rad apart."""
     for speed in (1.0, 5.0, 50.0):
         with World() as world:
             wheel = world.spawn(parse_urdf(_WHEEL), "wheel")
@@ -47,7 +47,7 @@ def joint_stops() -> Iterator[Row]:
                 for _ in range(2100):
                     world.step()
                     beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
-            yield Row(f"thrown at {speed:g} rad/s", "stays within", beyond / 2.0, 0.01,
+            yield Row(f"initial speed {speed:g} rad/s", "never exceeded", beyond / 2.0, 0.01,
                       "of the range")
     for effort in (5.0, 5000.0):
         with World() as world:
@@ -57,13 +57,13 @@ def joint_stops() -> Iterator[Row]:
                 wheel.apply_effort("spin", effort if k % 1000 < 500 else -effort)
                 world.step()
                 beyond = max(beyond, abs(wheel.read_joints()[0][0]) - 1.0)
-            yield Row(f"driven by {effort:g} N m", "stays within", beyond / 2.0, 0.01,
+            yield Row(f"driven with {effort:g} N m", "never exceeded", beyond / 2.0, 0.01,
                       "of the range")
 
 
 @check("closed form", quick=True)
 def joint_stops_of_a_free_base() -> Iterator[Row]:
-    """A slide of 1 m on a block that flies: Bullet's stops, which see a step's end alone."""
+    """Measure how far a prismatic joint on a free block exceeds the stops of Bullet."""
     for speed in (1.0, 5.0, 20.0):
         with World() as world:
             block = world.spawn(parse_urdf(_SLIDE), "block")
@@ -75,26 +75,27 @@ def joint_stops_of_a_free_base() -> Iterator[Row]:
                     world.step()
                     last = max(0.0, abs(block.read_joints()[0][0]) - 0.5)
                     beyond = max(beyond, last)
-            yield Row(f"thrown at {speed:g} m/s", "a step's travel at most", beyond,
+            yield Row(f"initial speed {speed:g} m/s", "exceeded by at most one step", beyond,
                       1.1 * speed * world.time_step, "m")
-            yield Row(f"thrown at {speed:g} m/s, afterwards", "back within", last, 1e-4, "m")
+            yield Row(f"initial speed {speed:g} m/s, afterwards", "within the stop", last, 1e-4,
+                      "m")
 
 
 def _shipped(damping: Mapping[str, float]) -> RobotDescription:
-    """The shipped arm without shapes, some joints with another damping, its stops out of reach."""
+    """Return the default arm without shapes and stops, with other damping of some joints."""
     xml = bare_urdf("shipped arm")
     description = parse_urdf(xml)
     joints = {
         name: replace(joint, damping=damping.get(name, joint.damping),
                       limits=replace(joint.limits, lower=-1e3, upper=1e3, velocity=1e9))
-        if joint.moves else joint for name, joint in description.joints.items()
+        if joint.is_movable else joint for name, joint in description.joints.items()
     }
     return replace(description, joints=MappingProxyType(joints))
 
 
 def _reference(description: RobotDescription, names: tuple[str, ...]
                ) -> tuple[Reference, list[int]]:
-    """The same arm as a Reference, and the places of `names` in its vectors."""
+    """Return the same arm as a Reference, and the indices of `names` in its vectors."""
     model = pinocchio.buildModelFromXML(bare_urdf("shipped arm"))
     model.gravity.linear = np.array(GRAVITY)
     order = [model.joints[model.getJointId(name)].idx_v for name in names]
@@ -109,7 +110,7 @@ _START = (0.1, 0.3, 0.6, -0.5, 0.4, 0.2)
 
 
 def _released(damping: Mapping[str, float], dt: float, seconds: float) -> float:
-    """Largest difference of a joint's position over a fall of the arm, rad or m."""
+    """Return the largest difference of joint positions while the arm falls, rad or m."""
     description = _shipped(damping)
     with World(dt, GRAVITY) as world:
         model = world.spawn(description, "arm", fixed_base=True)
@@ -126,8 +127,8 @@ def _released(damping: Mapping[str, float], dt: float, seconds: float) -> float:
 
 
 @check("Pinocchio, Gauss-Seidel", quick=True)
-def friction_and_damping_shortly() -> Iterator[Row]:
-    """The arm released with its joints' friction, for 0.15 s."""
+def friction_and_damping_short() -> Iterator[Row]:
+    """Release the arm with joint friction for 0.15 s."""
     for dt in (1e-3, 5e-3):
         yield Row(f"J2 damping 60, steps of {1e3 * dt:g} ms", "equal positions",
                   _released({"J2": 60.0}, dt, 0.15), 1e-3, "rad")
@@ -135,17 +136,17 @@ def friction_and_damping_shortly() -> Iterator[Row]:
 
 @check("Pinocchio, Gauss-Seidel")
 def friction_and_damping() -> Iterator[Row]:
-    """The arm released with its joints' friction, for 1 s."""
+    """Release the arm with joint friction for 1 s."""
     for damping in ({}, {"J2": 60.0}, {"J5": 5.0, "J3": 20.0}):
         said = ", ".join(f"{name} damping {value:g}" for name, value in damping.items())
         for dt in (1e-3, 2e-3, 5e-3):
-            yield Row(f"{said or 'as shipped'}, steps of {1e3 * dt:g} ms", "equal positions",
+            yield Row(f"{said or 'default damping'}, steps of {1e3 * dt:g} ms", "equal positions",
                       _released(damping, dt, 1.0), 1e-3, "rad")
 
 
 @check("SciPy (DOP853), Pinocchio")
 def time_steps() -> Iterator[Row]:
-    """The UR5 swings freely for 0.5 s: semi-implicit Euler is off by a time in the order of dt."""
+    """Let the UR5 swing for 0.5 s: semi-implicit Euler has a time error of the order of dt."""
     start = np.array([0.3, -0.6, 0.5, 0.2, 0.4, 0.1])
     with Robot("UR5") as robot:
         def rates(_: float, state: np.ndarray) -> np.ndarray:
@@ -163,12 +164,13 @@ def time_steps() -> Iterator[Row]:
                 robot.world.step()
             q, v, _ = robot.model.read_joints()
             late = np.abs(np.subtract(q, exact[:6])).max() / np.abs(exact[6:]).max()
-            yield Row(f"steps of {1e3 * dt:g} ms", "within 2 steps' time", late / dt, 2.0, "steps")
+            yield Row(f"steps of {1e3 * dt:g} ms", "error of at most 2 steps", late / dt, 2.0,
+                      "steps")
 
 
-@check("PID and Gauss-Seidel written anew, Pinocchio")
+@check("an independent PID and Gauss-Seidel solver, Pinocchio")
 def PID_steps() -> Iterator[Row]:
-    """The shipped controllers follow a quintic move, commanded at every step."""
+    """Command a quintic trajectory to the default controllers at every step."""
     target = np.array([0.1, 0.2, 0.3, -0.25, -0.2, 0.4])  # in the order of CONTROLLERS
     robot = ArasRobot(interpolate=False)
     try:

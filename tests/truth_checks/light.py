@@ -1,4 +1,4 @@
-"""Light and shadows, against casting rays at boxes."""
+"""Light and shadows of boxes, compared with ray casting."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ import numpy as np
 from scipy.stats import qmc
 
 from aras_sim_bridge.description import Light
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 
 from .check import Row, check
 from .robots import SOURCES
@@ -37,8 +37,10 @@ _LIGHTS = {
 
 def _shone(light: Light, p: np.ndarray, soft: bool, place: np.ndarray
            ) -> tuple[np.ndarray, np.ndarray]:
-    """What a light gives points (N, 3) that face up, without shadows (N, 3); and rays (N, 3) to a
-    place (2,) of it, 0..1, to be cast from 0 to 1."""
+    """Return the unshadowed light (N, 3) at horizontal points (N, 3), and rays (N, 3) to the light.
+
+    The rays end at the position (2,), 0..1, on the area of the light.
+    """
     R = np.eye(3)
     if light.kind == "spot":
         roll, pitch, yaw = light.origin_rpy
@@ -61,7 +63,7 @@ def _shone(light: Light, p: np.ndarray, soft: bool, place: np.ndarray
     unit = to / np.linalg.norm(to, axis=1)[:, None]
     given = (left * np.maximum(unit[:, 2], 0.0))[:, None] * light.diffuse[:3]
     if soft:
-        # A disc square to the ray.
+        # A disc perpendicular to the ray.
         a = np.cross(unit, (0.0, 0.0, 1.0))
         a /= np.linalg.norm(a, axis=1)[:, None]
         r, angle = radius * np.sqrt(place[0]), 2.0 * np.pi * place[1]
@@ -70,7 +72,7 @@ def _shone(light: Light, p: np.ndarray, soft: bool, place: np.ndarray
 
 
 def _boxed(p: np.ndarray, to: np.ndarray) -> np.ndarray:
-    """(N,) bool: whether a box is between points and what their rays end at."""
+    """Return (N,) bool: True if a box is between a point and the end of its ray."""
     met = np.zeros(len(p), bool)
     for centre, half, turn in _BOXES:
         R = np.array([[np.cos(turn), np.sin(turn), 0], [-np.sin(turn), np.cos(turn), 0], [0, 0, 1]])
@@ -84,9 +86,8 @@ def _boxed(p: np.ndarray, to: np.ndarray) -> np.ndarray:
 
 
 def _expected(light: Light, soft: bool, places: int) -> tuple[np.ndarray, np.ndarray]:
-    """(120, 160, 3) grey levels of the floor, NaN where a box is seen; and where shadows begin or
-    end."""
-    sun = Sun(lights=(light,))
+    """Return grey levels (120, 160, 3) of the floor, NaN on boxes, and a mask of shadow edges."""
+    sun = Lighting(lights=(light,))
     T, total, sharp = _VIEW.world_T_optical, 0.0, 0.0
     v, u = np.mgrid[:120, :160].astype(float)
     hidden = np.zeros(120 * 160, bool)
@@ -98,7 +99,7 @@ def _expected(light: Light, soft: bool, places: int) -> tuple[np.ndarray, np.nda
         hidden |= _boxed(np.tile(T[:3, 3], (len(p), 1)), p - T[:3, 3])
         given, to = _shone(light, p, soft, np.array(place))
         free = ~_boxed(p + [0.0, 0.0, 1e-9], to)
-        total = total + sun.around / sun.scale + given * free[:, None]
+        total = total + sun.ambient_levels / sun.scale + given * free[:, None]
         sharp = sharp + free
     edge = (sharp > 0) & (sharp < places)
     expected = 255.0 * sun.scale * total / places
@@ -107,8 +108,9 @@ def _expected(light: Light, soft: bool, places: int) -> tuple[np.ndarray, np.nda
 
 
 def compared(places: int) -> Iterator[tuple[str, float, float]]:
-    """Of each light with hard and with soft shadows: a name, and by how many grey levels, rms,
-    pixels of shadows' edges and others that show the floor are off.
+    """Yield name and rms errors, in grey levels, for each light with hard and with soft shadows.
+
+    The errors are those of pixels at shadow edges and of the other pixels of the floor.
 
     places: of the pixel and of the light in each, by Sobol. Shadows' edges are pixels of which they
     say neither light nor dark alone.
@@ -122,7 +124,7 @@ def compared(places: int) -> Iterator[tuple[str, float, float]]:
             light = replace(light, cast_shadows=True)
             for shadows in ("hard", "soft"):
                 expected, edge = _expected(light, shadows == "soft", places)
-                lit = Sun(lights=(light,), shadows=shadows)
+                lit = Lighting(lights=(light,), shadows=shadows)
                 off = create_renderer("exact", bench.world, lit).render(_VIEW) - expected
                 known = np.isfinite(off).all(axis=2)
                 if (known & edge).sum() < 100:
@@ -136,8 +138,7 @@ def compared(places: int) -> Iterator[tuple[str, float, float]]:
 
 @check("ray casting")
 def light_and_shadows() -> Iterator[Row]:
-    """A floor with three boxes by the light of a sun, a lamp, a spot: pixels that show the floor,
-    512 rays in each."""
+    """Compare a floor with three boxes in the light of a sun, a lamp and a spot (512 rays)."""
     for name, at_edges, elsewhere in compared(512):
-        yield Row(f"{name}, their edges", "equal", at_edges, 2.0, "grey levels RMS")
-        yield Row(f"{name}, elsewhere", "equal", elsewhere, 0.5, "grey levels RMS")
+        yield Row(f"{name}, at shadow edges", "equal", at_edges, 2.0, "grey levels RMS")
+        yield Row(f"{name}, other pixels", "equal", elsewhere, 0.5, "grey levels RMS")

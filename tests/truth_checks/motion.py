@@ -1,4 +1,4 @@
-"""Bodies that fall, slide, stand and swing, against closed forms and conserved quantities."""
+"""Falling, sliding, resting and swinging bodies, compared with closed forms."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ def _box(size: tuple[float, float, float], mu: float, mass: float = 10.0) -> str
 
 
 def _round(name: str, shape: str, inertia: tuple[float, float, float], mass: float = 2.0) -> str:
-    """A link whose shape lies along y."""
+    """Return a link whose axis is along y."""
     ixx, iyy, izz = inertia
     turned = f'<origin rpy="{math.pi / 2} 0 0"/>'
     return f"""<link name="{name}"><inertial>{turned}<mass value="{mass}"/>
@@ -43,13 +43,13 @@ def _round(name: str, shape: str, inertia: tuple[float, float, float], mass: flo
 
 
 def _cylinder(mass: float, radius: float, length: float) -> tuple[float, float, float]:
-    """Principal moments of a solid cylinder along z, kg m²."""
+    """Compute the principal moments of inertia of a solid cylinder along z, kg m²."""
     across = mass * (3 * radius**2 + length**2) / 12
     return across, across, mass * radius**2 / 2
 
 
 def _capsule(mass: float, radius: float, length: float) -> tuple[float, float, float]:
-    """The same of a solid capsule, `length` without its ends."""
+    """Compute the principal moments of inertia of a solid capsule; `length` excludes its ends."""
     share = length / (length + 4 / 3 * radius)
     tube, balls = share * mass, (1 - share) * mass
     across = tube * (length**2 / 12 + radius**2 / 4) + balls * (
@@ -62,14 +62,14 @@ def _speed(model: Model) -> float:
 
 
 def _way(model: Model) -> float:
-    """Of its speed over the ground, degrees from x."""
+    """Return the direction of the horizontal velocity, degrees from x."""
     x, y, _ = model.twist().linear
     return math.degrees(math.atan2(y, x))
 
 
 @check("elliptic integral (SciPy)", quick=True)
 def pendulum() -> Iterator[Row]:
-    """Period of a compound pendulum of 0.5 m."""
+    """Compare the period of a compound pendulum of 0.5 m."""
     for amplitude in (0.1, 0.5, 1.5):
         exact = 4 * math.sqrt(0.26 / (G * 0.5)) * ellipk(math.sin(amplitude / 2) ** 2)
         with World() as world:
@@ -87,18 +87,18 @@ def pendulum() -> Iterator[Row]:
 
 @check("closed form", quick=True)
 def free_fall() -> Iterator[Row]:
-    """A box for 1 s, and its turning without a torque."""
+    """Compare the free fall of a box and its rotation without torque, for 1 s."""
     with World() as world:
         box = world.spawn(parse_urdf(_box((0.2, 0.2, 0.2), 1.0)), "m", Pose((0, 0, 100)))
         for _ in range(1000):
             world.step()
         fallen = 100.0 - box.pose().xyz[2]
-    yield Row("path after 1 s", "4.9 m and half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
+    yield Row("path after 1 s", "4.9 m plus half a step", abs(fallen - G / 2 * 1.001), 1e-9, "m")
 
 
 @check("Pinocchio", quick=True)
 def energy_and_momentum() -> Iterator[Row]:
-    """The UR5 swinging without losses for 1 s; the floating arm driven by its joints for 1 s."""
+    """Check the energy of a swinging UR5 and the momentum of a floating arm, for 1 s."""
     with Robot("UR5") as robot:
         start = np.array([0.3, -0.6, 0.5, 0.2, 0.4, 0.1])
         robot.set_state(start, np.zeros(6))
@@ -116,7 +116,7 @@ def energy_and_momentum() -> Iterator[Row]:
             q, v, _ = robot.model.read_joints()
             kinetic = max(kinetic, pinocchio.computeKineticEnergy(
                 robot.pin, robot.data, robot.pin_state(q), robot.pin_vector(v)))
-    yield Row("energy, UR5", "kept", most / kinetic, 0.01, "of the swing")
+    yield Row("energy, UR5", "constant", most / kinetic, 0.01, "of the kinetic energy")
     with Robot("free arm") as robot:
         robot.world.set_physics(gravity=(0.0, 0.0, 0.0))
         robot.model.set_twist(Twist((0.1, 0.2, 0.3), (0.5, -0.4, 0.3)))
@@ -126,11 +126,11 @@ def energy_and_momentum() -> Iterator[Row]:
         after = _momentum(robot)
     for what, part in (("linear", slice(0, 3)), ("angular", slice(3, 6))):
         change = np.linalg.norm(after[part] - before[part]) / np.linalg.norm(before[part])
-        yield Row(f"{what} momentum, floating arm", "kept", float(change), 0.02)
+        yield Row(f"{what} momentum, floating arm", "constant", float(change), 0.02)
 
 
 def _momentum(robot: Robot) -> np.ndarray:
-    """Linear and angular (about the centre of mass), world axes."""
+    """Return linear and angular momentum, about the centre of mass, in world axes."""
     q, v, _ = robot.model.read_joints()
     pose, twist = robot.model.pose(), robot.model.twist()
     turn = pose.matrix()[:3, :3]
@@ -143,7 +143,7 @@ def _momentum(robot: Robot) -> np.ndarray:
 
 @check("closed form", quick=True)
 def slope() -> Iterator[Row]:
-    """A cube with friction 0.5 on a plane of friction 1."""
+    """Compare a cube with friction 0.5 on an inclined plane with friction 1."""
     for degrees in (20.0, 35.0):
         angle = math.radians(degrees)
         with World(gravity=(G * math.sin(angle), 0.0, -G * math.cos(angle))) as world:
@@ -166,7 +166,7 @@ def slope() -> Iterator[Row]:
 
 @check("closed form", quick=True)
 def contact_friction() -> Iterator[Row]:
-    """A box pushed off at 2 m/s slows down at the smaller coefficient times g."""
+    """Compare the deceleration of a box from 2 m/s with the smaller coefficient times g."""
     for size, name in (((0.2, 0.2, 0.2), "cube"), ((0.4, 0.2, 0.1), "long box"),
                        ((0.6, 0.1, 0.1), "beam")):
         for degrees in (0.0, 30.0):
@@ -181,13 +181,14 @@ def contact_friction() -> Iterator[Row]:
                     world.step()
                 found = (2.0 - _speed(box)) / 0.2 / G
                 way = _way(box) - degrees
-            yield Row(f"{name}, {degrees:g}° to its edges", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
-            yield Row(f"{name}, {degrees:g}° to its edges, path", "straight", abs(way), 0.5, "°")
+            case = f"{name}, {degrees:g}° to its edges"
+            yield Row(f"{case}, deceleration", "0.5 g", abs(found / 0.5 - 1.0), 0.01)
+            yield Row(f"{case}, direction of the path", "straight", abs(way), 0.5, "°")
 
 
 @check("closed form", quick=True)
 def rolling() -> Iterator[Row]:
-    """Round bodies of 2 kg and 0.1 m radius on slopes for 1 s; a cart on four cylinders for 2 s."""
+    """Compare rolling bodies of 2 kg and 0.1 m radius on slopes, and a cart on four cylinders."""
     size = 'radius="0.1" length="0.3"'
     for name, shape, inertia in (
             ("cylinder", f"cylinder {size}", _cylinder(2.0, 0.1, 0.3)),
@@ -214,8 +215,9 @@ def rolling() -> Iterator[Row]:
         cart.joints.restore([(0.0, 10.0)] * 4)
         for _ in range(2000):
             world.step()
-        yield Row("a cart coasts for 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01, "m/s")
-        yield Row("a cart's height", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
+        yield Row("speed of a cart after 2 s", "1 m/s", abs(cart.twist().linear[0] - 1.0), 0.01,
+                  "m/s")
+        yield Row("height of the cart", "0.1 m", 1e3 * abs(cart.pose().xyz[2] - 0.1), 0.05, "mm")
 
 
 def _cart() -> str:
@@ -231,7 +233,7 @@ def _cart() -> str:
 
 @check("closed form", quick=True)
 def drops() -> Iterator[Row]:
-    """A ball of 20 mm radius and a cube of 30 mm, wherever in a step they strike; two balls."""
+    """Compare rebounds of a ball of 20 mm radius, a cube of 30 mm, and of two balls."""
     still = 0.4 * 2.0 * 0.02**2
     ball = _round("box", 'sphere radius="0.02"', (still,) * 3)
     cube = _box((0.03, 0.03, 0.03), 0.5, 2.0)
@@ -246,7 +248,7 @@ def drops() -> Iterator[Row]:
                 worst = max(abs(_rebound(described, height + 0.02 + k / 8 * speed * 1e-3, speed)
                                 - share) for k in range(8))
                 yield Row(f"{name} at {speed:g} m/s, restitution {share:g}",
-                          f"leaves at {share:g} of its speed", worst, 0.01 if not share
+                          f"rebounds with {share:g} of its speed", worst, 0.01 if not share
                           else 0.05 * share)
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         balls = [world.spawn(parse_urdf(f'<robot name="r">{ball}</robot>'), f"ball{k}",
@@ -259,7 +261,7 @@ def drops() -> Iterator[Row]:
 
 
 def _rebound(described: RobotDescription, height: float, speed: float) -> float:
-    """Share of its speed at which a body that is thrown at the ground leaves it."""
+    """Return the ratio of the speeds of a body after and before its impact on the ground."""
     with World() as world:
         world.spawn_ground_plane()
         body = world.spawn(described, "m", Pose((0, 0, height)))
@@ -275,9 +277,9 @@ def _rebound(described: RobotDescription, height: float, speed: float) -> float:
         return after / before
 
 
-@check("the same without it", quick=True)
-def what_is_elsewhere() -> Iterator[Row]:
-    """The shipped arm thrown about for 1 s, alone and with another model in its world."""
+@check("the same run without this body", quick=True)
+def distant_bodies() -> Iterator[Row]:
+    """Compare random motions of the default arm, alone and with another model in the world."""
     box = parse_urdf(_box((0.1, 0.1, 0.1), 0.5, 1.0))
     shelf = parse_urdf(_box((0.4, 0.4, 0.05), 0.5).replace(
         "</robot>", '<gazebo reference="box"><kinematic>true</kinematic></gazebo></robot>'))
@@ -286,11 +288,11 @@ def what_is_elsewhere() -> Iterator[Row]:
                             ("a box on the robot's base", box, Pose((-0.9, 0.4, 0.65))),
                             ("a shelf within its reach", shelf, Pose((0.6, 0.5, 1.2)))):
         differ = int((_thrown_about(model, at) != alone).sum())
-        yield Row(f"{what}: joint positions", "equal to the bit", differ, 0.0, "differ")
+        yield Row(f"{what}: joint positions", "bit-identical", differ, 0.0, "differences")
 
 
 def _thrown_about(model: RobotDescription | None, at: Pose) -> np.ndarray:
-    """Positions of the joints, a row a step."""
+    """Return the joint positions, one row per step."""
     robot = ArasRobot()
     try:
         if model is not None:
@@ -308,7 +310,7 @@ def _thrown_about(model: RobotDescription | None, at: Pose) -> np.ndarray:
 
 @check("closed form", quick=True)
 def stack() -> Iterator[Row]:
-    """Three cubes on each other for 2 s."""
+    """Measure the drift of a stack of three cubes over 2 s."""
     with World() as world:
         world.spawn_ground_plane()
         cubes = [world.spawn(parse_urdf(_box((0.2, 0.2, 0.2), 0.5)), f"cube{k}",
@@ -319,12 +321,12 @@ def stack() -> Iterator[Row]:
         for _ in range(2000):
             world.step()
         moved = max(math.dist(a, cube.pose().xyz) for a, cube in zip(begun, cubes, strict=True))
-    yield Row("drift of the highest in 2 s", "none", 1e3 * moved, 0.1, "mm")
+    yield Row("displacement of the highest box in 2 s", "none", 1e3 * moved, 0.1, "mm")
 
 
-@check("rest")
-def free_base_of_the_shipped_robot() -> Iterator[Row]:
-    """1.7 t on the floor, not bolted, a minute at rest and a minute with the arm moving."""
+@check("a base at rest")
+def free_base_at_rest() -> Iterator[Row]:
+    """Measure the drift of a free base of 1.7 t, for a minute at rest and a minute of motion."""
     robot = ArasRobot()
     try:
         robot.steps(1000)
@@ -337,8 +339,8 @@ def free_base_of_the_shipped_robot() -> Iterator[Row]:
                 robot.steps(1000)
             now = robot.model.pose()
             turned = 2 * math.acos(min(1.0, abs(np.dot(begun.quat, now.quat))))
-            yield Row(f"creep in a minute, {what}", "none",
+            yield Row(f"displacement in a minute, {what}", "none",
                       1e3 * math.dist(begun.xyz, now.xyz), 0.1, "mm")
-            yield Row(f"turn in a minute, {what}", "none", math.degrees(turned), 0.01, "°")
+            yield Row(f"rotation in a minute, {what}", "none", math.degrees(turned), 0.01, "°")
     finally:
         robot.close()

@@ -1,5 +1,4 @@
-"""A joint simulation of our own making that shares nothing with the bridge's: Pinocchio's equations
-of motion, and friction and stops solved by sweeps."""
+"""Independent simulation of joints: Pinocchio's equations of motion and a Gauss-Seidel solver."""
 
 from __future__ import annotations
 
@@ -11,36 +10,36 @@ _SMALL = 1e-14
 
 
 class Reference:
-    """A bolted robot in steps of semi-implicit Euler with implicit damping:
+    """Robot with a fixed base, integrated by semi-implicit Euler with implicit damping:
 
         (M + dt D) v+ = M v + dt (effort - bias) - impulse,  |impulse_i| <= dt friction_i
         q+ = q + dt v+
 
-    The friction impulses are those that come closest to standstill (maximum dissipation).
+    The friction impulses minimise the joint speeds (maximum dissipation).
 
     Attributes:
-        q, v (n,): rad or m, per s.
+        q, v: (n,) joint positions and velocities, rad or m, per s.
     """
 
     def __init__(self, model: pinocchio.Model, damping: np.ndarray, friction: np.ndarray) -> None:
         if model.nq != model.nv:
-            raise ValueError("continuous joints are not meant here")
+            raise ValueError("continuous joints are not supported by this reference")
         self._model, self._data = model, model.createData()
         self._damping, self._friction = np.asarray(damping, float), np.asarray(friction, float)
         self.q, self.v = np.zeros(model.nv), np.zeros(model.nv)
 
     def step(self, effort: np.ndarray, dt: float) -> None:
-        """Advance by dt, s."""
+        """Advance by a step of dt, s."""
         half = pinocchio.crba(self._model, self._data, self.q)
         mass = np.triu(half) + np.triu(half, 1).T
         bias = pinocchio.nonLinearEffects(self._model, self._data, self.q, self.v)
         left = mass + dt * np.diag(self._damping)
         right = mass @ self.v + dt * (effort - bias)
-        self.v = self._rubbed(left, right, dt * self._friction)
+        self.v = self._apply_friction(left, right, dt * self._friction)
         self.q = self.q + dt * self.v
 
-    def _rubbed(self, left: np.ndarray, right: np.ndarray, bound: np.ndarray) -> np.ndarray:
-        """Velocities after friction: projected Gauss-Seidel in the velocities."""
+    def _apply_friction(self, left: np.ndarray, right: np.ndarray, bound: np.ndarray) -> np.ndarray:
+        """Compute the velocities after friction by projected Gauss-Seidel."""
         v = np.linalg.solve(left, right)
         if not bound.any():
             return v
@@ -54,4 +53,4 @@ class Reference:
                 v[i] = new
             if change < _SMALL:
                 return v
-        raise RuntimeError("friction did not settle")
+        raise RuntimeError("the friction solver did not converge")

@@ -1,4 +1,4 @@
-"""Runs that must repeat bit by bit."""
+"""Determinism: two processes must give bit-identical runs."""
 
 from __future__ import annotations
 
@@ -36,7 +36,7 @@ print("digest", digest.hexdigest())
 
 @check("another process")
 def determinism() -> Iterator[Row]:
-    """Joints of 400 steps under control, with pictures and noise, hashed by two processes."""
+    """Compare hashes of 400 steps with controllers, images and noise from two processes."""
     tests = Path(__file__).parents[1]
     paths = [str(tests), *map(str, tests.parent.glob("src/*/src"))]
     digests = set()
@@ -44,4 +44,4 @@ def determinism() -> Iterator[Row]:
         out = subprocess.run([sys.executable, "-c", _RUN.format(paths=paths)], check=True,
                              capture_output=True, text=True, timeout=120).stdout
         digests.add(out.split("digest ")[-1].strip())
-    yield Row("joints and pictures", "bit-identical", len(digests) - 1.0, 0.0, "differences")
+    yield Row("joints and images", "bit-identical", len(digests) - 1.0, 0.0, "differences")

@@ -1,4 +1,4 @@
-"""The lines with which docs/truth.md begins, worked out from the tables that stand below them."""
+"""Summary at the top of docs/truth.md, computed from the tables of the page."""
 
 from __future__ import annotations
 
@@ -6,14 +6,16 @@ import re
 from collections import Counter
 
 BEGIN, END = "<!-- result -->\n", "<!-- end of result -->\n"
-TOLD = ("mass matrix", "accelerations", "friction and damping", "PID steps", "contact friction",
-        "projection", "depth and labels")  # fmt: skip
-NEAREST = 3  # comparisons that come nearest to their bounds
-OUTCOMES = "Right in "  # begins the sentence of the loop's outcomes
+SUMMARISED = (
+    "mass matrix", "accelerations", "friction and damping", "PID steps", "contact friction",
+    "projection", "depth and labels",
+)  # fmt: skip
+NEAREST = 3  # number of comparisons in the list of those closest to their bounds
+OUTCOMES = "Correct in "  # first words of the sentence about outcomes of the servo loop
 
 
 def with_result(page: str) -> str:
-    """The page with the lines of its result, in place of those that were there."""
+    """Return the page with an updated summary."""
     lines = "".join(f"- {line}\n" for line in result(page))
     if not lines:
         return page
@@ -27,7 +29,7 @@ def with_result(page: str) -> str:
 
 
 def result(page: str) -> list[str]:
-    """About ten sentences."""
+    """Return the lines of the summary, about ten."""
     rows = [[cell.strip() for cell in line.strip("|\n").split("|")] for line in page.splitlines()
             if line.startswith("| ") and line.count("|") == 8]  # fmt: skip
     rows = [row for row in rows if row[0] != "check"]
@@ -38,23 +40,23 @@ def result(page: str) -> list[str]:
     counted = Counter(name for row in rows for name in set(re.split(r", (?!and )", row[1])))
     lines = [
         f"{len(rows) - len(failed)} of {len(rows)} comparisons, in {checks} checks, are within "
-        f"their bounds{': not ' + '; '.join(failed) if failed else ''}.",
+        f"their bounds{'; beyond: ' + '; '.join(failed) if failed else ''}.",
         "Compared with " + ", ".join(f"{name} ({n})" for name, n in counted.most_common(8)) + ".",
     ]
-    for name in TOLD:
+    for name in SUMMARISED:
         own = [row for row in rows if row[0] == name]
         if own:
             worst = max(own, key=_share)
-            lines.append(f"*{name}*, against {worst[1]}: off by {worst[4]} at most, where "
-                         f"{worst[5]} may be ({worst[2]}).")  # fmt: skip
+            lines.append(f"*{name}*, compared with {worst[1]}: largest deviation {worst[4]}, "
+                         f"bound {worst[5]} ({worst[2]}).")  # fmt: skip
     near = sorted(rows, key=_share)[-NEAREST:][::-1]
-    lines.append("Nearest to their bounds: " + "; ".join(
-        f"{row[0]}, {row[2]}, {row[4]} of {row[5]}" for row in near) + ".")  # fmt: skip
+    lines.append("Closest to their bounds: " + "; ".join(
+        f"{row[0]}, {row[2]}: {row[4]}, bound {row[5]}" for row in near) + ".")  # fmt: skip
     lines += [line for line in page.splitlines() if line.startswith(OUTCOMES)][:1]
     return lines
 
 
 def _share(row: list[str]) -> float:
-    """The part of its bound that a row's measured number is."""
+    """Return the ratio of the measured value of a row to its bound."""
     measured, bound = (float(re.match(r"[-+.\deE]+", cell)[0]) for cell in row[4:6])
     return measured / bound if bound else 0.0

@@ -1,4 +1,4 @@
-"""Robots that the checks work with, each in our form, in Pinocchio's and in MuJoCo's."""
+"""Robots of the checks, each as a model of the bridge, of Pinocchio and of MuJoCo."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ _JOINT = """<joint name="{name}" type="{kind}"><parent link="{parent}"/><child l
 
 
 def bare_urdf(name: str) -> str:
-    """The robot's URDF with masses and joints only; 'free arm' is one that floats."""
+    """Return the URDF with masses and joints only; 'free arm' has a free base."""
     root = ElementTree.fromstring(_free_arm() if name == "free arm" else _FILES[name].read_text())
     for link in root.findall("link"):
         for part in (*link.findall("visual"), *link.findall("collision")):
@@ -47,7 +47,7 @@ def bare_urdf(name: str) -> str:
 
 
 def _free_arm() -> str:
-    """A base of 5 kg with an elbow of two links on one side and a slide on the other, all askew."""
+    """Return a base of 5 kg with an elbow of two links on one side and a slide on the other."""
     links = (("base", "0.02 -0.01 0.03", "0.2 0.1 0.3", 5.0, 0.08, 0.1, 0.12, 0.01, -0.005, 0.008),
              ("upper", "0.1 0.02 -0.01", "0.3 0 0.1", 1.2, 0.008, 0.02, 0.019, 0.001, 0.0, 0.002),
              ("lower", "0.15 0 0.03", "0 0.5 0", 0.8, 0.002, 0.011, 0.01, 0.0, 0.001, 0.0),
@@ -63,7 +63,7 @@ def _free_arm() -> str:
 
 
 class Robot:
-    """One robot three times: `model` in a World of its own, `pin` and `mj`, without friction,
+    """One robot as three models: `model` in a separate World, `pin` and `mj`, without friction,
     damping and contacts. Joint vectors are in the order of `names`.
 
     free: it floats; the state is then the root's pose and twist, too.
@@ -99,14 +99,14 @@ class Robot:
         self.mj.dof_damping[:] = 0.0
         self.mj.dof_frictionloss[:] = 0.0
         self.mj.jnt_limited[:] = 0
-        self.mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY  # Panda's mimicking finger
+        self.mj.opt.disableflags |= mujoco.mjtDisableBit.mjDSBL_EQUALITY  # Panda has a mimic joint
         self.mj_data = mujoco.MjData(self.mj)
         ids = [mujoco.mj_name2id(self.mj, mujoco.mjtObj.mjOBJ_JOINT, n) for n in self.names]
         self.mj_q = [self.mj.jnt_qposadr[i] for i in ids]
         self.mj_v = [self.mj.jnt_dofadr[i] for i in ids]
 
     def close(self) -> None:
-        """Leave Bullet."""
+        """Disconnect from Bullet."""
         self.world.close()
 
     def __enter__(self) -> Robot:
@@ -115,14 +115,14 @@ class Robot:
     def __exit__(self, *_: object) -> None:
         self.close()
 
-    # ------------------------------------------------------------------ ours
+    # ------------------------------------------------------------------ bridge
 
     def set_state(self, q: Sequence[float], v: Sequence[float]) -> None:
-        """Our joints."""
+        """Set the joint positions and velocities of the bridge's model."""
         self.model.joints.restore(list(zip(map(float, q), map(float, v), strict=True)))
 
     def step(self, efforts: Sequence[float]) -> np.ndarray:
-        """Joint accelerations (n,) of our world over one step."""
+        """Return the joint accelerations (n,) of the bridge's model over one step."""
         before = np.array(self.model.read_joints()[1])
         for name, effort in zip(self.names, efforts, strict=True):
             self.model.apply_effort(name, float(effort))
@@ -132,7 +132,7 @@ class Robot:
     # ------------------------------------------------------------------ Pinocchio
 
     def pin_state(self, q: Sequence[float], pose: Pose = Pose()) -> np.ndarray:  # noqa: B008
-        """Pinocchio's configuration vector."""
+        """Return Pinocchio's configuration vector."""
         full = pinocchio.neutral(self.pin)
         if self.free:
             full[:7] = [*pose.xyz, *pose.quat]
@@ -141,20 +141,20 @@ class Robot:
         return full
 
     def pin_vector(self, v: Sequence[float]) -> np.ndarray:
-        """Joint values in Pinocchio's order; what is not a joint of ours is 0."""
+        """Return joint values in Pinocchio's order, with 0 for other joints."""
         full = np.zeros(self.pin.nv)
         full[self.pin_v] = v
         return full
 
 
 def without_losses(description: RobotDescription) -> RobotDescription:
-    """No damping, friction and mimics in any joint, and stops out of the way."""
+    """Remove damping, friction, mimics and stops of all joints."""
     joints = {
         name: replace(joint, damping=0.0, friction=0.0, mimic=None,
                       kind="continuous" if joint.kind == "revolute" else joint.kind,
                       limits=None if joint.limits is None else
                       replace(joint.limits, lower=-1e3, upper=1e3, velocity=1e9))
-        if joint.moves else joint
+        if joint.is_movable else joint
         for name, joint in description.joints.items()
     }
     return replace(description, joints=MappingProxyType(joints))

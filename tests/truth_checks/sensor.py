@@ -1,4 +1,4 @@
-"""What a camera's sensor adds to its pictures: calibrated noise, motion blur, a rolling shutter."""
+"""Effects of the camera sensor: calibrated noise, motion blur and rolling shutter."""
 
 from __future__ import annotations
 
@@ -26,9 +26,9 @@ _EYE = looking((0.0, 0.0, 0.6), (0.0, 0.0, 0.0), (0.0, 1.0, 0.0))
 
 @dataclass(frozen=True)
 class _Figures:
-    """Of a sensor, as an EMVA 1288 data sheet states them."""
+    """Figures of a sensor from an EMVA 1288 data sheet."""
 
-    gain: float  # grey levels an electron
+    gain: float  # grey levels per electron
     full_well: float  # e-
     read_noise: float  # e-
     dark_current: float  # e-/s
@@ -42,7 +42,7 @@ _SENSORS = {
 
 
 def _pairs(figures: _Figures, exposures: np.ndarray) -> Iterator[tuple[float, float]]:
-    """Mean, and variance in time, of two pictures of a grey wall at each exposure."""
+    """Yield mean and temporal variance of two images of a grey wall at each exposure."""
     bench = Bench()
     try:
         bench.box([5.0, 5.0, 0.05], [0, 0, -0.05], "Gazebo/Grey")
@@ -65,7 +65,7 @@ def _pairs(figures: _Figures, exposures: np.ndarray) -> Iterator[tuple[float, fl
 
 @check("EMVA 1288's photon transfer", quick=True)
 def sensor_noise() -> Iterator[Row]:
-    """The figures of two sensors, worked out from pairs of their pictures as the standard does."""
+    """Measure the figures of two sensors from pairs of images, with the method of the standard."""
     for name, figures in _SENSORS.items():
         dark = figures.gain * figures.dark_current * figures.exposure_time
         lit = np.array(list(_pairs(figures, np.linspace(0.02, 1.3, 24))))
@@ -84,7 +84,7 @@ def sensor_noise() -> Iterator[Row]:
                   abs(brightest / figures.gain / figures.full_well - 1.0), 0.005)  # fmt: skip
 
 
-_SPEED, _DEEP = 0.8, 0.6  # m/s along the rows, m before the camera
+_SPEED, _DEEP = 0.8, 0.6  # speed along the rows, m/s; distance from the camera, m
 _BAR = """<robot name="bar"><link name="base"><inertial><mass value="1"/>
 <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>
 <visual><geometry><box size="0.03 0.6 0.00001"/></geometry></visual></link>
@@ -94,16 +94,16 @@ _WALL = """<robot name="wall"><link name="world"><visual><origin xyz="0 0 -0.1"/
 
 
 def _passing(effects: dict[str, float]) -> tuple[np.ndarray, np.ndarray, float, list[SensorFrame]]:
-    """Pictures of a black bar that passes a camera across its rows.
+    """Take images of a black bar that moves along the rows of a camera.
 
-    Answers the rows (h,), the column (h,) that the bar's middle has at time 0, the px that it moves
+    Returns the rows (h,), the column (h,) that the bar's middle has at time 0, the px that it moves
     in a second, and the frames.
     """
     simulation = Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
     try:
         simulation.spawn(parse_urdf(_WALL), "wall")
         bar = simulation.spawn(parse_urdf(_BAR), "bar", Pose((-0.2, 0.0, 0.0)))
-        # It looks down, along its +x; +x of the world is to the left in its pictures.
+        # The camera looks down, along its +x; +x of the world is to the left in its images.
         camera = simulation.add_camera("watch", {
             "parent": "world", "pose": [0.0, 0.0, _DEEP, np.pi / 2, np.pi / 2, 0.0], "near": 0.02,
             "width": 480, "height": 240, "horizontal_fov": 0.9, "update_rate": 20.0,
@@ -123,14 +123,14 @@ def _passing(effects: dict[str, float]) -> tuple[np.ndarray, np.ndarray, float, 
 
 
 def _dark(image: np.ndarray) -> np.ndarray:
-    """How dark (h, w) each pixel is, of the ground's grey level."""
+    """Return the darkness (h, w) of each pixel relative to the grey level of the ground."""
     grey = image[..., 0].astype(float)
     return 1.0 - grey / grey.max()
 
 
 @check("a bar of known speed", quick=True)
 def motion_blur() -> Iterator[Row]:
-    """A bar that passes at 0.8 m/s blurs by its way during the exposure, evenly."""
+    """Compare the blur of a bar at 0.8 m/s with its displacement during the exposure."""
     for time in (0.012, 0.03):
         _, _, speed, frames = _passing({"exposure_time": time, "exposure_samples": 16})
         _, _, _, sharp = _passing({})
@@ -144,12 +144,13 @@ def motion_blur() -> Iterator[Row]:
             off.append(middle[0] - middle[1])
         what = f"exposed for {1e3 * time:g} ms"
         yield Row(f"{what}, width", f"{way:.3g} px", abs(float(np.mean(wrong))), 0.01)
-        yield Row(f"{what}, middle", "of the sharp picture", float(np.abs(off).max()), 0.02, "px")
+        yield Row(f"{what}, middle", "that of the sharp image", float(np.abs(off).max()), 0.02,
+                  "px")
 
 
 @check("a bar of known speed")
 def rolling_shutter() -> Iterator[Row]:
-    """A bar that passes at 0.8 m/s leans: each row shows it where it was at the row's instant."""
+    """Compare the skew of a bar at 0.8 m/s with the exposure instants of the rows."""
     for row_time, together in ((5e-5, 1), (1.5e-4, 1), (1.5e-4, 8)):
         rows, begin, speed, frames = _passing({"row_time": row_time, "rows_together": together})
         if len(frames) < 6:
@@ -160,8 +161,8 @@ def rolling_shutter() -> Iterator[Row]:
             found = (dark * np.arange(480)).sum(axis=1) / dark.sum(axis=1)
             exposed = 1e-9 * frame.stamp_ns + (rows - 119.5) * row_time
             errors.append(found - (begin + speed * exposed))
-        # Rows that are drawn together are up to half of them away from their instant.
+        # The instant of a row differs from that of its group by up to half the group.
         allowed = 0.02 + abs(speed) * row_time * 0.5 * (together - 1)
-        yield Row(f"row_time {1e6 * row_time:g} µs, {together} rows together",
-                  f"leans by {abs(speed) * row_time * 239:.3g} px",
+        yield Row(f"row_time {1e6 * row_time:g} µs, {together} rows rendered together",
+                  f"displaced by {abs(speed) * row_time * 239:.3g} px",
                   float(np.abs(errors).max()), allowed, "px")  # fmt: skip

@@ -1,4 +1,4 @@
-"""Storms of random commands: no joint passes a stop, none is stuck afterwards, a reset forgets."""
+"""Random joint commands: no joint exceeds a stop or is blocked, and a reset restores the state."""
 
 from __future__ import annotations
 
@@ -25,7 +25,7 @@ _TRANSMISSION = """<transmission name="{0}_t"><type>transmission_interface/Simpl
 <joint name="{0}"><hardwareInterface>hardware_interface/{1}JointInterface</hardwareInterface>
 </joint><actuator name="{0}_m"/></transmission>"""
 _PLUGIN = '<gazebo><plugin name="control" filename="libgazebo_ros_control.so"/></gazebo>'
-# interface, controller, whether the drive below it has gains
+# hardware interface, controller, whether the drive has PID gains
 KINDS = {
     "effort": ("Effort", "effort_controllers/JointEffortController", False),
     "effort PID": ("Effort", "effort_controllers/JointPositionController", False),
@@ -34,16 +34,16 @@ KINDS = {
     "velocity": ("Velocity", "velocity_controllers/JointVelocityController", False),
     "velocity PID": ("Velocity", "velocity_controllers/JointVelocityController", True),
 }
-# the robot's own; efforts without bound; those, and a hard bound on speed
+# limits of the robot; unbounded efforts; unbounded efforts with a hard velocity limit
 LIMITS = ("own", "strong", "clamped")
-_STORM, _PROBE = 300, 40  # steps of a storm, and of what a reset is judged by
-_PATIENCE = 4000  # steps for a joint to get away from where the storm left it
+_STORM, _PROBE = 300, 40  # steps with random commands, and steps that test the reset
+_PATIENCE = 4000  # largest number of steps until a joint reaches its next goal
 
 
 @dataclass
 class Found:
-    """What storms did: share of the range beyond a stop; how many joints were stuck, how many runs
-    differed from that of a robot just spawned, and how many worlds were paused."""
+    """Results: excess beyond a stop relative to the range, and numbers of blocked joints, of runs
+    that differ from that of a new robot, and of paused worlds."""
 
     beyond: float = 0.0
     stuck: int = 0
@@ -54,7 +54,7 @@ class Found:
 
 @cache
 def _stable_gains(robot: str, of_speed: bool) -> dict[str, dict[str, float]]:
-    """PID gains by joint of which a loop at 1 kHz keeps clear of ringing: d dt / I is 0.2."""
+    """Return PID gains by joint that do not oscillate at 1 kHz: d dt / I is 0.2."""
     with Robot(robot) as it:
         inverse = np.linalg.inv(it.model.joints.space.mass_matrix())
         found = {}
@@ -67,18 +67,18 @@ def _stable_gains(robot: str, of_speed: bool) -> dict[str, dict[str, float]]:
 
 @cache
 def _shipped_gains() -> dict[str, dict[str, float]]:
-    """PID gains by joint, as shipped."""
+    """Return the default PID gains by joint."""
     tree = yaml.safe_load(_SETTINGS.read_text())["aras_visual_servo"]
     return {c["joint"]: c["pid"] for c in tree.values() if "joint" in c}
 
 
 def _description(robot: str, interface: str, strong: bool) -> tuple[RobotDescription, list[str]]:
-    """The robot with a transmission for each joint that follows no other; those joints.
+    """Return the robot with a transmission for each joint that is not a mimic, and these joints.
 
-    strong: effort limits of 1e9, the largest that the bridge takes.
+    strong: True for effort limits of 1e9, the largest that the bridge accepts.
     """
     bare = parse_urdf(bare_urdf(robot))
-    joints = [j.name for j in bare.joints.values() if j.moves and j.mimic is None]
+    joints = [j.name for j in bare.joints.values() if j.is_movable and j.mimic is None]
     bolt = f'<gazebo reference="{bare.root}"><kinematic>true</kinematic></gazebo>'
     extra = bolt + "".join(_TRANSMISSION.format(name, interface) for name in joints) + _PLUGIN
     described = parse_urdf(bare_urdf(robot).replace("</robot>", extra + "</robot>"))
@@ -94,7 +94,7 @@ def _description(robot: str, interface: str, strong: bool) -> tuple[RobotDescrip
 
 @dataclass
 class Rig:
-    """A robot under one kind of control, with a controller a joint."""
+    """Robot with one kind of controller for each joint."""
 
     robot: str
     kind: str
@@ -117,13 +117,13 @@ class Rig:
         self.travel = {
             name: (joint.limits.lower or 0.0, joint.limits.upper or 0.0)
             for name, joint in described.joints.items()
-            if joint.moves and joint.kind != "continuous"
+            if joint.is_movable and joint.kind != "continuous"
         }
         self.simulation = Simulation(SimulationConfig(ground_plane=False))
         self.model = self.simulation.spawn(
             described, "robot", parameters=parameters,
             joint_positions={joint: self.middle(joint) for joint in self.joints})
-        # rad or m from where it is called to: friction holds a joint within f / p of it
+        # tolerance of the position, rad or m: friction f stops a joint within f / p
         springs = gains if self.kind == "effort PID" else (
             _stable_gains(self.robot, False) if self.kind == "position PID" else {})
         self.near = dict.fromkeys(self.joints, 0.1)
@@ -135,11 +135,11 @@ class Rig:
 
     @property
     def _places(self) -> bool:
-        """Whether commands are positions."""
+        """True if commands are positions."""
         return self.kind in ("effort PID", "position", "position PID")
 
     def steps(self, count: int) -> None:
-        """Advance, and see how far joints get beyond their stops."""
+        """Advance, and record how far joints exceed their stops."""
         for _ in range(count):
             self.simulation.step()
             for joint, q in self.positions().items():
@@ -150,20 +150,20 @@ class Rig:
                         self.found.beyond = max(self.found.beyond, over / (upper - lower))
 
     def positions(self) -> dict[str, float]:
-        """By joint, rad or m."""
+        """Return the positions by joint, rad or m."""
         return dict(zip(self.model.joint_names, self.model.read_joints()[0], strict=True))
 
     def command(self, joint: str, value: float) -> None:
-        """In the controller's unit."""
+        """Command a joint in the unit of its controller."""
         self.simulation.robots["robot"].command(f"{joint}_c", value)
 
     def middle(self, joint: str) -> float:
-        """Of the travel, or 0 where that is more than a turn."""
+        """Return the middle of a joint's range, or 0 if the range is more than a turn."""
         lower, upper = self.travel.get(joint, (-1e9, 1e9))
         return 0.5 * (lower + upper) if upper - lower < 2.0 * math.pi else 0.0
 
     def storm(self, rng: np.random.Generator) -> None:
-        """Random commands to random joints, from well inside the limits to beyond them."""
+        """Send random commands, inside and beyond the limits, to random joints."""
         left = _STORM
         size = rng.choice([0.3, 1.0, 1.5])
         longest = rng.choice([5, 50, 200])
@@ -175,7 +175,7 @@ class Rig:
                 pause = int(min(rng.integers(1, longest + 1), left))
                 self.steps(pause)
                 left -= pause
-            if self.limits_as != "strong":  # a loop with 1e9 N m may ring for ever
+            if self.limits_as != "strong":  # a loop with 1e9 N m may oscillate without end
                 self.found.stuck += self._stuck()
         except WorldError as error:
             assert "diverged" in str(error), error
@@ -192,9 +192,9 @@ class Rig:
         return min(max(abs(lower), abs(upper)), 10.0)
 
     def _stuck(self) -> int:
-        """How many joints do not come when they are called to the middle of their travel."""
+        """Return how many joints do not reach the middle of their range when commanded."""
         if self.kind == "effort":
-            return 0  # an effort has no aim
+            return 0  # an effort has no goal position
         waiting = set(self.joints)
         for k in range(_PATIENCE):
             if k % 20 == 0:
@@ -214,7 +214,7 @@ class Rig:
         return len(waiting)
 
     def probe(self) -> list[tuple]:
-        """Reset, and the states of a short run with the same commands each time."""
+        """Reset the simulation and return the states of a short run with fixed commands."""
         self.simulation.reset_simulation()
         for joint in self.joints:
             self.command(joint, 0.02 + (self.middle(joint) if self._places else 0.0))
@@ -226,7 +226,7 @@ class Rig:
 
 
 def storms(robot: str, count: int, seed: int, kinds: tuple[str, ...] = tuple(KINDS)) -> Found:
-    """`count` sequences on one robot, over all interfaces and LIMITS."""
+    """Run `count` random sequences on one robot, over all interfaces and LIMITS."""
     total = Found()
     rng = np.random.default_rng(seed)
     places = [(kind, limits) for kind in kinds for limits in LIMITS]
@@ -238,7 +238,7 @@ def storms(robot: str, count: int, seed: int, kinds: tuple[str, ...] = tuple(KIN
             rig.storm(rng)
             total.different += rig.probe() != fresh
             if limits != "strong" and total.paused > paused:
-                total.stuck += 1  # nothing may diverge then
+                total.stuck += 1  # no state may diverge
         rig.simulation.close()
     return total
 
@@ -248,23 +248,23 @@ def _rows(count: int) -> Iterator[Row]:
     try:
         for k, robot in enumerate(ARMS):
             found = storms(robot, count, seed=k)
-            title = f"{robot}, {found.runs} storms"
-            yield Row(f"{title}: beyond a stop", "no limit passed", found.beyond, 0.01,
+            title = f"{robot}, {found.runs} runs"
+            yield Row(f"{title}: beyond a stop", "no limit exceeded", found.beyond, 0.01,
                       "of the range")
-            yield Row(f"{title}: afterwards", "no joint stuck", found.stuck, 0, "joints")
-            yield Row(f"{title}: after a reset", "as spawned, bit by bit", found.different, 0,
-                      "runs")
+            yield Row(f"{title}: afterwards", "no joint blocked", found.stuck, 0, "joints")
+            yield Row(f"{title}: after a reset", "bit-identical to the first run",
+                      found.different, 0, "runs")
     finally:
         logging.disable(logging.NOTSET)
 
 
-@check("itself, and the limits")
-def joint_storms() -> Iterator[Row]:
-    """A thousand sequences."""
+@check("joint limits and repeated runs")
+def random_joint_loads() -> Iterator[Row]:
+    """Run a thousand random sequences."""
     yield from _rows(334)
 
 
-@check("itself, and the limits", quick=True)
-def joint_storms_shortly() -> Iterator[Row]:
-    """One of each kind."""
+@check("joint limits and repeated runs", quick=True)
+def random_joint_loads_short() -> Iterator[Row]:
+    """Run one random sequence of each kind."""
     yield from _rows(18)

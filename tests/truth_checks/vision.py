@@ -1,4 +1,4 @@
-"""What cameras see, against OpenCV, ray casting and the numbers asked for."""
+"""Camera images, compared with OpenCV, ray casting and the configured noise."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ import yaml
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import Pose, Twist
 
@@ -60,7 +60,7 @@ def _configs() -> Iterator[tuple[str, CameraConfig]]:
 
 def _shot(config: CameraConfig, bench: Bench) -> tuple[CameraSensor, np.ndarray, np.ndarray | None,
                                                        np.ndarray | None]:
-    """The sensor and what it sees from _EYE: grey values, depth, labels."""
+    """Return the sensor, and grey values, depth and labels of its image from _EYE."""
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
     frame = sensor.capture(link_pose(_EYE), sensor.due_ns)
     image = frame.image if frame.image.ndim == 2 else frame.image[..., 0]
@@ -68,7 +68,7 @@ def _shot(config: CameraConfig, bench: Bench) -> tuple[CameraSensor, np.ndarray,
 
 
 def _pixels(sensor: CameraSensor, points: np.ndarray) -> np.ndarray:
-    """Pixels (N, 2) of points in the world, by OpenCV from what CameraInfo says."""
+    """Project points of the world to pixels (N, 2), by OpenCV with the published CameraInfo."""
     info, zero = sensor.info, np.zeros(3)
     seen = to_camera(_EYE, points)[:, None]
     K, D = np.array(info.K, float), np.array(info.D, float)
@@ -78,7 +78,7 @@ def _pixels(sensor: CameraSensor, points: np.ndarray) -> np.ndarray:
 
 
 def _centroid(outline: np.ndarray) -> np.ndarray:
-    """Of the area within a closed outline (N, 2)."""
+    """Return the centroid of the area within a closed outline (N, 2)."""
     x, y = outline.T
     nx, ny = np.roll(outline, -1, axis=0).T
     part = x * ny - nx * y
@@ -87,7 +87,7 @@ def _centroid(outline: np.ndarray) -> np.ndarray:
 
 @check("OpenCV")
 def projection() -> Iterator[Row]:
-    """Centroids of 25 black squares on white against their outlines projected by OpenCV."""
+    """Compare centroids of 25 black squares on white with outlines projected by OpenCV."""
     half, side = 0.012, np.linspace(-1.0, 1.0, 41)[:-1]
     outline = half * np.concatenate([
         np.stack([side, -np.ones(40)], 1), np.stack([np.ones(40), side], 1),
@@ -118,11 +118,11 @@ def projection() -> Iterator[Row]:
         if len(errors) < 5:
             raise RuntimeError(f"{name}: only {len(errors)} squares are seen")
         rms = float(np.sqrt((np.square(errors)).sum(axis=1).mean()))
-        yield Row(f"{name}, {len(errors)} squares", "where CameraInfo says", rms, 0.02, "px RMS")
+        yield Row(f"{name}, {len(errors)} squares", "projection by CameraInfo", rms, 0.02, "px RMS")
 
 
 def _rays(sensor: CameraSensor) -> np.ndarray:
-    """Directions (H, W, 3) in the optical frame, z = 1, by OpenCV; NaN beyond 76° from the axis."""
+    """Return ray directions (H, W, 3) with z = 1 from OpenCV; NaN beyond 76° from the axis."""
     info, config = sensor.info, sensor.config
     grid = np.stack(np.meshgrid(np.arange(config.width), np.arange(config.height)), -1)
     points = grid.reshape(-1, 1, 2).astype(float)
@@ -142,7 +142,7 @@ def _rays(sensor: CameraSensor) -> np.ndarray:
 
 @check("ray casting")
 def depth_and_labels() -> Iterator[Row]:
-    """A box before a floor, each pixel's ray from OpenCV met with their planes."""
+    """Compare images of a box and a floor with the intersections of rays from OpenCV."""
     top, half = 0.12, np.array([0.09, 0.06])
     for name, config in _configs():
         config = CameraConfig.from_mapping({
@@ -168,24 +168,25 @@ def depth_and_labels() -> Iterator[Row]:
         expected = np.where(hit, enter, far)  # rays have z = 1, so this is along the axis
         usable = np.isfinite(expected) & (expected > 0)
         usable &= expected * np.linalg.norm(rays, axis=-1) < 1.0  # m; the floor is 0.5 m away
-        # Pixels at the box's outline see both.
+        # Pixels at the outline of the box show both surfaces.
         edge = cv2.morphologyEx(hit.astype(np.uint8), cv2.MORPH_GRADIENT, np.ones((3, 3), np.uint8))
         usable &= edge == 0
         if usable.sum() < 5000:
             raise RuntimeError(f"{name}: only {usable.sum()} pixels")
         if sensor.info.model == "equidistant":
-            expected = expected * np.linalg.norm(rays, axis=-1)  # these lenses tell distances
+            expected = expected * np.linalg.norm(rays, axis=-1)  # wide-angle depth is distance
         error = 1e3 * (depth - expected)[usable]
-        yield Row(f"{name}, depth", "planes met by the ray", float(np.sqrt((error**2).mean())), 0.2,
-                  "mm RMS")
+        yield Row(f"{name}, depth", "depth of the nearest plane",
+                  float(np.sqrt((error**2).mean())), 0.2, "mm RMS")
         wanted = np.where(hit, box.body_id, floor.body_id)[usable]
         wrong = (labels[usable] & 0xFFFFFF) != wanted
-        yield Row(f"{name}, labels", "of the body hit", float(wrong.mean()), 0.0, "of pixels")
+        yield Row(f"{name}, labels", "label of the nearest body", float(wrong.mean()), 0.0,
+                  "of pixels")
 
 
-@check("area of a strip")
-def thin_things() -> Iterator[Row]:
-    """A black wire, 24 px long, on white: what it takes of the light, wherever it lies."""
+@check("covered area")
+def thin_objects() -> Iterator[Row]:
+    """Compare the darkness of a black wire on white, 24 px long, with its area."""
     focal, long = 100.0, 24.0  # px, from 1 m above
     K = np.array([[focal, 0, 23.5], [0, focal, 19.5], [0, 0, 1.0]])
     places = np.random.default_rng(5).uniform(-0.5, 0.5, (50, 2)) / focal
@@ -194,7 +195,7 @@ def thin_things() -> Iterator[Row]:
         try:
             bench.box([1.5, 1.5, 0.05], [0, 0, -0.06])
             bench.box([long / focal / 2, wide / focal / 2, 1e-6], [0, 0, -1e-6], "Gazebo/Black")
-            renderer = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            renderer = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
             worst = 0.0
             for n in range(12):
                 turn = n * (np.pi / 12 + 0.011)
@@ -208,54 +209,53 @@ def thin_things() -> Iterator[Row]:
         yield Row(f"wire of {wide:g} px, 12 angles, 50 positions", "its width", worst, 0.02)
 
 
-@check("2 304 places a pixel")
-def textures_aslant() -> Iterator[Row]:
-    """A wall of squares 85 and 171 bright, 8 texels wide; 2.2 texels a pixel seen square on."""
+@check("2 304 samples per pixel")
+def oblique_textures() -> Iterator[Row]:
+    """Compare a checkered wall (grey levels 85 and 171, squares of 8 texels) with its mean."""
     pixels = blocks(8)
-    views = {"square on": 0.0, "60° aslant": 60.0, "80° aslant": 80.0, "87° aslant": 87.0}
-    bounds = {"square on": 1.6, "60° aslant": 2.0, "80° aslant": 2.0, "87° aslant": 4.0}
+    views = {"perpendicular": 0.0, "60° oblique": 60.0, "80° oblique": 80.0, "87° oblique": 87.0}
+    bounds = {"perpendicular": 1.6, "60° oblique": 2.0, "80° oblique": 2.0, "87° oblique": 4.0}
     K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
     bench = Bench()
     with tempfile.TemporaryDirectory() as folder:
         try:
             wall(bench, Path(folder), pixels)
-            renderer = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            renderer = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
             for name, angle in views.items():
                 worst = bias = 0.0
-                # Both signs of both axes, and along a diagonal.
+                # Tilts about both axes in both directions, and about a diagonal.
                 for turn in (0.0, np.pi / 2, np.pi, -np.pi / 2, 0.7):
                     view = View(320, 240, aslant(np.radians(angle), turn, turn, 2.5), K)
                     off = errors(pixels, view, renderer.render(view))
                     worst = max(worst, float(np.sqrt((off**2).mean())))
                     bias = max(bias, float(abs(off.mean())))
-                yield Row(f"{name}, 5 directions", "the mean over the pixel", worst, bounds[name],
+                yield Row(f"{name}, 5 directions", "mean over the pixel", worst, bounds[name],
                           "grey levels RMS")
-                yield Row(f"{name}, mean of a picture", "kept", bias, 0.5, "grey levels")
+                yield Row(f"{name}, mean of the image", "unchanged", bias, 0.5, "grey levels")
         finally:
             bench.close()
 
 
-@check("the same without a sun")
+@check("the same image without a sun")
 def edges_in_the_sun() -> Iterator[Row]:
-    """A dark square on a bright wall, a texture: its area and where it is, by the light of the sun
-    and by light from everywhere."""
+    """Compare area and position of a dark square on a bright wall in sun and ambient light."""
     pixels = np.full((TEXELS, TEXELS), 255, np.uint8)
     pixels[150:340, 170:380] = 40
     margin = SIDE * (np.array([[110, 100], [440, 100], [440, 390], [110, 390]]) / TEXELS - 0.5)
-    margin[:, 1] *= -1.0  # the picture's first row is at +y
+    margin[:, 1] *= -1.0  # the first row of the image is at +y
     K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
-    views = {"square on": 0.0, "40° aslant": 40.0, "75° aslant": 75.0}
+    views = {"perpendicular": 0.0, "40° oblique": 40.0, "75° oblique": 75.0}
     bench = Bench()
     with tempfile.TemporaryDirectory() as folder:
         try:
             wall(bench, Path(folder), pixels)
             sunny = create_renderer("exact", bench.world)
-            even = create_renderer("exact", bench.world, Sun(ambient=1.0, diffuse=0.0))
+            even = create_renderer("exact", bench.world, Lighting(ambient=1.0, diffuse=0.0))
             for name, angle in views.items():
                 worst = 0.0
                 for turn in (0.0, 0.4, 1.9, -2.3):
                     view = View(320, 240, aslant(np.radians(angle), turn, turn, 2.9), K)
-                    # The square and a margin around it, all of it on the wall.
+                    # The square with a margin, which is completely on the wall.
                     seen = to_camera(view.world_T_optical, np.column_stack([margin, np.zeros(4)]))
                     seen = seen @ K.T
                     wanted = cv2.fillConvexPoly(np.zeros((240, 320), np.uint8), np.rint(
@@ -295,12 +295,12 @@ _WATCH = """<robot name="watch"><link name="world"/><link name="eye"/>
 
 @check("a body of known speed", quick=True)
 def exposure_instants() -> Iterator[Row]:
-    """A square flies past at 1 m/s; where it stands in the picture tells when that was taken."""
+    """Compute the exposure instant from the image position of a square that moves at 1 m/s."""
     simulation = Simulation(SimulationConfig(gravity=(0.0, 0.0, 0.0), ground_plane=False))
     try:
         simulation.spawn(parse_urdf(_WALL), "wall")
         mover = simulation.spawn(parse_urdf(_MOVER), "mover", Pose((-0.25, 0.0, 0.0)))
-        # The camera looks along its link's +x, here down, with its rows along the way.
+        # The camera looks down, along +x of its link, with its rows parallel to the motion.
         simulation.spawn(parse_urdf(_WATCH), "watch",
                          Pose.from_rpy((0.0, 0.0, 0.6), (np.pi / 2, np.pi / 2, 0.0)))
         camera = simulation.cameras[0]
@@ -318,19 +318,19 @@ def exposure_instants() -> Iterator[Row]:
         dark = image.max() - image
         column = (dark.sum(axis=0) * np.arange(image.shape[1])).sum() / dark.sum()
         K = camera.sensor.info.K
-        where = abs((column - K[0][2]) / K[0][0] * 0.6)  # m; the eye is 0.6 m above
+        where = abs((column - K[0][2]) / K[0][0] * 0.6)  # m; the camera is at a height of 0.6 m
         stamp = frame.stamp_ns * 1e-9
         late.append(where - abs(stamp - 0.25))
     late = np.array(late)
     if len(late) < 10:
         raise RuntimeError(f"only {len(late)} pictures")
-    yield Row(f"{len(frames)} pictures", "at the stamp", 1e6 * float(np.abs(late).max()), 20.0,
+    yield Row(f"{len(frames)} images", "at the stamp", 1e6 * float(np.abs(late).max()), 20.0,
               "µs")
 
 
 @check("the normal distribution")
 def noise() -> Iterator[Row]:
-    """100 pictures of a grey wall with a standard deviation of 5 grey levels."""
+    """Compare noise of 5 grey levels in 100 images of a grey wall with the normal distribution."""
     bench = Bench()
     try:
         bench.box([5.0, 5.0, 0.05], [0, 0, -0.05], "Gazebo/Grey")
@@ -345,11 +345,11 @@ def noise() -> Iterator[Row]:
                     for _ in range(100)]
     finally:
         bench.close()
-    values = np.array(pictures) / 257.0  # of mono16, in grey levels
+    values = np.array(pictures) / 257.0  # from mono16 to grey levels
     yield Row("standard deviation", "5 grey levels", float(abs(values.std() / 5.0 - 1.0)), 1e-3)
     yield Row("mean", "0", float(abs(values.mean())), 5e-3, "grey levels")
     kurtosis = float((values**4).mean() / values.var() ** 2 - 3.0)
     yield Row("excess kurtosis", "0", abs(kurtosis), 0.01)
     flat = values.reshape(len(values), -1)
     pairs = np.corrcoef(flat) - np.eye(len(flat))
-    yield Row("correlation of two pictures", "0", float(np.abs(pairs).max()), 0.02)
+    yield Row("correlation of two images", "0", float(np.abs(pairs).max()), 0.02)

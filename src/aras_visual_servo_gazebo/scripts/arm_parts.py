@@ -1,4 +1,4 @@
-"""The arm: shoulder, links, wrist and flange, each in its link's frame (z down when it hangs)."""
+"""Meshes of the arm links, each in the frame of its link (z points down at all-zero joints)."""
 
 from __future__ import annotations
 
@@ -18,14 +18,14 @@ from mesh_primitives import (
     rounded_rectangle,
 )
 
-ROUND = 24  # segments of a joint's outline
+ROUND = 24  # segments of the outline of a joint
 SMALL = 12  # segments of covers and bosses
 
 
 def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) -> np.ndarray:
-    """Plate across a joint axis (y) from `inner` to `outer`, its outer edge bevelled.
+    """Build a plate normal to a joint axis (y) from `inner` to `outer`, with a bevelled outer edge.
 
-    outline_of_inset: function inset (m) -> outline as (x, z).
+    outline_of_inset: function that returns the outline (x, z) for an inset (m).
     """
     sections = [(outline_of_inset(0.0), inner), (outline_of_inset(0.0), outer - bevel)]
     if bevel:
@@ -35,7 +35,7 @@ def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) ->
 
 
 def link0() -> list[np.ndarray]:
-    """Shoulder housing: flange under the carriage, motor to the -x side, round seat of J1."""
+    """Build the shoulder housing: flange below the carriage, motor at -x, round seat of J1."""
     flange = extrude(rounded_rectangle(-0.169, 0.082, -0.093, 0.093, 0.012, 2), 0.0, 0.012)
 
     def belly(inset: float) -> np.ndarray:
@@ -57,7 +57,7 @@ def link0() -> list[np.ndarray]:
 
 
 def link1() -> list[np.ndarray]:
-    """Turntable under J1, neck, and the barrel of J2."""
+    """Build the turntable below J1, the neck and the barrel of J2."""
     table = revolve([(0.0775, 0.003), (0.0775, 0.034), (0.054, 0.064)], ROUND)
     seal = cylinder(0.072, 0.0, 0.003, ROUND)
     neck = extrude(rounded_rectangle(-0.052, 0.052, -0.0505, 0.0505, 0.02, 3), 0.05, 0.132)
@@ -66,7 +66,7 @@ def link1() -> list[np.ndarray]:
 
 
 def link2() -> list[np.ndarray]:
-    """Upper arm: two cheeks with round ends, a bridge between them."""
+    """Build the upper arm: two side plates with round ends, connected by a bridge."""
     cheek = _across(lambda i: capsule(0.0, 0.055 - i, 0.245, 0.053 - i, 20), 0.0555, 0.083, 0.005)
     hub = _across(lambda i: circle(0.062 - i, ROUND), 0.0555, 0.0865, 0.004)
     cap = cylinder(0.02, 0.08, 0.088, 12)
@@ -87,7 +87,7 @@ def link2() -> list[np.ndarray]:
 
 
 def link3() -> list[np.ndarray]:
-    """Forearm: a tongue on J3 that widens into the fork of J5."""
+    """Build the forearm: a tongue at J3 that widens to the fork of J5."""
     tongue = _across(lambda i: capsule(0.0, 0.0475, 0.085, 0.043, ROUND), -0.053, 0.053)
     body = extrude(rounded_rectangle(-0.041, 0.041, -0.0505, 0.0505, 0.010, 2), 0.05, 0.112)
     cheek = _across(lambda i: capsule(0.097, 0.0435 - i, 0.16, 0.041 - i, 20), 0.0245, 0.056, 0.004)
@@ -97,14 +97,14 @@ def link3() -> list[np.ndarray]:
 
 
 def link5() -> list[np.ndarray]:
-    """Wrist: the disc of J5 inside the forearm's fork, and the stub that carries J6."""
+    """Build the wrist: the disc of J5 inside the fork of the forearm, and the stub of J6."""
     disc = _across(lambda i: capsule(-0.015, 0.042, 0.0, 0.042, ROUND), -0.022, 0.022)
     stub = cylinder(0.0215, 0.02, 0.046, SMALL + 4)
     return [disc, stub]
 
 
 def link6() -> list[np.ndarray]:
-    """Flange of J6 and the square housing of the camera."""
+    """Build the flange of J6 and the square housing of the camera."""
     flange = revolve(
         [(0.026, -0.026), (0.030, -0.022), (0.030, -0.006), (0.037, -0.006), (0.037, 0.006)],
         20,

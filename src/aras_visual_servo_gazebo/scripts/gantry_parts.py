@@ -1,4 +1,4 @@
-"""The gantry: profile frame, table, rail and belt drive (base_link) and its carriage (slider)."""
+"""Meshes of the gantry: frame, table, rail and belt drive (base_link), and carriage (slider)."""
 
 from __future__ import annotations
 
@@ -22,22 +22,22 @@ from mesh_primitives import (
 )
 
 PROFILE = 0.09  # m, edge of the aluminium profile
-FRAME_X = 1.2  # m, half length of the frame; only the belt drive stands out beyond it
+FRAME_X = 1.2  # m, half length of the frame; only the belt drive exceeds it
 FRAME_Y = 0.68  # m, half width
 FRAME_Z = 1.75  # m, height
 TABLE_TOP = 0.59  # m, the plane of the target
-ROD_Y, ROD_Z, ROD_RADIUS = 0.05, 1.634, 0.011  # m, the two guide rods the carriage runs on
+ROD_Y, ROD_Z, ROD_RADIUS = 0.05, 1.634, 0.011  # m, the two guide rods of the carriage
 MOTOR_X, MOTOR_Z = 1.3855, 1.626  # m, axis of the belt motor
 
 
 def base_link() -> list[np.ndarray]:
-    """Parts of base_link, z up, the floor at z = 0."""
+    """Build the parts of base_link; z points up and the floor is at z = 0."""
     table = box(-1.09, 1.09, -0.57, 0.57, 0.06, TABLE_TOP)
     return [table, *_frame(), *_brackets(), *_rail(), *_drive()]
 
 
 def _profile(length_from: float, length_to: float, open_end: bool = False) -> np.ndarray:
-    """Profile along z; only an end that can be seen is worth the triangles of real T-slots."""
+    """Build a profile along z; only a profile with a visible end has real T-slots."""
     if open_end:
         outline = slotted_square(PROFILE, opening=0.012, lip=0.006, cavity=0.024, depth=0.018)
     else:
@@ -58,7 +58,7 @@ def _frame() -> list[np.ndarray]:
 
 
 def _brackets() -> list[np.ndarray]:
-    """Triangular corner brackets between the posts and the long sills."""
+    """Build the triangular corner brackets between the posts and the long sills."""
     leg = 0.06
     triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])  # (z, x), for along_y
     bracket = mirror(along_y(extrude(triangle, -0.018, 0.018)), 0)
@@ -69,7 +69,7 @@ def _brackets() -> list[np.ndarray]:
 def _rail() -> list[np.ndarray]:
     rod = along_x(cylinder(ROD_RADIUS, -1.13, 1.13, 12))
     out = [move(rod, y=sy * ROD_Y, z=ROD_Z) for sy in (-1, 1)]
-    # End blocks under the cross beams hold the rods and, between them, the belt's pulleys.
+    # End blocks below the cross beams hold the rods and, between them, the pulleys of the belt.
     block = extrude(rounded_rectangle(-0.105, 0.105, 1.572, 1.66, 0.012, 2), 1.115, 1.14)
     out += both_sides(along_x(block), 0)
     # Side plates of the idler at the far end.
@@ -82,11 +82,12 @@ def _rail() -> list[np.ndarray]:
 
 
 def _drive() -> list[np.ndarray]:
-    """Motor and gearbox at the rail's end, their shaft across the rail."""
+    """Build motor and gearbox at the end of the rail, with the shaft across the rail."""
     plate = rounded_corners(
         [(1.14, 1.575), (1.39, 1.585), (1.39, 1.665), (1.14, 1.66)], [0, 0.03, 0.03, 0], 3
     )
-    # Outlines are drawn as (x, z); along_y wants (z, x), hence the swap that keeps them ccw.
+    # Outlines are (x, z), but along_y expects (z, x). Swapping and reversing keeps them
+    # counter-clockwise.
     cheek = along_y(extrude(plate[:, ::-1][::-1], 0.016, 0.024))
     half = 0.0445
     gearbox = loft(
@@ -99,13 +100,13 @@ def _drive() -> list[np.ndarray]:
             )
         ]
     )
-    # The joints of the casing are steps of the turned outline.
+    # The gaps between the parts of the casing are steps of the profile.
     body, groove = half, half - 0.004
     profile = [(groove, 0.05), (groove, 0.058), (body, 0.058)]
     profile += [(body, 0.09), (groove, 0.09), (groove, 0.098), (body, 0.098)]
     profile += [(body, 0.25), (body - 0.003, 0.254)]
     motor = revolve(profile, 20)
-    # along_y: the first coordinate drawn becomes z, the second x.
+    # along_y maps the first coordinate to z and the second one to x.
     terminals = box(0.02, 0.05, -0.022, 0.022, 0.15, 0.22)
     boss = cylinder(0.01, 0.25, 0.258, 8)
     out = [move(along_y(p), MOTOR_X, z=MOTOR_Z) for p in (gearbox, motor, terminals, boss)]
@@ -113,8 +114,8 @@ def _drive() -> list[np.ndarray]:
 
 
 def slider() -> list[np.ndarray]:
-    """Parts of the carriage in the slider's frame: y up, z along world -x."""
-    # Drawn z up about the joint's origin, x along the rail, then turned into the link's frame.
+    """Build the parts of the carriage in the frame of the slider: y up, z along world -x."""
+    # Built with z up and x along the rail around the joint origin, then rotated to the link frame.
     plate = loft(
         [
             (rounded_rectangle(-s, s, -s, s, 0.012, 2), z)
@@ -129,10 +130,10 @@ def slider() -> list[np.ndarray]:
     for sx in (0, 1):
         piece = mirror(bearing, 0) if sx else bearing
         parts += [move(piece, y=sy * ROD_Y) for sy in (-1, 1)]
-    # The belt clamp: two uprights and a bridge, the window between them shows the belt.
+    # The belt clamp consists of two uprights and a bridge; the belt is visible between them.
     parts += [box(x, x + 0.01, -0.02, 0.02, -0.013, 0.032) for x in (-0.05, 0.04)]
     parts.append(box(-0.05, 0.05, -0.02, 0.02, 0.024, 0.032))
-    # The jaws on the lower strand.
+    # The jaws clamp the lower strand of the belt.
     parts.append(extrude(rectangle(-0.03, 0.03, -0.018, 0.018), -0.0185, -0.006))
-    # World x, y, z are -z, -x, y of the link.
+    # The world axes x, y, z are the link axes -z, -x, y.
     return [np.stack([-p[..., 1], p[..., 2], -p[..., 0]], axis=-1) for p in parts]

@@ -1,10 +1,10 @@
-"""Draw the robot: write one binary STL a link into meshes/.
+"""Write the mesh of each robot link as binary STL to meshes/.
 
     python3 scripts/make_meshes.py [--out DIR]
 
-The shapes are our own, drawn to the outer sizes of the original links. The output is the same
-byte for byte on every machine; a test compares it with the files of the repository.
-STL, because PyBullet, rviz and the bridge's renderer all take its colour from the URDF.
+The shapes are new and have the outer dimensions of the original links. The output is bit-identical
+on every machine; a test compares it with the files in the repository. The format is STL, because
+PyBullet, rviz and the renderer of aras_sim_bridge then use the colours of the URDF.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribut
 
 
 def link_parts(link: str) -> list[np.ndarray]:
-    """Parts of a link on the grid the files use, each (n, 3, 3), metres, link frame."""
+    """Return the parts of a link, each (n, 3, 3) in m in the link frame, rounded to the grid."""
     return [on_grid(part) for part in LINKS[link]()]
 
 
 def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
-    """Binary STL of several parts, with a unit normal a facet."""
+    """Return the binary STL of several parts, with one unit normal per triangle."""
     triangles = np.concatenate(parts)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     records = np.zeros(len(triangles), _RECORD)
-    # Seven decimals: a difference in the last bit of a square root must not change the file.
+    # Rounded, so that differences in the last bit of a square root do not change the file.
     records["normal"] = np.round(normals, 6) + 0.0
     records["corners"] = triangles
     header = title.encode("ascii").ljust(80, b" ")
@@ -56,11 +56,11 @@ def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
 
 
 def main() -> int:
-    """Write all meshes; prints a line a file."""
+    """Write all meshes and print one line per file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
                                      epilog="example: make_meshes.py --out /tmp/meshes")
     default = Path(__file__).resolve().parent.parent / "meshes"
-    parser.add_argument("--out", type=Path, default=default, help="folder to write into")
+    parser.add_argument("--out", type=Path, default=default, help="output folder")
     folder = parser.parse_args().out
     folder.mkdir(parents=True, exist_ok=True)
     total = 0

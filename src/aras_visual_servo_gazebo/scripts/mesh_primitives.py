@@ -1,10 +1,10 @@
-"""Closed triangle meshes from a handful of primitives.
+"""Primitives of closed triangle meshes.
 
-A *part* is an (n, 3, 3) float64 array: n triangles, three corners each, metres, counter-clockwise
-seen from outside. Every primitive returns a watertight part; a link's mesh is several parts
-concatenated, which may overlap as bolted pieces of a machine do.
+A *part* is an (n, 3, 3) float64 array of n triangles with three corners each, in m,
+counter-clockwise as viewed from outside. Every primitive returns a watertight part. The mesh of a
+link consists of several parts, which may overlap.
 
-An *outline* is an (n, 2) float64 array, a simple polygon, counter-clockwise, metres.
+An *outline* is an (n, 2) float64 array, a simple counter-clockwise polygon, in m.
 """
 
 from __future__ import annotations
@@ -14,38 +14,38 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: Corners are put on this grid (1 um), so that the last bit of a cosine never reaches a file.
+#: Corners are rounded to this grid (1 µm), so that last-bit differences do not change a file.
 GRID_PER_METRE = 1_000_000
 
 
 class MeshError(ValueError):
-    """A shape that has no inside: says which primitive and what to change."""
+    """The parameters of a primitive do not describe a closed shape."""
 
 
 # --------------------------------------------------------------------------- outlines
 
 
 def circle(radius: float, segments: int, centre: tuple[float, float] = (0.0, 0.0)) -> np.ndarray:
-    """Regular polygon of `segments` corners on a circle, shape (segments, 2)."""
+    """Return a regular polygon with `segments` corners on a circle, (segments, 2)."""
     return _arc(centre, radius, 0.0, 2 * math.pi * (segments - 1) / segments, segments - 1)
 
 
 def rectangle(x0: float, x1: float, y0: float, y1: float) -> np.ndarray:
-    """Axis-aligned rectangle, shape (4, 2)."""
+    """Return an axis-aligned rectangle, (4, 2)."""
     return np.array([(x0, y0), (x1, y0), (x1, y1), (x0, y1)])
 
 
 def rounded_rectangle(
     x0: float, x1: float, y0: float, y1: float, radius: float, steps: int = 3
 ) -> np.ndarray:
-    """Rectangle with quarter-circle corners of `steps` chords each, shape (4 * (steps + 1), 2)."""
+    """Return a rectangle with rounded corners of `steps` chords each, (4 * (steps + 1), 2)."""
     return rounded_corners(rectangle(x0, x1, y0, y1), [radius] * 4, steps)
 
 
 def rounded_corners(
     polygon: Sequence[tuple[float, float]], radii: Sequence[float], steps: int = 4
 ) -> np.ndarray:
-    """Polygon whose corner i is replaced by an arc of radii[i] (0 keeps it sharp)."""
+    """Return a polygon with corner i replaced by an arc of radius radii[i] (0: sharp corner)."""
     points = np.asarray(polygon, dtype=float)
     out: list[np.ndarray] = []
     for i, corner in enumerate(points):
@@ -62,7 +62,7 @@ def rounded_corners(
         from_centre = corner + back * radii[i] / math.tan(half) - centre
         start = math.atan2(from_centre[1], from_centre[0])
         turn = math.pi - 2 * half
-        if back[0] * ahead[1] - back[1] * ahead[0] > 0:  # a reflex corner turns the other way
+        if back[0] * ahead[1] - back[1] * ahead[0] > 0:  # reflex corner: opposite direction
             turn = -turn
         out.append(_arc(centre, radii[i], start, start + turn, steps))
     return np.concatenate(out)
@@ -71,14 +71,14 @@ def rounded_corners(
 def capsule(
     start: float, start_radius: float, end: float, end_radius: float, segments: int
 ) -> np.ndarray:
-    """Hull of two circles on the second axis: the outline of a crank arm.
+    """Return the convex hull of two circles with centres on the second axis, (segments + 2, 2).
 
-    start, end: positions of the circle centres along the second axis, start < end.
-    Returns (segments + 2, 2): `segments` chords in all, plus the two straight sides.
+    start, end: positions of the centres along the second axis, start < end.
+    segments: total number of chords of both arcs.
     """
     distance = end - start
     if distance <= abs(start_radius - end_radius):
-        raise MeshError("capsule: one circle swallows the other; move the centres apart")
+        raise MeshError("capsule: one circle contains the other; move the centres apart")
     lean = math.asin((start_radius - end_radius) / distance)
     half = segments // 2
     upper = _arc((0.0, end), end_radius, lean, math.pi - lean, half)
@@ -89,9 +89,10 @@ def capsule(
 def slotted_square(
     size: float, opening: float, lip: float, cavity: float, depth: float
 ) -> np.ndarray:
-    """Square aluminium profile with one T-slot a face, shape (36, 2).
+    """Return a square aluminium profile with one T-slot per side, (36, 2).
 
-    opening, cavity: widths of the slot at the face and inside; lip, depth: where it widens, ends.
+    opening, cavity: widths of the slot at the surface and inside.
+    lip, depth: depths at which the slot widens and ends.
     """
     half = size / 2
     face = [
@@ -109,7 +110,7 @@ def slotted_square(
 
 
 def grooved_square(size: float, opening: float, depth: float) -> np.ndarray:
-    """Square profile with one plain groove a face, shape (20, 2)."""
+    """Return a square profile with one rectangular groove per side, (20, 2)."""
     half, side = size / 2, opening / 2
     return _four_faces(
         [
@@ -126,7 +127,7 @@ def _four_faces(face: list[tuple[float, float]]) -> np.ndarray:
     out: list[tuple[float, float]] = []
     for _ in range(4):
         out += face
-        face = [(-y, x) for x, y in face]  # the next face, a quarter turn on
+        face = [(-y, x) for x, y in face]  # rotated by 90° to the next side
     return np.array(out)
 
 
@@ -141,10 +142,10 @@ def _arc(centre, radius: float, start: float, end: float, steps: int) -> np.ndar
 
 
 def loft(sections: Sequence[tuple[np.ndarray, float]]) -> np.ndarray:
-    """Solid through outlines of equal length stacked upwards along z.
+    """Return the solid through outlines that are stacked along z.
 
-    sections: (outline, z) pairs with rising z. Returns a part of 2 m (k - 1) + 2 (m - 2) triangles
-    for k outlines of m corners.
+    sections: pairs (outline, z) with increasing z and equal numbers of corners. k outlines with m
+    corners yield 2 m (k - 1) + 2 (m - 2) triangles.
     """
     count = len(sections[0][0])
     if any(len(outline) != count for outline, _ in sections):
@@ -162,51 +163,51 @@ def loft(sections: Sequence[tuple[np.ndarray, float]]) -> np.ndarray:
 
 
 def extrude(outline: np.ndarray, z0: float, z1: float) -> np.ndarray:
-    """Prism over an outline between two heights."""
+    """Return the prism with an outline as base, between two heights."""
     return loft([(outline, z0), (outline, z1)])
 
 
 def box(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> np.ndarray:
-    """Axis-aligned box, 12 triangles."""
+    """Return an axis-aligned box of 12 triangles."""
     return extrude(rectangle(x0, x1, y0, y1), z0, z1)
 
 
 def revolve(profile: Sequence[tuple[float, float]], segments: int) -> np.ndarray:
-    """Turned piece about z: radii along rising z, flat ends.
+    """Return a solid of revolution about z with flat ends.
 
-    profile: (radius > 0, z) pairs with rising z (equal z makes a flat step).
+    profile: pairs (radius > 0, z) with non-decreasing z; equal z values yield a flat step.
     """
     return loft([(circle(radius, segments), z) for radius, z in profile])
 
 
 def cylinder(radius: float, z0: float, z1: float, segments: int) -> np.ndarray:
-    """Cylinder about z."""
+    """Return a cylinder about z."""
     return revolve([(radius, z0), (radius, z1)], segments)
 
 
 def _ears(outline: np.ndarray) -> list[tuple[int, int, int]]:
-    """Triangulate a simple polygon by clipping ears; counter-clockwise triples of indices."""
+    """Triangulate a simple polygon by ear clipping; return counter-clockwise triples of indices."""
     points = [tuple(p) for p in np.asarray(outline, dtype=float)]
-    left = list(range(len(points)))
+    remaining = list(range(len(points)))
     out = []
-    while len(left) > 3:
-        for k in range(len(left)):
-            a, b, c = left[k - 1], left[k], left[(k + 1) % len(left)]
+    while len(remaining) > 3:
+        for k in range(len(remaining)):
+            a, b, c = remaining[k - 1], remaining[k], remaining[(k + 1) % len(remaining)]
             if _turn(points[a], points[b], points[c]) <= 1e-15:
                 continue
-            others = (points[i] for i in left if i not in (a, b, c))
+            others = (points[i] for i in remaining if i not in (a, b, c))
             if not any(_inside(p, points[a], points[b], points[c]) for p in others):
                 out.append((a, b, c))
-                del left[k]
+                del remaining[k]
                 break
         else:
-            raise MeshError("extrude: the outline crosses itself or runs clockwise")
-    out.append(tuple(left))
+            raise MeshError("extrude: the outline crosses itself or is clockwise; reverse it")
+    out.append(tuple(remaining))
     return out
 
 
 def _turn(a, b, c) -> float:
-    """Twice the signed area of a triangle: positive for a left turn."""
+    """Return twice the signed area of a triangle; it is positive for a left turn."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
@@ -218,34 +219,34 @@ def _inside(p, a, b, c) -> bool:
 
 
 def along_x(part: np.ndarray) -> np.ndarray:
-    """Turn a part so that its z becomes x, its x becomes y, its y becomes z."""
+    """Rotate a part such that its z axis becomes x, x becomes y, and y becomes z."""
     return part[:, :, [2, 0, 1]]
 
 
 def along_y(part: np.ndarray) -> np.ndarray:
-    """Turn a part so that its z becomes y, its x becomes z, its y becomes x."""
+    """Rotate a part such that its z axis becomes y, x becomes z, and y becomes x."""
     return part[:, :, [1, 2, 0]]
 
 
 def move(part: np.ndarray, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np.ndarray:
-    """Shift a part by (x, y, z)."""
+    """Translate a part by (x, y, z)."""
     return part + np.array([x, y, z])
 
 
 def mirror(part: np.ndarray, axis: int) -> np.ndarray:
-    """Mirror a part through the plane of an axis (0, 1, 2), keeping its faces outward."""
+    """Mirror a part at the plane normal to an axis (0, 1, 2); its faces still point outwards."""
     out = part.copy()
     out[:, :, axis] *= -1.0
     return out[:, ::-1]
 
 
 def both_sides(part: np.ndarray, axis: int) -> list[np.ndarray]:
-    """The part and its mirror image."""
+    """Return a part and its mirror image."""
     return [part, mirror(part, axis)]
 
 
 def on_grid(part: np.ndarray) -> np.ndarray:
-    """Round the corners to GRID_PER_METRE and drop triangles that vanish by it."""
+    """Round the corners to GRID_PER_METRE and remove triangles without area."""
     out = np.round(part * GRID_PER_METRE) / GRID_PER_METRE + 0.0
-    keep = np.linalg.norm(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]), axis=1) > 0
-    return out[keep]
+    has_area = np.linalg.norm(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]), axis=1) > 0
+    return out[has_area]

@@ -1,6 +1,6 @@
-# start_nodes_with_this_python([PROGRAM ...]): the package's installed programs, and those named, start
-# with the interpreter that the workspace was configured with. catkin_install_python(), to be called
-# before, gives them `env python3`: the system's Python, which has no PyBullet.
+# start_nodes_with_this_python([PROGRAM ...]) makes the installed programs of the package, and the
+# given ones, run with the Python interpreter that the workspace was configured with. Call it after
+# catkin_install_python(), which selects `env python3`, i.e. the system's Python without PyBullet.
 function(start_nodes_with_this_python)
   install(CODE "
     file(GLOB programs \"\$ENV{DESTDIR}\${CMAKE_INSTALL_PREFIX}/${CATKIN_PACKAGE_BIN_DESTINATION}/*\")

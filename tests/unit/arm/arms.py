@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.fold import Fold
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.elbow import Elbow
 
 ROBOTS = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo" / "robots"
 FOREIGN = Path(sysconfig.get_paths()["purelib"], "cmeel.prefix/share/example-robot-data/robots")
@@ -44,12 +44,12 @@ def within(arm: Arm, random: np.random.Generator, part: float = 0.9) -> np.ndarr
     return middle + half * random.uniform(-1.0, 1.0, len(low))
 
 
-def bent(fold: Fold, q: np.ndarray, angle: float) -> np.ndarray:
+def bent(fold: Elbow, q: np.ndarray, angle: float) -> np.ndarray:
     """The posture q (n,) with the elbow at that angle from straight, rad, and what that turns with
     it."""
     posture = np.array(q, float)
-    more = fold.straight + angle - posture[fold.joint]
+    more = fold.straight_position + angle - posture[fold.joint]
     posture[fold.joint] += more
-    posture[fold.before] += fold.share_before * more
-    posture[fold.after] += fold.share_after * more
+    posture[fold.joint_before] += fold.share_before * more
+    posture[fold.joint_after] += fold.share_after * more
     return posture

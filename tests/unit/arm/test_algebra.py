@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.arm.algebra import (
-    all_above,
-    applied,
-    finite,
-    least_squares,
+from aras_visual_servo_controller.kinematics.algebra import (
+    are_finite,
+    has_singular_values_above,
+    is_task_finite,
+    multiply,
+    multiply_vector,
+    solve_least_squares,
     svd,
-    task_finite,
-    times,
 )
 
 SHAPES = [(1, 1), (2, 6), (6, 2), (4, 6), (6, 6), (6, 7), (11, 6), (12, 7), (6, 12)]
@@ -73,15 +73,15 @@ def test_whether_a_motion_is_weak_is_told_without_its_singular_values(shape, lea
     for _ in range(20):
         u, s, vt = np.linalg.svd(random.normal(size=shape), full_matrices=False)
         s = np.append(random.uniform(0.02, 2.0, len(s) - 1), least)
-        assert all_above((u * s) @ vt, 0.012) == above
+        assert has_singular_values_above((u * s) @ vt, 0.012) == above
 
 
 def test_least_squares_leave_out_what_is_not_seen():
     random = np.random.default_rng(8)
     L, e = random.normal(size=(4, 2)) @ random.normal(size=(2, 6)), random.normal(size=4)
     expected = np.linalg.lstsq(L, e, rcond=1e-9)[0]
-    assert np.abs(least_squares(L, e, 1e-9) - expected).max() < 1e-13
-    assert not least_squares(np.zeros((4, 6)), e, 1e-9).any()
+    assert np.abs(solve_least_squares(L, e, 1e-9) - expected).max() < 1e-13
+    assert not solve_least_squares(np.zeros((4, 6)), e, 1e-9).any()
 
 
 @pytest.mark.parametrize("shape", SHAPES)
@@ -96,7 +96,7 @@ def test_least_squares_are_lapack_s(shape, scale):
     for tolerance in (1e-9, 0.0101, 1.0):
         kept = s > tolerance
         expected = right[: len(s)][kept].T @ (left.T[: len(s)][kept] @ e / (scale * s[kept]))
-        found = least_squares(L, e, tolerance)
+        found = solve_least_squares(L, e, tolerance)
         assert np.abs(found - expected).max() <= 1e-10 * np.linalg.norm(e) / scale
 
 
@@ -104,20 +104,20 @@ def test_least_squares_are_lapack_s(shape, scale):
 def test_products_are_numpy_s(shape):
     random = np.random.default_rng(1)
     a, b = random.normal(size=shape), random.normal(size=(shape[1], 3))
-    np.testing.assert_allclose(times(a, b), a @ b, atol=1e-14)
-    np.testing.assert_allclose(applied(a, b[:, 0]), a @ b[:, 0], atol=1e-14)
+    np.testing.assert_allclose(multiply(a, b), a @ b, atol=1e-14)
+    np.testing.assert_allclose(multiply_vector(a, b[:, 0]), a @ b[:, 0], atol=1e-14)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 def test_one_number_that_is_not_finite_is_noticed_wherever_it_is(bad):
     whole = [np.array([1e300, -1e300, 0.0, 5e-324]) for _ in range(3)]
-    assert finite(*whole) and task_finite(np.ones((4, 6)), whole[0])
+    assert are_finite(*whole) and is_task_finite(np.ones((4, 6)), whole[0])
     for place in range(12):
         three = np.array(whole)
         three.flat[place] = bad
-        assert not finite(*three)
+        assert not are_finite(*three)
     for place in range(24):
         L = np.ones((4, 6))
         L.flat[place] = bad
-        assert not task_finite(L, whole[0])
-    assert not task_finite(np.ones((4, 6)), three[2])
+        assert not is_task_finite(L, whole[0])
+    assert not is_task_finite(np.ones((4, 6)), three[2])

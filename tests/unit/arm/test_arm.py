@@ -9,12 +9,12 @@ import pytest
 from arms import NAMES, make, urdf, within
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
     MeasurementError,
     UnreachableError,
 )
+from aras_visual_servo_controller.kinematics import Arm
 
 ARAS_JOINTS = ("gantry", "J1", "J2", "J3", "J5", "J6")
 
@@ -47,7 +47,7 @@ def test_names_and_limits_are_the_description_s():
     assert arm.lower.tolist() == [-1.5, -2.0943, -2.0943, -2.0943, -2.0943, -3000.0]
     assert arm.velocity.tolist() == [5.0] * 6
     assert arm.effort.tolist() == [80000.0, *[50000.0] * 5]
-    assert arm.prismatic.tolist() == [True, False, False, False, False, False]
+    assert arm.is_prismatic.tolist() == [True, False, False, False, False, False]
     panda = make("panda")
     assert len(panda) == 7 and panda.lower[3] == -3.0718 and panda.upper[5] == 3.7525
 
@@ -55,7 +55,7 @@ def test_names_and_limits_are_the_description_s():
 def test_arrays_cannot_be_written():
     arm = make("aras")
     pose = arm.pose(np.zeros(6))
-    for array in (arm.lower, arm.velocity, arm.prismatic, pose):
+    for array in (arm.lower, arm.velocity, arm.is_prismatic, pose):
         with pytest.raises(ValueError, match="read-only"):
             array[0] = 0.0
     arm.pose(np.ones(6))
@@ -79,10 +79,10 @@ def test_joints_in_another_order_and_some_alone():
 def test_places_are_those_of_the_joints_from_the_base_on():
     q = np.array([[0.1, 0.2, 0.3, -0.4, 0.1, 0.5], [-0.2, 0.5, 1.0, 0.3, -0.6, 0.2]])
     turned = Arm.from_urdf(urdf("aras"), joints=ARAS_JOINTS[::-1])
-    places = turned.places(q[:, ::-1])
+    places = turned.joint_origins(q[:, ::-1])
     for found, posture in zip(places, q, strict=True):
         np.testing.assert_array_equal(found, make("aras").joint_frames(posture)[0])
-    assert make("aras").places(q[:0]).shape == (0, 6, 3)
+    assert make("aras").joint_origins(q[:0]).shape == (0, 6, 3)
 
 
 def test_from_another_base():
@@ -167,14 +167,14 @@ def test_plausible_is_a_span_beyond_the_limits_or_many_turns():
     velocities = EYE_TO_HAND.replace('upper="2" velocity="1"', 'upper="2" velocity="0.5"', 1)
     arm = Arm.from_urdf(velocities.replace('"-1" upper="1" velocity="1"',
                                            '"-1" upper="1" velocity="3"'), target_frame="hand")
-    assert arm.plausible.tolist() == [
+    assert arm.plausible_bounds.tolist() == [
         [-3.0, -1e4, -6.0, -6.0], [3.0, 1e4, 6.0, 6.0], [300.0, 1e6, 100.0, 100.0]
     ]  # fmt: skip
     arm.check(np.array([-2.9, -9000.0, 5.9, -5.9]), np.array([-299.0, 9e5, -99.0, 99.0]))
     for joint, name in enumerate(arm.names):
         for row, sign in ((0, 1.0), (1, 1.0), (2, 1.0), (2, -1.0)):
             measured = np.zeros((2, 4))
-            measured[row // 2, joint] = 1.001 * sign * arm.plausible[row, joint]
+            measured[row // 2, joint] = 1.001 * sign * arm.plausible_bounds[row, joint]
             with pytest.raises(MeasurementError, match=f"{name} measured at"):
                 arm.check(*measured)
 
@@ -183,7 +183,7 @@ def test_inverse_comes_back_to_the_pose(arm):
     random = np.random.default_rng(5)
     for _ in range(10):
         q = within(arm, random, 0.8)
-        found = arm.inverse(arm.pose(q), q + random.uniform(-0.2, 0.2, len(q)))
+        found = arm.inverse_kinematics(arm.pose(q), q + random.uniform(-0.2, 0.2, len(q)))
         distance, angle = pose_difference(arm.pose(found), arm.pose(q))
         assert distance < 1e-8 and angle < 1e-7
         assert (found >= arm.lower).all() and (found <= arm.upper).all()
@@ -195,7 +195,7 @@ def test_inverse_begins_at_limits_too_and_with_a_joint_that_hardly_moves():
     assert arm.upper[0] - arm.lower[0] == pytest.approx(2e-4)
     q = np.array([0.1, 0.2, 0.3, -0.4, 0.1, 0.5])
     for begin in (arm.lower, arm.upper):
-        found = arm.inverse(arm.pose(q), np.where([True] + [False] * 5, begin, q + 0.1))
+        found = arm.inverse_kinematics(arm.pose(q), np.where([True] + [False] * 5, begin, q + 0.1))
         assert max(pose_difference(arm.pose(found), arm.pose(q))) < 1e-5
         assert (found >= arm.lower).all() and (found <= arm.upper).all()
 
@@ -205,14 +205,14 @@ def test_inverse_tells_how_far_beyond_reach_a_pose_is():
     far = arm.pose(np.full(6, 0.3)).copy()
     far[:3, 3] *= 2.0 / np.linalg.norm(far[:3, 3])
     with pytest.raises(UnreachableError, match="out of the arm's reach") as caught:
-        arm.inverse(far, np.full(6, 0.3))
-    assert 0.7 < caught.value.excess < 1.4
+        arm.inverse_kinematics(far, np.full(6, 0.3))
+    assert 0.7 < caught.value.distance < 1.4
     with pytest.raises(ValueError, match="rigid"):
-        arm.inverse(2.0 * far, np.full(6, 0.3))
+        arm.inverse_kinematics(2.0 * far, np.full(6, 0.3))
     nowhere = far.copy()
     nowhere[1, 3] = np.nan
     with pytest.raises(ValueError, match="rigid"):
-        arm.inverse(nowhere, np.full(6, 0.3))
+        arm.inverse_kinematics(nowhere, np.full(6, 0.3))
 
 
 def test_of_several_postures_the_cheapest_counts():
@@ -224,7 +224,7 @@ def test_of_several_postures_the_cheapest_counts():
         tried.append((1.0 + round(abs(joints[2] - 0.4) + abs(joints[4]), 1), joints))
         return tried[-1][0]
 
-    found = arm.inverse(arm.pose(q), q, cost=cost)
+    found = arm.inverse_kinematics(arm.pose(q), q, cost=cost)
     costs = [one[0] for one in tried]
     assert costs.count(min(costs)) > 1 and len(set(costs)) > 1
     # Of those that cost the same, the one found first.
@@ -235,11 +235,11 @@ def test_sample_finds_joints_by_name():
     arm = make("aras")
     names = sorted(ARAS_JOINTS) + ["gripper"]
     values = dict(zip(names, np.arange(7.0) / 10, strict=True))
-    sample = arm.sample(names, list(values.values()), [0.5] * 7, 2.5)
+    sample = arm.read_joints(names, list(values.values()), [0.5] * 7, 2.5)
     assert sample.names == ARAS_JOINTS and sample.stamp == 2.5
     assert sample.positions.tolist() == [values[name] for name in ARAS_JOINTS]
     assert sample.velocities.tolist() == [0.5] * 6
-    assert arm.sample(names, list(values.values())).velocities.tolist() == [0.0] * 6
+    assert arm.read_joints(names, list(values.values())).velocities.tolist() == [0.0] * 6
 
 
 @pytest.mark.parametrize(
@@ -258,12 +258,12 @@ def test_sample_finds_joints_by_name():
 )
 def test_measurements_that_cannot_be_are_refused(names, positions, velocities, words):
     with pytest.raises(MeasurementError, match=words):
-        make("aras").sample(names, positions, velocities)
+        make("aras").read_joints(names, positions, velocities)
 
 
 def test_a_joint_pushed_a_little_over_its_limit_is_still_measured():
     arm = make("aras")
-    assert arm.sample(ARAS_JOINTS, [0, 0, 2.3, -2.3, 0, 0]).positions[2] == 2.3
+    assert arm.read_joints(ARAS_JOINTS, [0, 0, 2.3, -2.3, 0, 0]).positions[2] == 2.3
 
 
 CHANGES = [

@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_controller.arm import held as kernel
-from aras_visual_servo_controller.arm.held import held_at
+from aras_visual_servo_controller.kinematics import held_directions as kernel
+from aras_visual_servo_controller.kinematics.held_directions import compute_held_directions
 
 LENGTH = 0.35  # m
 
@@ -32,7 +32,7 @@ def test_what_the_task_does_not_speak_of_goes_straight_to_the_goal(seed):
         LENGTH * Rotation.from_matrix(view[:3, :3].T @ goal[:3, :3]).as_rotvec(),
     ])  # fmt: skip
     for modelled in masks(upright=False):
-        held, errors, free = held_at(view, goal, modelled, LENGTH)
+        held, errors, free = compute_held_directions(view, goal, modelled, LENGTH)
         np.testing.assert_array_equal(held, np.eye(6)[~modelled])
         np.testing.assert_array_equal(free, np.eye(6)[modelled])
         np.testing.assert_allclose(errors, off[~modelled], atol=1e-12)
@@ -43,7 +43,7 @@ def test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(seed):
     random = np.random.RandomState(seed)
     view, goal = random_pose(random), random_pose(random)
     for modelled in masks(upright=True):
-        held, errors, free = held_at(view, goal, modelled, LENGTH)
+        held, errors, free = compute_held_directions(view, goal, modelled, LENGTH)
         both = np.vstack([held, free])
         np.testing.assert_allclose(both @ both.T, np.eye(6), atol=1e-12)
         np.testing.assert_allclose(free[-1], [0.0, 0.0, 0.0, *view[2, :3]])
@@ -58,9 +58,9 @@ def test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(seed):
 
 def test_plain_python_answers_the_same(monkeypatch):
     """There an index beyond an array is an error."""
-    for name in ("_turn", "_vertical", "_cross", "_dot"):
+    for name in ("_compute_rotation_error", "_hold_vertical", "_cross", "_dot"):
         monkeypatch.setattr(kernel, name, getattr(kernel, name).py_func)
-    monkeypatch.setitem(globals(), "held_at", held_at.py_func)
+    monkeypatch.setitem(globals(), "compute_held_directions", compute_held_directions.py_func)
     test_what_the_task_does_not_speak_of_goes_straight_to_the_goal(0)
     test_the_vertical_goes_the_short_way_to_its_place_in_the_camera(0)
     test_upside_down_any_way_round_is_as_good()
@@ -73,7 +73,7 @@ def test_upside_down_any_way_round_is_as_good():
     view[:3, :3] = Rotation.from_rotvec([0.4, -0.7, 0.2]).as_matrix()
     goal = view.copy()
     goal[:3, :3] = np.diag([1.0, -1.0, -1.0]) @ view[:3, :3]
-    held, errors, _ = held_at(view, goal, masks(upright=True)[-1], LENGTH)
+    held, errors, _ = compute_held_directions(view, goal, masks(upright=True)[-1], LENGTH)
     assert np.linalg.norm(errors) == pytest.approx(np.pi * LENGTH)
     turned = Rotation.from_rotvec(errors @ held[:, 3:] / LENGTH).apply(view[2, :3])
     np.testing.assert_allclose(turned, -view[2, :3], atol=1e-12)
@@ -86,7 +86,7 @@ def test_a_small_turn_is_about_its_own_axis_too(angle):
     view = random_pose(np.random.RandomState(3))
     goal = view.copy()
     goal[:3, :3] = view[:3, :3] @ Rotation.from_rotvec(vector).as_matrix()
-    errors = held_at(view, goal, np.zeros(6, bool), LENGTH)[1]
+    errors = compute_held_directions(view, goal, np.zeros(6, bool), LENGTH)[1]
     np.testing.assert_allclose(errors[3:], LENGTH * vector, rtol=1e-9, atol=1e-15)
 
 
@@ -99,7 +99,7 @@ def test_half_a_turn_is_about_its_own_axis(axis, short):
     goal = view.copy()
     wanted = Rotation.from_rotvec((np.pi - short) * axis)
     goal[:3, :3] = view[:3, :3] @ wanted.as_matrix()
-    errors = held_at(view, goal, np.zeros(6, bool), LENGTH)[1]
+    errors = compute_held_directions(view, goal, np.zeros(6, bool), LENGTH)[1]
     np.testing.assert_allclose(errors[:3], 0.0, atol=1e-12)
     turn = Rotation.from_rotvec(errors[3:] / LENGTH)
     assert (turn.inv() * wanted).magnitude() < 1e-8

@@ -4,18 +4,24 @@ import numpy as np
 import pytest
 from arms import bent, make
 
-from aras_visual_servo_controller.arm import algebra, held, inversion, kinematics, limits
-from aras_visual_servo_controller.arm.fold import find
-from aras_visual_servo_controller.arm.limits import Limits
-from aras_visual_servo_controller.arm.resolver import Resolver
-from aras_visual_servo_controller.arm.secondary import JointLimitAvoidance
-from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.kinematics import (
+    algebra,
+    chain,
+    compiled_ik,
+    held_directions,
+    limits,
+)
+from aras_visual_servo_controller.kinematics.differential_ik import DifferentialIK
+from aras_visual_servo_controller.kinematics.elbow import find_elbows
+from aras_visual_servo_controller.kinematics.limits import Limits
+from aras_visual_servo_controller.kinematics.secondary_tasks import JointLimitAvoidance
+from aras_visual_servo_controller.kinematics.task import Task
 
 
 @pytest.fixture
 def plain(monkeypatch):
     """Compiled functions run as Python, where an index beyond an array is an error."""
-    for module in (algebra, held, inversion, kinematics):
+    for module in (algebra, held_directions, compiled_ik, chain):
         for name, value in list(vars(module).items()):
             if hasattr(value, "py_func"):
                 monkeypatch.setattr(module, name, value.py_func)
@@ -24,17 +30,19 @@ def plain(monkeypatch):
 def answers():
     """Of a posture in the middle, and one near a straight elbow and a limit, for unlike tasks."""
     arm = make("aras")
-    limits = Limits.of(arm, velocity=1.0, acceleration=2.0)
-    resolver = Resolver(arm, limits, [JointLimitAvoidance(limits)])
+    limits = Limits.for_arm(arm, velocity=1.0, acceleration=2.0)
+    resolver = DifferentialIK(arm, limits, [JointLimitAvoidance(limits)])
     resolver.goal = arm.pose([0.0, 0.1, 0.3, -0.5, 0.2, 0.1])
     found = []
     for modelled, q in (((1, 1, 0, 1, 1, 0), [0.1, 0.2, 0.6, -0.9, 0.4, 0.5]),
                         ((1, 1, 1, 0, 0, 1), [1.4999, 0.0, 0.1, 1e-3, 0.0, 0.0])):  # fmt: skip
-        task = Task.of_twist([0.1, 0.0, -0.05, 0.1, 0.0, 0.2], modelled)
-        found.append(inversion.resolved(
+        task = Task.from_twist([0.1, 0.0, -0.05, 0.1, 0.0, 0.2], modelled)
+        found.append(compiled_ik.solve_velocities(
             *arm.chain, np.array(q), np.empty((4, 4)), np.empty((6, 6)), resolver.goal, task.L,
-            task.rate, task.modelled, np.full(6, 0.1), resolver.pulls, resolver.fold_rows,
-            resolver.limit_rows, 0.01, True, np.full(6, 0.01), resolver.last, resolver.numbers,
+            task.desired_rate, task.modelled, np.full(6, 0.1), resolver.range_tasks,
+            resolver.elbow_rows,
+            resolver.limit_rows, 0.01, True, np.full(6, 0.01), resolver.last_velocities,
+            resolver.setting_values,
         ))  # fmt: skip
     return found
 
@@ -57,24 +65,26 @@ def test_python_computes_the_same_within_all_arrays(request):
 @pytest.mark.parametrize("dt", [1e-3, 0.05, 2.0])
 def test_the_greatest_speed_that_still_stops(room, acceleration, dt):
     """Kept for dt, then braked as hard as can be in many short steps."""
-    speed = limits.stoppable_speed(room, acceleration, dt)
+    speed = limits.compute_stopping_speed(room, acceleration, dt)
     steps = np.linspace(speed, 0.0, 1001)
     braking = 0.5 * (steps[1:] + steps[:-1]).sum() * (speed / 1000) / acceleration
     assert speed * dt + braking == pytest.approx(room, rel=1e-9, abs=0.0)
 
 
 def test_speeds_that_no_braking_bounds():
-    assert limits.stoppable_speed(0.2, np.inf, 0.05) == pytest.approx(4.0)
-    assert limits.stoppable_speed(0.0, 2.0, 0.05) == 0.0
+    assert limits.compute_stopping_speed(0.2, np.inf, 0.05) == pytest.approx(4.0)
+    assert limits.compute_stopping_speed(0.0, 2.0, 0.05) == 0.0
     for room, acceleration, dt in [(np.inf, 2.0, 0.05), (np.inf, np.inf, 0.05), (0.2, 2.0, 0.0)]:
-        assert limits.stoppable_speed(room, acceleration, dt) == np.inf
+        assert limits.compute_stopping_speed(room, acceleration, dt) == np.inf
 
 
 def test_ranges_leave_room_to_stop_on_either_side():
     q = np.array([0.5, 0.9, -1.2, 1.3, 4.0])  # the third and fourth outside
     lower, upper = np.array([-1.0, -2.0, -1.0, -1.0, -np.inf]), np.array([1.0, 1.0, 1.0, 1.0, 5.0])
     acceleration, dt = np.array([2.0, 3.0, 4.0, 5.0, np.inf]), 0.1
-    low, high = limits.speed_ranges(q, np.array([lower, upper, np.ones(5), acceleration]), dt)
+    low, high = limits.compute_velocity_ranges(
+        q, np.array([lower, upper, np.ones(5), acceleration]), dt
+    )
     assert low[3] < 0.0 == high[3] and low[2] == 0.0 < high[2]
     for speeds, rooms in ((-low, q - lower), (high, upper - q)):
         stopped = speeds[:4] * dt + speeds[:4] ** 2 / (2.0 * acceleration[:4])
@@ -92,11 +102,14 @@ def test_the_part_that_all_rooms_allow_and_whose_is_least():
     random = np.random.default_rng(3)
     for _ in range(50):
         wanted, room = random.normal(size=5), random.uniform(0.0, 2.0, 5)
-        part, joint = inversion._part(wanted, room)
+        part, joint = compiled_ik._find_scale(wanted, room)
         assert part == pytest.approx(largest(wanted, room))
         assert part == 1.0 or joint == (room / np.abs(wanted)).argmin()
-    assert inversion._part(np.array([0.5, -1.0, 0.0]), np.array([1.0, -0.1, -0.1])) == (0.0, 1)
-    assert inversion._part(np.zeros(3), np.zeros(3))[0] == 1.0
+    assert compiled_ik._find_scale(np.array([0.5, -1.0, 0.0]), np.array([1.0, -0.1, -0.1])) == (
+        0.0,
+        1,
+    )
+    assert compiled_ik._find_scale(np.zeros(3), np.zeros(3))[0] == 1.0
 
 
 @pytest.mark.parametrize("limited", [False, True])
@@ -112,7 +125,7 @@ def test_velocities_within_all_limits(limited, unchanged, strong):
         previous = total.copy()
         previous[random.integers(5)] += (5e-10 if unchanged else 2e-9) * random.choice([-1.0, 1.0])
         limits = np.array([low, high, fastest, 10.0 * acceleration])
-        got, primary, scale, slowest = inversion._within(
+        got, primary, scale, slowest = compiled_ik._limit_velocities(
             wanted, secondary, low, high, limits, dt, limited, previous, total, task
         )
         part = largest(wanted, fastest)
@@ -157,7 +170,7 @@ def test_a_demand_is_what_is_held_and_the_task_in_the_rest(count):
         L, rate = random.normal(size=(rows, 6)), random.normal(size=rows)
         L[:, 0] *= 0.02
         speeds, scaled = random.normal(size=count), 0.4 * random.normal(size=(6, 5))
-        basis, wanted, weights = inversion._demanded(
+        basis, wanted, weights = compiled_ik._build_rows(
             L, rate, keep, speeds, free, scaled, least, fully
         )
         turned, reach, _ = np.linalg.svd(keep @ scaled, full_matrices=False)
@@ -193,7 +206,7 @@ def test_a_solution_is_that_of_damped_least_squares(joints, weakest):
         basis, weights = directions(random, rows)[0], random.uniform(0.2, 1.0, rows)
         wanted, wish = random.normal(size=rows), random.normal(size=joints + 1)
         fixed, units = np.where(free, 0.0, 0.7), random.uniform(0.1, 3.0, joints + 1)
-        primary, secondary = inversion._solved(
+        primary, secondary = compiled_ik._solve_damped(
             scaled / units, basis, wanted, weights, wish, free, fixed, damping, below, units
         )
         # In units of its own each joint moves the camera as `scaled` says.
@@ -234,7 +247,7 @@ def test_only_the_way_out_of_straight_is_that_of_the_bent_arm(
     """Of two joints that move the camera along an axis each, both elbows; the second is bent."""
     folds = np.array([[0.0, 0.25, side], [1.0, -0.25, 1.0]])
     for second in (-0.3, 0.3):
-        solution, _, free, stopped, stretched = inversion._joint_by_joint(
+        solution, _, free, stopped, stretched = compiled_ik._solve_within_ranges(
             np.eye(6)[:, :2] * [0.5, 1.0], np.eye(6)[:, :2], np.eye(6)[:2],
             np.array([side * speed, second]), np.ones(2), np.zeros(2), np.full(2, -9.0),
             np.full(2, 9.0), folds, ROWS,
@@ -252,13 +265,15 @@ def test_damping_is_the_same_whichever_arm_is_solved_for(bend):
     rest = np.eye(6)[:2], np.array([0.3, 0.1]), np.ones(2), np.zeros(2)
     folds, q = np.array([[0.0, 0.0, 1.0]]), np.array([bend, 0.0])
     for damping in ([0.4, 5.0], [0.1, 2.0]):
-        solution = inversion._joint_by_joint(
+        solution = compiled_ik._solve_within_ranges(
             *arms, *rest, np.full(2, -9.0), np.full(2, 9.0), folds, ROWS, q, 0.01,
             0.1, np.array(damping))[0]  # fmt: skip
-        expected = inversion._solved(arms[int(bend < 0.1)], *rest, np.ones(2, bool), np.zeros(2),
+        expected = compiled_ik._solve_damped(arms[int(bend < 0.1)], *rest, np.ones(2, bool),
+            np.zeros(2),
                                      *damping, np.ones(2))[0]  # fmt: skip
         np.testing.assert_allclose(solution, expected)
-        swapped = inversion._solved(arms[int(bend < 0.1)], *rest, np.ones(2, bool), np.zeros(2),
+        swapped = compiled_ik._solve_damped(arms[int(bend < 0.1)], *rest, np.ones(2, bool),
+            np.zeros(2),
                                      *damping[::-1], np.ones(2))[0]  # fmt: skip
         assert np.abs(solution - swapped).max() > 1e-3
 
@@ -268,7 +283,7 @@ def test_damping_is_the_same_whichever_arm_is_solved_for(bend):
 def test_what_one_joint_cannot_do_another_does(reached, sign):
     """Two joints along the same axis; one may only move by 0.1 m/s."""
     room = np.where(np.arange(2) == reached, 0.1, 9.0)
-    solution, _, free, stopped, straight = inversion._joint_by_joint(
+    solution, _, free, stopped, straight = compiled_ik._solve_within_ranges(
         np.eye(6)[:, [0, 0]], np.eye(6)[:, [0, 0]], np.eye(6)[:1], np.array([sign]), np.ones(1),
         np.zeros(2), -room, room, np.zeros((0, 7)), ROWS, np.zeros(2), 0.01, 0.1,
         np.array([0.0, 1e-9]),
@@ -282,7 +297,7 @@ def test_what_one_joint_cannot_do_another_does(reached, sign):
 @pytest.mark.parametrize("name", ["aras", "ur5"])
 def test_a_bent_posture_is_the_elbow_s_at_its_least_bend(name, side):
     arm, reach = make(name), 0.05
-    (fold,) = find(arm, {arm.names[find(arm)[0].joint]: side})
+    (fold,) = find_elbows(arm, {arm.names[find_elbows(arm)[0].joint]: side})
     rows = np.array([list(vars(fold).values())], float)
     q = np.linspace(-0.3, 0.4, len(arm))
     for angle, wanted in (
@@ -290,7 +305,7 @@ def test_a_bent_posture_is_the_elbow_s_at_its_least_bend(name, side):
         (-0.01, -reach), (0.06, None), (-0.06, None),
     ):  # fmt: skip
         here = bent(fold, q, angle)
-        posture, other = inversion._bent(here, rows, reach)
+        posture, other = compiled_ik._bend_elbows(here, rows, reach)
         expected = here if wanted is None else bent(fold, here, wanted)
         np.testing.assert_allclose(posture, expected, atol=1e-12)
         assert other == (wanted is not None)
@@ -299,4 +314,4 @@ def test_a_bent_posture_is_the_elbow_s_at_its_least_bend(name, side):
 def test_rotations_are_scaled_by_a_length():
     twists = np.random.default_rng(6).normal(size=(6, 7))
     expected = np.diag([1.0, 1.0, 1.0, 0.3, 0.3, 0.3]) @ twists
-    np.testing.assert_allclose(inversion._scaled(twists, 0.3), expected)
+    np.testing.assert_allclose(compiled_ik._scale_rotations(twists, 0.3), expected)

@@ -2,12 +2,12 @@
 
 import pytest
 
-from aras_visual_servo_controller.arm.joint_controllers import (
-    RosController,
-    chosen,
-    joint_controllers,
-)
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.kinematics.joint_controllers import (
+    RosController,
+    choose_controllers,
+    find_joint_controllers,
+)
 
 SPACE = "/robot"
 
@@ -31,11 +31,11 @@ PARAMETERS = {
 
 
 def names(kind, named=None, joints=("a", "b"), parameters=PARAMETERS):
-    return [one.name for one in chosen(parameters, joints, kind, named or {}, SPACE)]
+    return [one.name for one in choose_controllers(parameters, joints, kind, named or {}, SPACE)]
 
 
 def test_what_moves_joints_is_told_by_its_type():
-    found = {one.name: one for one in joint_controllers(PARAMETERS)}
+    found = {one.name: one for one in find_joint_controllers(PARAMETERS)}
     assert list(found) == ["b_position_controller", "turns_b", "a_position_controller", "slow_a",
                            "push_a", "both"]  # fmt: skip
     assert found["turns_b"] == RosController("turns_b", ("b",), "velocity", False)
@@ -59,16 +59,16 @@ def test_a_named_controller_comes_first_if_it_takes_the_kind():
 
 
 def test_a_group_serves_where_no_single_one_does():
-    (group,) = chosen(PARAMETERS, ("a", "b"), "effort", {}, SPACE)
-    assert group.joints == ("b", "a") and group.group
+    (group,) = choose_controllers(PARAMETERS, ("a", "b"), "effort", {}, SPACE)
+    assert group.joints == ("b", "a") and group.is_group
     with pytest.raises(ConfigurationError, match="for b "):  # the group has not all of these
-        chosen(PARAMETERS, ("a", "b", "c"), "effort", {"b": "mine"}, SPACE)
+        choose_controllers(PARAMETERS, ("a", "b", "c"), "effort", {"b": "mine"}, SPACE)
 
 
 def test_a_joint_whose_controllers_take_other_commands_is_refused():
     given = {name: PARAMETERS[name] for name in ("a_position_controller", "turns_b", "slow_a")}
     with pytest.raises(ConfigurationError) as fault:
-        chosen(given, ("a", "b"), "position", {}, SPACE)
+        choose_controllers(given, ("a", "b"), "position", {}, SPACE)
     assert str(fault.value) == (
         "no controller in /robot takes position commands for b (turns_b takes velocity): load and "
         "start one of type .../JointPositionController, or set ~output"
@@ -76,7 +76,7 @@ def test_a_joint_whose_controllers_take_other_commands_is_refused():
 
 
 def test_where_nothing_is_known_the_name_counts():
-    assert chosen({}, ("b",), "effort", {}, SPACE) == [
+    assert choose_controllers({}, ("b",), "effort", {}, SPACE) == [
         RosController("b_effort_controller", ("b",), "effort", False)
     ]
     assert names("velocity", parameters={}) == ["a_velocity_controller", "b_velocity_controller"]

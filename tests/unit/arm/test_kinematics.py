@@ -4,9 +4,9 @@ import numpy as np
 import pinocchio
 import pytest
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.urdf import Joint, JointLimits
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
 LIMITS = JointLimits(-3.0, 3.0, 5.0, 10.0)
 
@@ -35,7 +35,7 @@ def oracle(path, names, q, locked):
     """Pose (4, 4) and Jacobian (6, n) in its own frame of the end of a path, by Pinocchio."""
     model, ids, parent, place = pinocchio.Model(), {}, 0, pinocchio.SE3.Identity()
     for one in path:
-        place = place * pinocchio.SE3(transform(one.origin_xyz, one.origin_rpy))
+        place = place * pinocchio.SE3(matrix_from_xyz_rpy(one.origin_xyz, one.origin_rpy))
         axis = np.array(one.axis)
         if one.kind == "fixed":
             continue
@@ -75,7 +75,7 @@ def test_pose_and_jacobian_are_pinocchio_s(kinds, target_kinds, shared, joints, 
         camera, target = paths(draw, kinds, target_kinds, shared)
         arm = Arm(camera, target, joints, locked)
         q = draw.uniform(-2.5, 2.5, len(arm))
-        pose, jacobian = arm.view(q)
+        pose, jacobian = arm.pose_and_jacobian(q)
         wanted, moving = oracle(camera, arm.names, q, locked)
         if target:
             place, moved = oracle(target, arm.names, q, locked)
@@ -83,7 +83,7 @@ def test_pose_and_jacobian_are_pinocchio_s(kinds, target_kinds, shared, joints, 
             wanted = place.actInv(wanted)
         assert pose == pytest.approx(wanted.homogeneous, abs=1e-13)
         assert jacobian == pytest.approx(moving, abs=1e-13)
-        assert arm.view(q)[0] is pose and not pose.flags.writeable
+        assert arm.pose_and_jacobian(q)[0] is pose and not pose.flags.writeable
         many = np.array([q, draw.uniform(-2.5, 2.5, len(arm))])
         assert (arm.poses(many) == [arm.pose(one) for one in many]).all()
 
@@ -94,7 +94,7 @@ def test_joint_frames_are_those_that_turn_the_camera():
     arm = Arm(paths(draw, ("revolute", "prismatic", "revolute"), (), 0)[0])
     q = draw.uniform(-1.0, 1.0, 3)
     places, axes = arm.joint_frames(q)
-    pose, jacobian = arm.view(q)
+    pose, jacobian = arm.pose_and_jacobian(q)
     for k in range(3):
-        speed = axes[k] if arm.prismatic[k] else np.cross(axes[k], pose[:3, 3] - places[k])
+        speed = axes[k] if arm.is_prismatic[k] else np.cross(axes[k], pose[:3, 3] - places[k])
         assert pose[:3, :3] @ jacobian[:3, k] == pytest.approx(speed, abs=1e-13)

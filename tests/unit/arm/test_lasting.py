@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 from arms import bent, make
 
-from aras_visual_servo_controller.arm import Limits, Resolver, ResolverSettings
-from aras_visual_servo_controller.arm.inversion import LASTING
-from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.kinematics import DifferentialIK, IKSettings, Limits
+from aras_visual_servo_controller.kinematics.compiled_ik import REUSE_TIME
+from aras_visual_servo_controller.kinematics.task import Task
 
 Q = [0.1, 0.2, 0.6, -0.9, 0.4, 0.5]
 SLOW = np.array([0.002, 0.001, 0.001, 0.0, 0.0, 0.002])
@@ -14,15 +14,17 @@ SLOW = np.array([0.002, 0.001, 0.001, 0.0, 0.0, 0.002])
 
 def resolve(q, twist, dt=0.01, **limits):
     arm = make("aras")
-    return Resolver(arm, Limits.of(arm, **limits)).resolve(np.array(q), Task.of_twist(twist), dt)
+    return DifferentialIK(arm, Limits.for_arm(arm, **limits)).solve(
+        np.array(q), Task.from_twist(twist), dt
+    )
 
 
 def test_slow_motion_away_from_limits_lasts():
-    assert resolve(Q, SLOW).lasts == LASTING
+    assert resolve(Q, SLOW).reuse_time == REUSE_TIME
 
 
 def test_fast_motion_does_not():
-    assert resolve(Q, 20.0 * SLOW).lasts == 0.0
+    assert resolve(Q, 20.0 * SLOW).reuse_time == 0.0
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -30,10 +32,12 @@ def test_fast_motion_does_not():
 def test_it_lasts_while_no_joint_leaves_its_jacobian(joint, sign):
     """At most 2 mrad, whichever way it turns."""
     arm, q = make("ur5"), np.array([0.2, -1.2, 1.4, -0.8, -1.3, 0.3])
-    for part, lasts in ((0.99, LASTING), (1.01, 0.0)):
+    for part, lasts in ((0.99, REUSE_TIME), (1.01, 0.0)):
         speeds = sign * part * 0.002 / 0.05 * np.eye(6)[joint]
-        answer = Resolver(arm, folds=()).resolve(q, Task.of_twist(arm.jacobian(q) @ speeds), 0.01)
-        assert np.abs(answer.velocities - speeds).max() < 1e-9 and answer.lasts == lasts
+        answer = DifferentialIK(arm, elbows=()).solve(
+            q, Task.from_twist(arm.jacobian(q) @ speeds), 0.01
+        )
+        assert np.abs(answer.velocities - speeds).max() < 1e-9 and answer.reuse_time == lasts
 
 
 def test_a_motion_that_the_speed_of_a_joint_slows_does_not():
@@ -43,7 +47,7 @@ def test_a_motion_that_the_speed_of_a_joint_slows_does_not():
         speeds[joint] = 0.5 * abs(free[joint])
         if speeds[joint] > 1e-6:
             slowed = resolve(Q, SLOW, velocity=speeds.tolist())
-            assert (slowed.slowing, slowed.lasts) == (name, 0.0)
+            assert (slowed.limiting_joint, slowed.reuse_time) == (name, 0.0)
 
 
 @pytest.mark.parametrize("joint", range(6))
@@ -53,24 +57,27 @@ def test_near_a_limit_that_this_motion_reaches_it_does_not(joint):
     if abs(speed) < 1e-6:
         pytest.skip("this joint stands still")
     side = "upper" if speed > 0.0 else "lower"
-    room = 0.5 * LASTING * abs(speed)  # more than one step takes
+    room = 0.5 * REUSE_TIME * abs(speed)  # more than one step takes
     name = make("aras").names[joint]
     bound = Q[joint] + np.sign(speed) * room
-    assert resolve(Q, SLOW, **{side: {name: bound}}).lasts == 0.0
-    assert resolve(Q, SLOW, **{side: {name: bound + 3.0 * (bound - Q[joint])}}).lasts == LASTING
+    assert resolve(Q, SLOW, **{side: {name: bound}}).reuse_time == 0.0
+    assert (
+        resolve(Q, SLOW, **{side: {name: bound + 3.0 * (bound - Q[joint])}}).reuse_time
+        == REUSE_TIME
+    )
 
 
 def test_an_elbow_about_to_straighten_is_looked_at_in_every_step():
-    resolver = Resolver(make("aras"))
-    fold = resolver.folds[0]
+    resolver = DifferentialIK(make("aras"))
+    fold = resolver.elbows[0]
     bend = 1e-4
     q = bent(fold, Q, bend)
     lasting = 0
     for part in np.linspace(-1.0, 1.0, 21):
-        answer = resolver.resolve(q, Task.of_twist(part * np.eye(6)[0] * 1e-3), 0.01)
-        passes = bend + LASTING * answer.velocities[fold.joint] < 0.5 * bend
-        assert not (passes and answer.lasts > 0.0)
-        lasting += answer.lasts > 0.0
+        answer = resolver.solve(q, Task.from_twist(part * np.eye(6)[0] * 1e-3), 0.01)
+        passes = bend + REUSE_TIME * answer.velocities[fold.joint] < 0.5 * bend
+        assert not (passes and answer.reuse_time > 0.0)
+        lasting += answer.reuse_time > 0.0
         resolver.reset()
     assert lasting
 
@@ -78,16 +85,16 @@ def test_an_elbow_about_to_straighten_is_looked_at_in_every_step():
 @pytest.mark.parametrize("reach", [1e-3, 0.05, 0.5])
 def test_it_lasts_where_it_does_not_take_half_of_a_small_bend_away(reach):
     arm = make("ur5")
-    resolver = Resolver(arm, settings=ResolverSettings(reach_bend=reach))
-    (fold,) = resolver.folds
+    resolver = DifferentialIK(arm, settings=IKSettings(reach_bend=reach))
+    (fold,) = resolver.elbows
     told = set()
     for bend in (5e-4, 2e-3, 0.01, 0.04):
         q = bent(fold, np.array([0.2, -1.2, 1.4, -0.8, -1.3, 0.3]), bend)
         for speed in (-0.03, -0.01, 0.03):
             twist = arm.jacobian(q)[:, fold.joint] * speed
-            answer = resolver.resolve(q, Task.of_twist(twist), 0.01)
-            passes = bend < reach and -answer.velocities[fold.joint] * LASTING > 0.5 * bend
-            assert answer.lasts == (0.0 if passes else LASTING)
+            answer = resolver.solve(q, Task.from_twist(twist), 0.01)
+            passes = bend < reach and -answer.velocities[fold.joint] * REUSE_TIME > 0.5 * bend
+            assert answer.reuse_time == (0.0 if passes else REUSE_TIME)
             told.add(passes)
             resolver.reset()
     assert told == {False, True}

@@ -7,20 +7,23 @@ import pytest
 from arms import NAMES, bent, make, urdf, within
 
 from aras_visual_servo_base.poses import pose_difference, rotation_vector
-from aras_visual_servo_controller.arm import (
+from aras_visual_servo_controller.errors import ConfigurationError, TaskError
+from aras_visual_servo_controller.kinematics import (
     Arm,
+    DifferentialIK,
+    IKSettings,
     JointLimitAvoidance,
     Limits,
-    Posture,
-    Resolver,
-    ResolverSettings,
+    PostureTask,
     SecondaryTask,
     SingularityAvoidance,
 )
-from aras_visual_servo_controller.arm.fold import find
-from aras_visual_servo_controller.arm.inversion import _joint_by_joint, _passes
-from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.errors import ConfigurationError, TaskError
+from aras_visual_servo_controller.kinematics.compiled_ik import (
+    _passes_straight,
+    _solve_within_ranges,
+)
+from aras_visual_servo_controller.kinematics.elbow import find_elbows
+from aras_visual_servo_controller.kinematics.task import Task
 
 ALL = (True,) * 6
 MOMENTS = (True, True, True, False, False, True)
@@ -44,11 +47,11 @@ def goto(resolver, q, goal, modelled=ALL, gain=2.0, dt=0.02, steps=300):
     """Drive an exact camera to a pose by its twist; returns the joints (steps + 1, n)."""
     path, velocities = [np.array(q, float)], None
     for _ in range(steps):
-        pose = resolver.arm.view(path[-1])[0]
+        pose = resolver.arm.pose_and_jacobian(path[-1])[0]
         place = pose[:3, :3].T @ (goal[:3, 3] - pose[:3, 3])
         turn = rotation_vector(pose[:3, :3].T @ goal[:3, :3])
-        task = Task.of_twist(gain * np.concatenate([place, turn]), modelled)
-        velocities = resolver.resolve(path[-1], task, dt, velocities).velocities
+        task = Task.from_twist(gain * np.concatenate([place, turn]), modelled)
+        velocities = resolver.solve(path[-1], task, dt, velocities).velocities
         path.append(path[-1] + velocities * dt)
     return np.array(path)
 
@@ -57,22 +60,24 @@ def goto(resolver, q, goal, modelled=ALL, gain=2.0, dt=0.02, steps=300):
 @pytest.mark.parametrize("scale", [1e-3, 1.0, 300.0])
 def test_exact_away_from_singularities(name, scale):
     arm, random = make(name), np.random.default_rng(1)
-    resolver, q = Resolver(arm, settings=ResolverSettings()), np.array(REGULAR[name])
+    resolver, q = DifferentialIK(arm, settings=IKSettings()), np.array(REGULAR[name])
     for L in (np.eye(6), scale * four_points()[:6], random.normal(size=(4, 6)), four_points()):
         # A rate that some twist gives, small enough for no limit.
-        task = Task.of(L, 0.01 * L @ random.normal(size=6))
-        answer = resolver.resolve(q, task, 0.01)
+        task = Task.from_interaction(L, 0.01 * L @ random.normal(size=6))
+        answer = resolver.solve(q, task, 0.01)
         got = task.L @ arm.jacobian(q) @ answer.velocities
-        assert np.abs(got - task.rate).max() < 1e-9 * max(np.abs(task.rate).max(), 1.0)
+        assert np.abs(got - task.desired_rate).max() < 1e-9 * max(
+            np.abs(task.desired_rate).max(), 1.0
+        )
         assert answer.scale == 1.0 and not answer.reasons
-        assert np.abs(answer.twist - arm.jacobian(q) @ answer.velocities).max() < 1e-12
-        assert np.abs(answer.lost).max() < 1e-9
+        assert np.abs(answer.achieved_twist - arm.jacobian(q) @ answer.velocities).max() < 1e-12
+        assert np.abs(answer.infeasible_twist).max() < 1e-9
 
 
 def test_seven_joints_take_the_shortest_velocities():
     arm, q = make("panda"), np.array(REGULAR["panda"])
     twist = np.array([0.02, -0.01, 0.03, 0.05, 0.1, -0.05])
-    answer = Resolver(arm).resolve(q, Task.of_twist(twist), 0.01)
+    answer = DifferentialIK(arm).solve(q, Task.from_twist(twist), 0.01)
     assert np.abs(answer.velocities - np.linalg.pinv(arm.jacobian(q)) @ twist).max() < 1e-12
     assert np.abs(arm.jacobian(q) @ answer.null_direction).max() < 1e-9
 
@@ -84,25 +89,25 @@ def test_fewer_joints_do_what_they_can(joints):
     L = np.eye(6)
     L[3:] *= 0.1  # a radian counts as the resolver's length
     twist = np.array([0.01, 0.02, -0.01, 0.05, 0.02, 0.03])
-    answer = Resolver(arm).resolve(q, Task.of(L, L @ twist), 0.01)
+    answer = DifferentialIK(arm).solve(q, Task.from_interaction(L, L @ twist), 0.01)
     scaled = L @ arm.jacobian(q)
     best = np.linalg.lstsq(scaled, L @ twist, rcond=None)[0]
     assert np.abs(answer.velocities - best).max() < 1e-9
-    assert np.abs(answer.lost - (twist - arm.jacobian(q) @ best)).max() < 1e-9
-    assert answer.reasons[0].startswith("lost, the arm cannot do it here: ")
+    assert np.abs(answer.infeasible_twist - (twist - arm.jacobian(q) @ best)).max() < 1e-9
+    assert answer.reasons[0].startswith("the arm cannot produce this motion here: ")
     assert answer.rank == len(joints) and len(answer.singular_values) == len(joints)
 
 
 def test_the_lost_direction_is_named_with_how_much():
     arm = make("aras")
     q = np.array([0.0, 0.0, 0.6, -0.9, 0.3, 0.0])  # camera level: no joint rolls it
-    roll = Task.of_twist(_roll(arm, q, 0.2))
-    answer = Resolver(arm).resolve(q, roll, 0.01)
+    roll = Task.from_twist(_roll(arm, q, 0.2))
+    answer = DifferentialIK(arm).solve(q, roll, 0.01)
     assert np.abs(answer.velocities).max() < 0.01
-    assert np.linalg.norm(answer.lost) == pytest.approx(0.2, rel=0.01)
+    assert np.linalg.norm(answer.infeasible_twist) == pytest.approx(0.2, rel=0.01)
     assert any("wy" in reason and "rad/s" in reason for reason in answer.reasons)
-    doable = Task.of_twist(np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.1]))
-    assert not Resolver(arm).resolve(q, doable, 0.01).reasons
+    doable = Task.from_twist(np.array([0.01, 0.01, 0.01, 0.0, 0.0, 0.1]))
+    assert not DifferentialIK(arm).solve(q, doable, 0.01).reasons
 
 
 @pytest.mark.parametrize(("asked", "named"), [
@@ -117,8 +122,8 @@ def test_what_is_lost_is_named_from_half_of_the_most_on(asked, named):
         <joint name="along" type="prismatic"><parent link="base"/><child link="camera"/>
         <axis xyz="1 0 0"/><limit lower="-1" upper="1" velocity="1" effort="1"/></joint>
         </robot>""", "camera")
-    answer = Resolver(slide).resolve(np.zeros(1), Task.of_twist(asked), 0.01)
-    assert answer.reasons == (f"lost, the arm cannot do it here: {named}",)
+    answer = DifferentialIK(slide).solve(np.zeros(1), Task.from_twist(asked), 0.01)
+    assert answer.reasons == (f"the arm cannot produce this motion here: {named}",)
 
 
 def _roll(arm, q, speed):
@@ -138,25 +143,31 @@ def test_what_l_does_not_see_is_not_asked_for(apart, accuracy, seen):
     """Two features that are one, but for a part of them."""
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     L = np.array([[1.0, 0, 0, 0, 0, 0], [1.0, apart, 0, 0, 0, 0]])
-    task = Task.of(L, [0.01, -0.01], accuracy=accuracy)
-    answer = Resolver(arm).resolve(q, task.measurable, 0.01)
+    task = Task.from_interaction(L, [0.01, -0.01], accuracy=accuracy)
+    answer = DifferentialIK(arm).solve(q, task.measurable_task, 0.01)
     assert (np.abs(answer.velocities).max() > 1.0) == seen
-    assert np.abs(answer.asked).max() == pytest.approx(0.02 / apart if seen else 0.0, rel=1e-3)
+    assert np.abs(answer.desired_twist).max() == pytest.approx(
+        0.02 / apart if seen else 0.0, rel=1e-3
+    )
     assert answer.rank == 1 + seen
 
 
 def test_nothing_seen_is_nothing_asked_for():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    nothing = Resolver(arm).resolve(q, Task.of(np.zeros((2, 6)), [0.1, 0.1]), 0.01)
+    nothing = DifferentialIK(arm).solve(
+        q, Task.from_interaction(np.zeros((2, 6)), [0.1, 0.1]), 0.01
+    )
     assert not nothing.velocities.any() and nothing.rank == 0
-    assert [Task.of(scale * np.eye(6), np.zeros(6)).rank for scale in (0.0, 1e-6, 1.0)] == [0, 6, 6]
+    assert [
+        Task.from_interaction(scale * np.eye(6), np.zeros(6)).rank for scale in (0.0, 1e-6, 1.0)
+    ] == [0, 6, 6]
 
 
 def test_answer_tells_the_condition_of_the_task():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     L = four_points()
-    task = Task.of(L, np.zeros(8))
-    answer = Resolver(arm).resolve(q, task, 0.01)
+    task = Task.from_interaction(L, np.zeros(8))
+    answer = DifferentialIK(arm).solve(q, task, 0.01)
     assert answer.singular_values == pytest.approx(
         np.linalg.svd(L @ arm.jacobian(q), compute_uv=False), rel=1e-9
     )
@@ -182,20 +193,20 @@ def test_a_tilted_camera_turns_about_the_vertical():
     # and by 0.1 sin 10 about its picture's vertical: L sees both.
     L = np.array([[-1, 0, 0, 0, -0.2, 0], [0, -1, 0, 0.2, 0, 0], [0, 0, -1, 0, 0, 0],
                   [0, 0, 0, 0, 0, -1.0]])  # fmt: skip
-    task = Task.of(L, [0.0, 0.0, 0.0, -0.1], MOMENTS)
-    answer = Resolver(arm).resolve(q, task, 0.01)
-    assert np.abs(L @ answer.twist - task.rate).max() < 1e-6
-    spin = arm.pose(q)[:3, :3] @ answer.twist[3:]
+    task = Task.from_interaction(L, [0.0, 0.0, 0.0, -0.1], MOMENTS)
+    answer = DifferentialIK(arm).solve(q, task, 0.01)
+    assert np.abs(L @ answer.achieved_twist - task.desired_rate).max() < 1e-6
+    spin = arm.pose(q)[:3, :3] @ answer.achieved_twist[3:]
     assert np.abs(spin[:2]).max() < 1e-4 and abs(spin[2]) == pytest.approx(
         0.1 / np.cos(np.radians(10.0)), rel=1e-3
     )
-    assert abs(answer.twist[4]) == pytest.approx(0.1 * np.tan(np.radians(10.0)), rel=0.02)
+    assert abs(answer.achieved_twist[4]) == pytest.approx(0.1 * np.tan(np.radians(10.0)), rel=0.02)
 
 
 @pytest.mark.parametrize("name", NAMES)
 def test_attitude_comes_back_to_the_goal_s(name):
     arm = make(name)
-    resolver = Resolver(arm, Limits.of(arm, velocity=1.0))
+    resolver = DifferentialIK(arm, Limits.for_arm(arm, velocity=1.0))
     q = np.array(REGULAR[name])
     if name == "aras":
         q[4] = 0.3  # level
@@ -216,15 +227,15 @@ def test_held_directions_stand_still(modelled, still):
     arm, q = make("ur5"), np.array([0.2, -1.2, 1.4, -np.pi / 2 - 0.2, -np.pi / 2, 0.3])
     modelled = np.array(modelled, bool)
     twist = np.where(modelled, [0.02, 0.03, 0.01, 0.1, -0.1, 0.2], 0.0)
-    answer = Resolver(arm).resolve(q, Task.of_twist(np.full(6, 0.05) + twist, modelled), 0.01)
+    answer = DifferentialIK(arm).solve(q, Task.from_twist(np.full(6, 0.05) + twist, modelled), 0.01)
     wanted = np.where(modelled, 0.05 + twist, 0.0)
-    assert np.abs(answer.twist - wanted).max() < 1e-9
-    assert np.abs(answer.twist[list(still)]).max() < 1e-9
+    assert np.abs(answer.achieved_twist - wanted).max() < 1e-9
+    assert np.abs(answer.achieved_twist[list(still)]).max() < 1e-9
 
 
 def test_held_place_comes_back_after_it_was_lost():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    resolver = Resolver(arm)
+    resolver = DifferentialIK(arm)
     resolver.goal = arm.pose(q)
     away = q + 0.05
     modelled = (True, True, False, True, True, True)
@@ -234,13 +245,13 @@ def test_held_place_comes_back_after_it_was_lost():
 
 def test_without_a_goal_the_first_attitude_is_kept_until_reset():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    resolver = Resolver(arm)
-    still = Task.of_twist(np.zeros(6), (1, 1, 1, 0, 0, 0))
-    assert np.abs(resolver.resolve(q, still, 0.01).velocities).max() < 1e-12
+    resolver = DifferentialIK(arm)
+    still = Task.from_twist(np.zeros(6), (1, 1, 1, 0, 0, 0))
+    assert np.abs(resolver.solve(q, still, 0.01).velocities).max() < 1e-12
     away = q + 0.05
-    assert np.abs(resolver.resolve(away, still, 0.01).velocities).max() > 0.01
+    assert np.abs(resolver.solve(away, still, 0.01).velocities).max() > 0.01
     resolver.reset()
-    assert np.abs(resolver.resolve(away, still, 0.01).velocities).max() < 1e-12
+    assert np.abs(resolver.solve(away, still, 0.01).velocities).max() < 1e-12
 
 
 # ------------------------------------------------------------------------------- limits
@@ -259,27 +270,32 @@ class Constant(SecondaryTask):
 def test_speed_limits_keep_the_direction():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
     twist = np.array([0.2, 0.1, -0.2, 0.5, 0.3, 1.0])
-    free = Resolver(arm).resolve(q, Task.of_twist(twist), 0.01)
-    slow = Resolver(arm, Limits.of(arm, velocity=0.1)).resolve(q, Task.of_twist(twist), 0.01)
+    free = DifferentialIK(arm).solve(q, Task.from_twist(twist), 0.01)
+    slow = DifferentialIK(arm, Limits.for_arm(arm, velocity=0.1)).solve(
+        q, Task.from_twist(twist), 0.01
+    )
     assert np.abs(slow.velocities).max() == pytest.approx(0.1, rel=1e-12)
     assert slow.scale == pytest.approx(0.1 / np.abs(free.velocities).max(), rel=1e-9)
-    assert np.abs(slow.twist - slow.scale * twist).max() < 1e-9
-    assert slow.slowing == arm.names[int(np.abs(free.velocities).argmax())]
+    assert np.abs(slow.achieved_twist - slow.scale * twist).max() < 1e-9
+    assert slow.limiting_joint == arm.names[int(np.abs(free.velocities).argmax())]
     assert any("slowed to" in reason for reason in slow.reasons)
 
 
 @pytest.mark.parametrize("acceleration", [None, 0.5])
 def test_secondary_tasks_never_slow_the_task(acceleration):
     arm, q = make("panda"), np.array(REGULAR["panda"])
-    limits = Limits.of(arm, velocity=0.5, acceleration=acceleration)
-    task, dt = Task.of_twist([0.02, 0.01, -0.02, 0.05, 0.03, 0.1]), 0.01
-    alone, wild = Resolver(arm, limits), Resolver(arm, limits, [Constant(np.full(7, 50.0))])
+    limits = Limits.for_arm(arm, velocity=0.5, acceleration=acceleration)
+    task, dt = Task.from_twist([0.02, 0.01, -0.02, 0.05, 0.03, 0.1]), 0.01
+    alone, wild = (
+        DifferentialIK(arm, limits),
+        DifferentialIK(arm, limits, [Constant(np.full(7, 50.0))]),
+    )
     before = other = np.zeros(7)
     for _ in range(60):
-        one = alone.resolve(q, task, dt, before)
-        two = wild.resolve(q, task, dt, other)
+        one = alone.solve(q, task, dt, before)
+        two = wild.solve(q, task, dt, other)
         assert two.scale == pytest.approx(one.scale, abs=1e-9)
-        assert np.abs(two.twist - one.twist).max() < 1e-9
+        assert np.abs(two.achieved_twist - one.achieved_twist).max() < 1e-9
         assert np.abs(two.velocities).max() <= 0.5 + 1e-12
         before, other = one.velocities, two.velocities
     assert one.scale == 1.0
@@ -288,13 +304,13 @@ def test_secondary_tasks_never_slow_the_task(acceleration):
 
 def test_acceleration_limits_keep_the_direction():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    resolver = Resolver(arm, Limits.of(arm, velocity=1.0, acceleration=2.0))
+    resolver = DifferentialIK(arm, Limits.for_arm(arm, velocity=1.0, acceleration=2.0))
     twist, velocities = np.array([0.1, 0.05, -0.1, 0.2, 0.1, 0.3]), np.zeros(6)
     for step in range(40):
-        answer = resolver.resolve(q, Task.of_twist(twist), 0.01, velocities)
+        answer = resolver.solve(q, Task.from_twist(twist), 0.01, velocities)
         assert np.abs(answer.velocities - velocities).max() <= 0.02 + 1e-12
-        along = answer.twist @ twist / np.linalg.norm(twist) ** 2
-        assert np.abs(answer.twist - along * twist).max() < 1e-9
+        along = answer.achieved_twist @ twist / np.linalg.norm(twist) ** 2
+        assert np.abs(answer.achieved_twist - along * twist).max() < 1e-9
         assert answer.scale == pytest.approx(along, abs=1e-9)
         velocities = answer.velocities
         if step == 0:
@@ -304,9 +320,9 @@ def test_acceleration_limits_keep_the_direction():
 
 def test_an_acceleration_of_one_joint_alone_is_a_limit_too():
     arm, q = make("ur5"), np.array(REGULAR["ur5"])
-    limits = Limits.of(arm, acceleration={arm.names[1]: 0.5})
-    task = Task.of_twist([0.1, 0.1, -0.1, 0.2, 0.1, 0.3])
-    answer = Resolver(arm, limits).resolve(q, task, 0.01, np.zeros(6))
+    limits = Limits.for_arm(arm, acceleration={arm.names[1]: 0.5})
+    task = Task.from_twist([0.1, 0.1, -0.1, 0.2, 0.1, 0.3])
+    answer = DifferentialIK(arm, limits).solve(q, task, 0.01, np.zeros(6))
     assert abs(answer.velocities[1]) == pytest.approx(0.005)
     assert 0.0 < answer.scale < 1.0
 
@@ -318,11 +334,11 @@ def test_a_joint_at_its_limit_stops_and_the_others_go_on():
     twist = np.array([0.02, 0.0, 0.0, 0.0, 0.0, 0.5])
     if arm.jacobian(q)[5, 6] < 0.0:
         twist[5] = -0.5
-    answer = Resolver(arm).resolve(q, Task.of_twist(twist), 0.01)
-    assert answer.stopped == (arm.names[6],)
+    answer = DifferentialIK(arm).solve(q, Task.from_twist(twist), 0.01)
+    assert answer.stopped_joints == (arm.names[6],)
     assert answer.velocities[6] == pytest.approx(0.1, rel=1e-9)  # to the limit itself
     assert f"{arm.names[6]} stopped at its limit" in answer.reasons
-    assert np.abs(answer.twist - twist).max() < 0.05
+    assert np.abs(answer.achieved_twist - twist).max() < 0.05
 
 
 def test_a_joint_outside_its_range_may_only_come_back():
@@ -331,8 +347,8 @@ def test_a_joint_outside_its_range_may_only_come_back():
     wish = np.zeros(6)
     for sign in (-1.0, 1.0):
         wish[3] = sign
-        task = Task.of_twist(arm.jacobian(q) @ wish)
-        velocity = Resolver(arm).resolve(q, task, 0.01).velocities[3]
+        task = Task.from_twist(arm.jacobian(q) @ wish)
+        velocity = DifferentialIK(arm).solve(q, task, 0.01).velocities[3]
         assert (velocity <= 0.0) if sign < 0 else (velocity > 0.5)
         assert velocity >= 0.0 - 1e-12
 
@@ -342,7 +358,7 @@ def near_trouble(arm, random, kind):
     q = within(arm, random, 0.8)
     if kind == "limit":
         joint = random.integers(len(arm.names))
-        gap = random.uniform(0.0, 0.005 if arm.prismatic[joint] else np.radians(5.0))
+        gap = random.uniform(0.0, 0.005 if arm.is_prismatic[joint] else np.radians(5.0))
         q[joint] = random.choice([arm.lower[joint] + gap, arm.upper[joint] - gap])
     elif arm.names[0] == "gantry":
         q[3] = random.uniform(-1, 1) * np.radians(5.0)
@@ -360,9 +376,9 @@ def near_trouble(arm, random, kind):
 def test_no_bound_is_ever_passed(name, kind):
     """100 starts for each arm and kind of trouble, tasks that run into it."""
     arm, random = make(name), np.random.default_rng(7)
-    limits = Limits.of(arm, velocity=1.5, acceleration=8.0)
+    limits = Limits.for_arm(arm, velocity=1.5, acceleration=8.0)
     tasks = [JointLimitAvoidance(limits), Constant(random.normal(size=len(arm.names)))]
-    resolver = Resolver(arm, limits, tasks)
+    resolver = DifferentialIK(arm, limits, tasks)
     at_limit = 0
     for _ in range(100):
         resolver.reset()
@@ -373,22 +389,24 @@ def test_no_bound_is_ever_passed(name, kind):
             if step % 15 == 14:
                 twist = -twist  # a task that changes its mind
             dt = 0.01 if random.random() < 0.8 else 0.033
-            answer = resolver.resolve(q, Task.of_twist(twist, modelled), dt, velocities)
+            answer = resolver.solve(q, Task.from_twist(twist, modelled), dt, velocities)
             change = np.abs(answer.velocities - velocities)
             assert (np.abs(answer.velocities) <= limits.velocity + 1e-9).all()
             assert (change <= limits.acceleration * dt + 1e-9).all()
             velocities = answer.velocities
             q = q + velocities * dt
             assert (q >= limits.lower - 1e-9).all() and (q <= limits.upper + 1e-9).all()
-            at_limit += bool(answer.stopped)
+            at_limit += bool(answer.stopped_joints)
     assert at_limit > 20 or kind == "singularity"
 
 
 def test_no_motion_and_no_time():
     arm, q = make("aras"), np.array(REGULAR["aras"])
-    task = Task.of_twist([0.01, 0, 0, 0, 0, 0], MOMENTS)
-    answer = Resolver(arm, Limits.of(arm, acceleration=1.0)).resolve(q, task, 0.0, np.zeros(6))
-    assert np.abs(answer.twist[:3] - [0.01, 0, 0]).max() < 1e-6
+    task = Task.from_twist([0.01, 0, 0, 0, 0, 0], MOMENTS)
+    answer = DifferentialIK(arm, Limits.for_arm(arm, acceleration=1.0)).solve(
+        q, task, 0.0, np.zeros(6)
+    )
+    assert np.abs(answer.achieved_twist[:3] - [0.01, 0, 0]).max() < 1e-6
 
 
 @pytest.mark.parametrize("place", ["q", "rate", "L", "dt"])
@@ -404,9 +422,9 @@ def test_what_is_not_finite_is_refused(place):
     else:
         dt = np.nan
     with pytest.raises((ValueError, TaskError), match="not finite"):
-        Resolver(arm).resolve(q, Task(L, rate, np.ones(6, bool)), dt)
+        DifferentialIK(arm).solve(q, Task(L, rate, np.ones(6, bool)), dt)
     with pytest.raises(ValueError, match="6 joints"):
-        Resolver(arm).resolve(np.zeros(5), Task.of_twist(np.zeros(6)), 0.01)
+        DifferentialIK(arm).solve(np.zeros(5), Task.from_twist(np.zeros(6)), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -426,19 +444,19 @@ def test_what_is_not_finite_is_refused(place):
 )
 def test_limits_that_cannot_be(options, words):
     with pytest.raises(ConfigurationError, match=words):
-        Limits.of(make("aras"), **options)
+        Limits.for_arm(make("aras"), **options)
 
 
 def test_a_slow_robot_s_speed_is_its_limit_too():
     slow = urdf("aras").replace('velocity="5"', 'velocity="0.5"')
     arm = Arm.from_urdf(slow)
-    assert Limits.of(arm, velocity=0.5).velocity.tolist() == [0.5] * 6
+    assert Limits.for_arm(arm, velocity=0.5).velocity.tolist() == [0.5] * 6
     with pytest.raises(ConfigurationError, match="velocity 0.6 is beyond the robot's own, 0.5"):
-        Limits.of(arm, velocity=0.6)
+        Limits.for_arm(arm, velocity=0.6)
 
 
 def test_limits_are_the_robot_s_unless_narrowed():
-    limits = Limits.of(make("aras"), lower={"J3": -1.0}, velocity=[1, 2, 2, 2, 2, 2])
+    limits = Limits.for_arm(make("aras"), lower={"J3": -1.0}, velocity=[1, 2, 2, 2, 2, 2])
     assert limits.lower.tolist() == [-1.5, -2.0943, -2.0943, -1.0, -2.0943, -3000.0]
     assert limits.velocity.tolist() == [1, 2, 2, 2, 2, 2]
     assert np.isinf(limits.acceleration).all()
@@ -449,17 +467,17 @@ def test_limits_are_the_robot_s_unless_narrowed():
 
 
 def test_elbows_are_found_in_the_chain():
-    (fold,) = find(make("aras"), {"J3": -1})
-    assert (fold.joint, fold.before, fold.after, fold.side) == (3, 2, 4, -1.0)
-    assert fold.straight == pytest.approx(0.0, abs=1e-6)
+    (fold,) = find_elbows(make("aras"), {"J3": -1})
+    assert (fold.joint, fold.joint_before, fold.joint_after, fold.bend_side) == (3, 2, 4, -1.0)
+    assert fold.straight_position == pytest.approx(0.0, abs=1e-6)
     assert fold.share_before == pytest.approx(-0.16 / 0.41)
-    (elbow,) = find(make("ur5"))
+    (elbow,) = find_elbows(make("ur5"))
     assert make("ur5").names[elbow.joint] == "elbow_joint"
-    assert find(make("panda")) == ()
-    with pytest.raises(ConfigurationError, match="J2 is no elbow.*J3"):
-        find(make("aras"), {"J2": 1})
+    assert find_elbows(make("panda")) == ()
+    with pytest.raises(ConfigurationError, match="J2 is not an elbow.*J3"):
+        find_elbows(make("aras"), {"J2": 1})
     with pytest.raises(ConfigurationError, match="use -1 or 1"):
-        find(make("aras"), {"J3": 0})
+        find_elbows(make("aras"), {"J3": 0})
 
 
 def planar(axes=("0 1 0",) * 3, bend=0.0, lengths=(0.3, 0.2), elbow="revolute", lower=-2.0,
@@ -480,9 +498,9 @@ def planar(axes=("0 1 0",) * 3, bend=0.0, lengths=(0.3, 0.2), elbow="revolute", 
 @pytest.mark.parametrize("bend", [0.0, 0.4, -0.4])
 def test_an_elbow_is_one_whichever_way_its_axes_point(signs, bend):
     arm = planar([f"0 {sign} 0" for sign in signs], bend)
-    (fold,) = find(arm)
-    assert fold.joint == 1 and fold.straight == pytest.approx(-signs[1] * bend)
-    q = np.array([0.3, fold.straight, 0.2])
+    (fold,) = find_elbows(arm)
+    assert fold.joint == 1 and fold.straight_position == pytest.approx(-signs[1] * bend)
+    q = np.array([0.3, fold.straight_position, 0.2])
     assert np.linalg.norm(arm.pose(q)[:3, 3]) == pytest.approx(0.5)  # stretched
     here = arm.pose(q)
     off = [pose_difference(here, arm.pose(bent(fold, q, angle))) for angle in (0.01, 0.02)]
@@ -502,15 +520,15 @@ def test_an_elbow_is_one_whichever_way_its_axes_point(signs, bend):
     ({"lower": 0.0}, False), ({"upper": 0.0}, False),
 ])  # fmt: skip
 def test_what_an_elbow_has_to_have(options, found):
-    assert len(find(planar(**options))) == found
+    assert len(find_elbows(planar(**options))) == found
 
 
 @pytest.mark.parametrize("name", ["aras", "ur5"])
 def test_a_small_bend_keeps_the_direction_and_the_attitude(name):
     arm = make(name)
-    (fold,) = find(arm)
+    (fold,) = find_elbows(arm)
     q = np.zeros(len(arm.names))
-    q[fold.before] = 0.3
+    q[fold.joint_before] = 0.3
     here, there = arm.pose(q), arm.pose(bent(fold, q, 0.01))
     distance, angle = pose_difference(here, there)
     assert angle < 1e-7 and 1e-7 < distance < 1e-4  # of second order
@@ -522,10 +540,10 @@ def test_a_small_bend_keeps_the_direction_and_the_attitude(name):
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_a_stretched_arm_comes_back(side):
     arm = make("aras")
-    limits = Limits.of(arm, velocity=[1, 2, 2, 2, 2, 2])
+    limits = Limits.for_arm(arm, velocity=[1, 2, 2, 2, 2, 2])
     goal = np.array([0.0, 0.0, 0.0, 0.6 * side, 0.0, 0.0])
     goal[2], goal[4] = -0.39 * goal[3], -0.61 * goal[3]
-    resolver = Resolver(arm, limits, folds=find(arm, {"J3": side}))
+    resolver = DifferentialIK(arm, limits, elbows=find_elbows(arm, {"J3": side}))
     resolver.goal = arm.pose(goal)
     path = goto(resolver, np.zeros(6), arm.pose(goal), MOMENTS)
     assert pose_difference(arm.pose(path[-1]), arm.pose(goal))[0] < 1e-4
@@ -535,7 +553,7 @@ def test_a_stretched_arm_comes_back(side):
 @pytest.mark.parametrize("side", [-1.0, 1.0])
 def test_the_elbow_closes_in_on_straight_and_never_passes_it(side):
     arm = make("aras")
-    resolver = Resolver(arm, folds=find(arm, {"J3": side}))
+    resolver = DifferentialIK(arm, elbows=find_elbows(arm, {"J3": side}))
     start = np.array([0.1, 0.0, -0.17 * side, 0.09 * side, 0.09 * side, 0.0])
     resolver.goal = arm.pose(np.zeros(6))
     path = goto(resolver, start, arm.pose(np.zeros(6)), MOMENTS, gain=3.0, dt=1 / 30)
@@ -545,15 +563,15 @@ def test_the_elbow_closes_in_on_straight_and_never_passes_it(side):
 
 def test_beyond_the_stretched_arm_it_says_so():
     arm = make("aras")
-    resolver = Resolver(arm)
+    resolver = DifferentialIK(arm)
     q = np.array([0.0, 0.0, 0.004, -0.01, 0.006, 0.0])
-    down = Task.of_twist([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], MOMENTS)
+    down = Task.from_twist([0.0, 0.0, 0.05, 0.0, 0.0, 0.0], MOMENTS)
     for _ in range(30):
-        answer = resolver.resolve(q, down, 0.03)
+        answer = resolver.solve(q, down, 0.03)
         q = q + answer.velocities * 0.03
         assert q[3] < 0.0
     assert any("stretched" in reason for reason in answer.reasons)
-    assert answer.lost[2] == pytest.approx(0.05, rel=0.05)
+    assert answer.infeasible_twist[2] == pytest.approx(0.05, rel=0.05)
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -568,7 +586,7 @@ def test_an_elbow_passes_where_a_step_takes_more_than_half_of_a_small_bend(
     """One that is straight bends to the other side here; numbers that binary fractions are."""
     q, fold = np.array([0.0, 0.25 + side * bend]), np.array([1.0, 0.25, -side])
     velocities = np.array([0.0, side * speed])
-    assert _passes(q, fold, velocities, 0.125, 0.125) == passes
+    assert _passes_straight(q, fold, velocities, 0.125, 0.125) == passes
 
 
 @pytest.mark.parametrize("side", [-1.0, 1.0])
@@ -579,7 +597,7 @@ def test_a_straight_elbow_comes_back_whatever_another_one_does(side, other):
     scaled[1, 1] = bent[0, 0] = bent[1, 1] = 1.0
     folds = np.array([[0.0, 0.0, side], [1.0, 0.0, -side]])
     for speed in (-1.0, 1.0):
-        solution, *_ = _joint_by_joint(
+        solution, *_ = _solve_within_ranges(
             scaled, bent, np.eye(6)[:2], np.array([side, speed]), np.ones(2), np.zeros(2),
             np.full(2, -9.0), np.full(2, 9.0), folds, np.array([[9.0] * 2] * 4 + [[1.0] * 2]),
             np.array([0.0, other]), 0.01, 0.1, np.array([0.0, 1e-9]),
@@ -592,28 +610,30 @@ def test_a_straight_elbow_comes_back_whatever_another_one_does(side, other):
 
 def test_posture_moves_what_the_task_does_not_see():
     arm, q = make("aras"), np.array([0.0, 0.5, 0.6, -0.9, 0.3, 0.0])
-    tasks = [Posture(arm, {"J1": 0.0})]
-    answer = Resolver(arm, tasks=tasks).resolve(q, Task.of_twist(np.zeros(6), MOMENTS), 0.01)
-    assert np.abs(answer.twist).max() < 2e-3  # the camera's tilt of 1.8 mrad is all it moves
+    tasks = [PostureTask(arm, {"J1": 0.0})]
+    answer = DifferentialIK(arm, tasks=tasks).solve(q, Task.from_twist(np.zeros(6), MOMENTS), 0.01)
+    # the camera's tilt of 1.8 mrad is all it moves
+    assert np.abs(answer.achieved_twist).max() < 2e-3
     assert answer.velocities[1] < -0.05
     for gain, options in ((1.0, {}), (3.0, {"gain": 3.0})):
-        posture = Posture(arm, {"J1": 0.2, "J5": -0.4}, **options)
+        posture = PostureTask(arm, {"J1": 0.2, "J5": -0.4}, **options)
         assert posture.velocity(q) == pytest.approx([0, -0.3 * gain, 0, 0, -0.7 * gain, 0])
     with pytest.raises(ConfigurationError, match="unknown joint J4; known are gantry, J1"):
-        Posture(arm, {"J4": 0.0})
+        PostureTask(arm, {"J4": 0.0})
     for bound in (arm.lower[0], arm.upper[0]):
-        assert Posture(arm, {"gantry": bound}).velocity(q)[0] == bound
+        assert PostureTask(arm, {"gantry": bound}).velocity(q)[0] == bound
         with pytest.raises(ConfigurationError, match="gantry is .*, must be a number within its"):
-            Posture(arm, {"gantry": 1.0001 * bound})
+            PostureTask(arm, {"gantry": 1.0001 * bound})
 
 
 def test_joint_limits_are_avoided_from_their_margin_on():
-    limits = Limits.of(make("aras"))
+    limits = Limits.for_arm(make("aras"))
     task = JointLimitAvoidance(limits)
     q = np.array([1.4, 0.0, -2.0, 0.0, 0.0, 2999.9])
     assert task.velocity(q) == pytest.approx([-0.2, 0, 2 * (0.2 - 0.0943), 0, 0, -0.2])
     assert not task.velocity(np.zeros(6)).any()
-    narrow = JointLimitAvoidance(Limits.of(make("aras"), lower={"J3": -0.1}, upper={"J3": 0.3}),
+    narrow = JointLimitAvoidance(Limits.for_arm(make("aras"), lower={"J3": -0.1},
+        upper={"J3": 0.3}),
                                  margin=0.3, gain=4.0)  # fmt: skip
     q[:4] = 1.1, 0.0, -2.0, 0.25  # a quarter of J3's range is less
     assert narrow.velocity(q) == pytest.approx([0, 0, -4 * (-0.2057), -0.2, 0, -4 * 0.2])
@@ -631,9 +651,9 @@ class TestSingularityAvoidance:
         product = np.prod(np.linalg.svd(rows, compute_uv=False))
         assert self.task().manipulability(self.level) == pytest.approx(product, rel=1e-9)
 
-    @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "steep": 1e-3}])
+    @pytest.mark.parametrize("options", [{}, {"gain": 2.0, "bound": 0.3, "max_gradient": 1e-3}])
     def test_its_step_is_up_the_slope(self, options):
-        given = {"gain": 0.5, "bound": 0.1, "steep": 0.1, **options}
+        given = {"gain": 0.5, "bound": 0.1, "max_gradient": 0.1, **options}
         task, q = self.task(**options), np.array([0.0, 0.2, 0.3, -0.9, 0.4, 0.1])
         logarithms = []  # of w, by its singular values
         for turn in 1e-4 * np.vstack([np.zeros(6), np.eye(6), -np.eye(6)]):
@@ -641,7 +661,7 @@ class TestSingularityAvoidance:
             logarithms.append(np.log(np.linalg.svd(rows, compute_uv=False)).sum())
         here = np.exp(logarithms[0])
         slope = here * (np.array(logarithms[1:7]) - logarithms[7:]) / 2e-4
-        steepness = max(np.linalg.norm(slope), given["steep"])
+        steepness = max(np.linalg.norm(slope), given["max_gradient"])
         expected = given["gain"] * (1.0 - here / given["bound"]) * slope / steepness
         assert 0.0 < here < given["bound"] and np.abs(expected).max() > 0.01
         np.testing.assert_allclose(task.velocity(q), expected, atol=1e-5)
@@ -656,12 +676,12 @@ class TestSingularityAvoidance:
     def test_it_climbs_and_comes_to_rest(self):
         """At an optimum below the bound its steps vanish: they do not change sign for ever."""
         task = self.task(bound=10.0, gain=2.0)
-        resolver = Resolver(self.arm, tasks=[task])
+        resolver = DifferentialIK(self.arm, tasks=[task])
         q = self.level.copy()
         q[1] = 1.2
-        still, speeds, before = Task.of_twist(np.zeros(6), MOMENTS), [], task.manipulability(q)
+        still, speeds, before = Task.from_twist(np.zeros(6), MOMENTS), [], task.manipulability(q)
         for _ in range(400):
-            velocities = resolver.resolve(q, still, 0.03).velocities
+            velocities = resolver.solve(q, still, 0.03).velocities
             q = q + velocities * 0.03
             speeds.append(velocities[1])
         assert task.manipulability(q) > before

@@ -14,12 +14,12 @@ from typing import Any
 import pytest
 from recorded_values import values
 
-from aras_visual_servo_base.poses import exponential, to_xyz_rpy, transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_base.poses import exponential, matrix_from_xyz_rpy, xyz_rpy_from_matrix
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import Assembly, assemble
-from aras_visual_servo_controller.driving.driver import Driver
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 SHAPE = [[-0.025, -0.03], [0.03, -0.025], [0.025, 0.02], [-0.015, 0.025]]
 LEFT = {"width": 160, "height": 120, "update_rate": 30.0,
@@ -28,12 +28,12 @@ RIGHT = {"width": 168, "height": 128, "update_rate": 20.0,
          "camera_matrix": {"fx": 130.0, "fy": 145.0, "cx": 75.0, "cy": 62.5}}  # fmt: skip
 CAMERAS = {"left": {"model": LEFT, "xyz": [0.01, 0.02, 0.0]},
            "right": {"model": RIGHT, "xyz": [0.02, -0.03, 0.0], "rpy": [0.1, -0.03, 0.12]}}
-GOAL = transform((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
+GOAL = matrix_from_xyz_rpy((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
 JOINTS, START = [0.05, 0.0, -0.09, 0.045, 0.045, 0.0], [0.03, 0.0, -0.05, 0.03, 0.03, 0.15]
 
 
 def posed(pose):
-    xyz, rpy = to_xyz_rpy(pose)
+    xyz, rpy = xyz_rpy_from_matrix(pose)
     return {"pose": [*xyz, *rpy]}
 
 
@@ -46,18 +46,20 @@ SOLID = {"shape": "block.obj", "pose": [0, 0, 0.5905, 0, 0, 0.3]}
 CASES: dict[str, dict[str, Any]] = {
     "moments, late": {**ARM, "scheme": "moments", "delay": 0.05},
     "points, PI law, ramp, smoothing": {
-        **ARM, "scheme": "points", "law": "pi", "options": {"ramp": 0.3, "smoothing": 0.1}},
+        **ARM, "scheme": "points", "law": "pi",
+        "controller_parameters": {"ramp": 0.3, "smoothing": 0.1}},
     "kernel, PI law, continuous start": {
-        **ARM, "scheme": "kernel", "features": "pictures", "law": "pi",
-        "options": {"continuous_start": 4.0}},
+        **ARM, "scheme": "kernel", "features": "images", "law": "pi",
+        "controller_parameters": {"continuous_start": 4.0}},
     "numbered points, estimated L": {
-        **ARM, "scheme": "numbered_points", "options": {"interaction": "estimated"}},
+        **ARM, "scheme": "numbered_points", "controller_parameters": {"interaction": "estimated"}},
     "predictive": {**ARM, "scheme": "predictive"},
     "laboratory's": {**ARM, "scheme": "moments_2016"},
     "partitioned": {**ARM, "scheme": "partitioned"},
     "pose, from a start": {
-        **ARM, "scheme": "pose", "options": {"start": "2016", "singularity_avoidance": True}},
-    "luminance": {**ARM, "scheme": "luminance", "features": "pictures"},
+        **ARM, "scheme": "pose", "controller_parameters": {"start": "2016",
+            "singularity_avoidance": True}},
+    "luminance": {**ARM, "scheme": "luminance", "features": "images"},
     "two cameras": {**TWO, "scheme": "moments@left+points@right"},
     "stereo": {**TWO, "scheme": "stereo_points@left,right"},
     "answers joints": {**ARM, "scheme": "joint_mpc:JointMPC"},
@@ -84,28 +86,33 @@ class Tape:
     def report(self, state) -> None:
         self.trace.append(("reported", state))
 
-    def say(self, text) -> None:
-        if "beginning anew" not in text:
+    def log(self, text) -> None:
+        if "restarting the loop" not in text:
             self.trace.append(("said", text))
 
-    def play(self, parts: Assembly, driver: Driver, readings=None) -> list[Any]:
+    def play(self, parts: Assembly, driver: LoopRunner, readings=None) -> list[Any]:
         """What the driver makes of all of them."""
         self.trace = []
         for reading in self.readings if readings is None else readings:
             self.time = max(self.time, reading.stamp)
             if isinstance(reading, Frame):
                 look = partial(parts.observe, reading)
-                driver.image(reading.stamp, look, reading.name)
+                driver.add_image(reading.stamp, look, reading.name)
             else:
-                driver.joints(
+                driver.add_joint_state(
                     reading.names, reading.positions, reading.velocities, reading.stamp
                 )
         return self.trace
 
 
-def driven(parts: Assembly, tape: Tape) -> Driver:
-    return Driver(
-        parts.servo, parts.rig, parts.settings, tape, clock=lambda: tape.time, wall=lambda: 0.0
+def driven(parts: Assembly, tape: Tape) -> LoopRunner:
+    return LoopRunner(
+        parts.servo,
+        parts.rig,
+        parts.settings,
+        tape,
+        clock=lambda: tape.time,
+        wall_clock=lambda: 0.0,
     )
 
 
@@ -134,15 +141,15 @@ def recorded(request, tmp_path_factory):
             readings.append(reading)
             yield reading
 
-    made.plant.advance, made.plant.join = kept, lambda *given: None
+    made.plant.advance, made.plant.attach_loop = kept, lambda *given: None
     loop = Loop(experiment, made)
-    loop.to_end()
+    loop.run_to_end()
     loop.close()
     assert sum(isinstance(r, Frame) for r in readings) > 20
     return experiment, sorted(readings, key=lambda reading: reading.stamp)
 
 
-def new(recorded) -> tuple[Assembly, Tape, Driver]:
+def new(recorded) -> tuple[Assembly, Tape, LoopRunner]:
     experiment, readings = recorded
     made = assemble(experiment)
     made.plant.close()
@@ -150,7 +157,7 @@ def new(recorded) -> tuple[Assembly, Tape, Driver]:
     return made, tape, driven(made, tape)
 
 
-def busy(made: Assembly, tape: Tape, driver: Driver) -> None:
+def busy(made: Assembly, tape: Tape, driver: LoopRunner) -> None:
     """Stopped and started, starved, jumped, held, stopped in an emergency, late."""
     half = len(tape.readings) // 2
     first, second = tape.readings[:half], tape.readings[half:]
@@ -158,16 +165,16 @@ def busy(made: Assembly, tape: Tape, driver: Driver) -> None:
     driver.stop("for a while")
     tape.play(made, driver, second[:9])
     driver.start()
-    made.servo.joints_jumped()
+    made.servo.mark_joint_jump()
     tape.play(made, driver, second[9:30])
     driver.hold("held")
     tape.time += 1.5
-    driver.watch()
+    driver.check_timeouts()
     driver.emergency_stop(True)
     driver.start()
     tape.play(made, driver, second[30:])
     tape.time += 3.0
-    driver.watch()
+    driver.check_timeouts()
     driver.start()  # one that was stopped stays so when time goes back
 
 
@@ -175,9 +182,9 @@ def test_after_the_clock_has_gone_back(recorded):
     made, tape, driver = new(recorded)
     busy(made, tape, driver)
     tape.time = 0.0
-    driver.watch()  # finds that the clock went back
+    driver.check_timeouts()  # finds that the clock went back
     other, blank, fresh = new(recorded)
-    fresh.watch()
+    fresh.check_timeouts()
     again, first = tape.play(made, driver), blank.play(other, fresh)
     assert len(first) > 20
     for mine, expected in zip(again, first, strict=True):

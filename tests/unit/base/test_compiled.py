@@ -17,9 +17,9 @@ def test_without_a_place_to_keep_them_loops_work_all_the_same():
     program = f"""
 import sys
 sys.path[:] = {sys.path}
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 for _ in range(2):
-    total = compiled("f8[::1]")(eval("lambda x: x.sum()"))
+    total = jit("f8[::1]")(eval("lambda x: x.sum()"))
     print(total(__import__("numpy").arange(4.0)))
 """
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True)
@@ -46,7 +46,7 @@ import scipy.linalg.cython_blas
 
 
 def test_other_types_are_refused_instead_of_compiled_in_the_middle_of_a_run():
-    total = compiled.compiled("f8[::1]")(lambda x: x.sum())
+    total = compiled.jit("f8[::1]")(lambda x: x.sum())
     for other in (np.arange(4), np.arange(8.0)[::2], np.zeros((2, 2))):
         try:
             total(other)
@@ -56,7 +56,7 @@ def test_other_types_are_refused_instead_of_compiled_in_the_middle_of_a_run():
 
 
 def test_arrays_in_any_order_are_only_read() -> None:
-    total = compiled.compiled("f8[:], b1")(lambda x, twice: x.sum() * (2.0 if twice else 1.0))
+    total = compiled.jit("f8[:], b1")(lambda x, twice: x.sum() * (2.0 if twice else 1.0))
     kept = np.arange(8.0)
     kept.setflags(write=False)
     assert total(kept[::2], False) == 12.0
@@ -66,8 +66,8 @@ def test_arrays_in_any_order_are_only_read() -> None:
         x[0] = 1.0
 
     with pytest.raises(numba.TypingError, match="Cannot modify readonly array"):
-        compiled.compiled("f8[:]")(written)(kept)
-    compiled.compiled("f8[::1]")(written)(copy := kept.copy())
+        compiled.jit("f8[:]")(written)(kept)
+    compiled.jit("f8[::1]")(written)(copy := kept.copy())
     assert copy[0] == 1.0
 
 
@@ -78,15 +78,15 @@ def test_what_makes_no_arrays_looks_at_rows_and_is_refused_when_it_does() -> Non
             out[k] = row[0] + 2.0 * row[1:][0]
 
     rows, out = np.arange(6.0).reshape(3, 2), np.zeros(3)
-    compiled.compiled("f8[:,::1], f8[::1]", allocates=False)(sums)(rows, out)
+    compiled.jit("f8[:,::1], f8[::1]", allocates=False)(sums)(rows, out)
     assert out.tolist() == [2.0, 8.0, 14.0]
     with pytest.raises(numba.core.errors.NumbaError):
-        compiled.compiled("f8[::1]", allocates=False)(lambda x: np.empty(len(x)))(rows[0])
+        compiled.jit("f8[::1]", allocates=False)(lambda x: np.empty(len(x)))(rows[0])
 
 
 def test_it_is_compiled_at_its_first_use_once_and_for_its_types_alone() -> None:
-    inner = compiled.compiled("f8[:], i8")(lambda x, k: x[k])
-    outer = compiled.compiled("f8[::1]")(lambda x: inner(x, 1) + inner(x, 2))
+    inner = compiled.jit("f8[:], i8")(lambda x, k: x[k])
+    outer = compiled.jit("f8[::1]")(lambda x: inner(x, 1) + inner(x, 2))
     assert not inner.signatures and not outer.signatures
     with ThreadPoolExecutor(4) as threads:
         assert list(threads.map(outer, [np.arange(k, k + 3.0) for k in range(8)])) == [
@@ -102,23 +102,23 @@ def test_all_of_a_package_are_compiled_when_that_is_asked_for() -> None:
     made = []
     for module in ("mine.a", "mined.a", "mine"):
         function = eval("lambda x: 2 * x", {"__name__": module})
-        made.append(compiled.compiled("f8")(function))
+        made.append(compiled.jit("f8")(function))
     compiled.compile_all("mine")
     assert [len(one.signatures) for one in made] == [1, 0, 1]
     compiled.compile_all("mined")
     assert [len(one.signatures) for one in made] == [1, 1, 1]
 
 
-@pytest.mark.parametrize("decorator", ["compiled('f8')", "inlined"])
+@pytest.mark.parametrize("decorator", ["jit('f8')", "jit_inline"])
 def test_what_changes_in_another_module_counts(tmp_path, monkeypatch, decorator) -> None:
     """What was kept of a caller must not go on with what its callee was, or the callee's own one,
     or a number of another module. (Texts of one size within a second are one text to Python.)"""
     monkeypatch.syspath_prepend(str(tmp_path))
     monkeypatch.setattr(numba.config, "CACHE_DIR", "")  # beside the sources, as it is by default
-    head = "from aras_visual_servo_base.compiled import compiled, inlined\n"
+    head = "from aras_visual_servo_base.compiled import jit, jit_inline\n"
     (tmp_path / "calling_loop.py").write_text(
         f"{head}from called_loop import add, TIMES\n"
-        "@compiled('f8')\ndef twice(x):\n    return TIMES * add(x)\n"
+        "@jit('f8')\ndef twice(x):\n    return TIMES * add(x)\n"
     )
     (tmp_path / "called_loop.py").write_text(
         f"{head}from deeper_loop import more, TIMES\n"

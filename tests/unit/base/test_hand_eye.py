@@ -5,22 +5,22 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_base.camera_mounting import with_camera
+from aras_visual_servo_base.camera_mounting import mount_camera
 from aras_visual_servo_base.hand_eye import HandEyeError, read_hand_eye
 from aras_visual_servo_base.poses import (
     inverse,
-    optical,
+    matrix_from_xyz_rpy,
+    optical_pose,
     quaternion_from_matrix,
-    to_xyz_rpy,
-    transform,
+    xyz_rpy_from_matrix,
 )
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
-POSE = transform((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
+POSE = matrix_from_xyz_rpy((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
 R, T = POSE[:3, :3], POSE[:3, 3]
 TURN = cv2.Rodrigues(R)[0].ravel()
 Q = [float(v) for v in quaternion_from_matrix(R)]
-RPY = to_xyz_rpy(POSE)[1]
+RPY = xyz_rpy_from_matrix(POSE)[1]
 VECTOR = [float(v) for v in (*T, *TURN)]
 
 
@@ -122,15 +122,15 @@ def test_a_file_that_is_cut_off_is_refused_or_says_the_same(tmp_path, name):
      "m long: set units to mm"),
     (rows(POSE), "mm", "long in mm: correct units"), (rows(POSE), "inch", "'inch', must be m, cm"),
     (rows(POSE.T), "", "last row .* transpose it"), (rows(POSE[:3]), "", "holds 12 numbers"),
-    (rows(POSE * [1.1, 1.1, 1.1, 1]), "", "is no rotation"),
-    (rows(POSE @ np.diag([1, 1, -1, 1])), "", "is no rotation"),
+    (rows(POSE * [1.1, 1.1, 1.1, 1]), "", "is not a rotation"),
+    (rows(POSE @ np.diag([1, 1, -1, 1])), "", "is not a rotation"),
     (words((*T, *np.degrees(TURN))), "", "theta u .* in rad, not in degrees"),
     (launch((*T, *np.degrees(RPY))), "", "give them in rad"),
     (launch((*T, 0.5, 0.5, 0.5, 0.1)), "", "quaternion .* must be 1"),
     (launch((*T, *Q)).replace("tool0", ""), "", "and two frames"),
     (VISP_XML.replace("theta_uy", "other"), "", "<theta_uy> is None"),
     (yaml.safe_dump({"R": R.tolist()}), "", "R has no t"), ("a: 1\n", "", "has a, must have a 4x4"),
-    (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data hold 5 numbers"),
+    (yaml.safe_dump({"rows": 6, "cols": 1, "data": VECTOR[:5]}), "", "data has 5 numbers"),
 ])  # fmt: skip
 def test_what_is_wrong_is_named(tmp_path, text, units, says):
     path = tmp_path / "file"
@@ -161,8 +161,10 @@ def test_the_optical_frame_is_put_where_it_was_found(tmp_path, more, link):
     path = tmp_path / "hand_eye"
     path.write_text(launch((*T, *Q)) if not link else rows(POSE))
     urdf = f"<robot name='r'>{LINKS}{JOINT}{more}</robot>"
-    made = with_camera(urdf, read_hand_eye(path), link, "camera_optical_frame")
-    base_T_tool0 = transform((0.3, 0, 0.2), (0.1, 0, 0)) @ transform((0, 0, 0), (0, 0, 0.4))
+    made = mount_camera(urdf, read_hand_eye(path), link, "camera_optical_frame")
+    base_T_tool0 = matrix_from_xyz_rpy((0.3, 0, 0.2), (0.1, 0, 0)) @ matrix_from_xyz_rpy(
+        (0, 0, 0), (0, 0, 0.4)
+    )
     pose = Arm.from_urdf(made, "camera_optical_frame").pose(np.array([0.4]))
     np.testing.assert_allclose(pose, base_T_tool0 @ POSE, atol=1e-9)
 
@@ -171,21 +173,21 @@ def test_a_link_that_the_file_places_is_put_there(tmp_path):
     """The camera's link, x forward, is not its optical frame; the description has neither."""
     path = tmp_path / "hand_eye"
     path.write_text(launch((*T, *Q)).replace("head_optical_frame", "camera_link"))
-    made = with_camera(f"<robot name='r'>{LINKS}{JOINT}</robot>", read_hand_eye(path), "",
+    made = mount_camera(f"<robot name='r'>{LINKS}{JOINT}</robot>", read_hand_eye(path), "",
                        "camera_optical_frame")  # fmt: skip
     pose = Arm.from_urdf(made, "camera_optical_frame").pose(np.zeros(1))
     np.testing.assert_allclose(
-        pose, transform((0.3, 0, 0.2), (0.1, 0, 0)) @ optical(POSE), atol=1e-9)
+        pose, matrix_from_xyz_rpy((0.3, 0, 0.2), (0.1, 0, 0)) @ optical_pose(POSE), atol=1e-9)
 
 
 @pytest.mark.parametrize(("text", "link", "says"), [
     (rows(POSE), "", "does not name the link"), (rows(POSE), "tool", "no link 'tool'.*'tool0'"),
     (rows(POSE), "camera_link", "is the camera itself"),
-    (launch((*T, *Q)).replace("head_optical_frame", "head"), "", "places the frame 'head'"),
+    (launch((*T, *Q)).replace("head_optical_frame", "head"), "", "the pose of the frame 'head'"),
 ])  # fmt: skip
 def test_a_link_that_cannot_carry_the_camera_is_named(tmp_path, text, link, says):
     path = tmp_path / "hand_eye"
     path.write_text(text)
     with pytest.raises(HandEyeError, match=says):
-        with_camera(f"<robot name='r'>{LINKS}{JOINT}{CAMERA}</robot>", read_hand_eye(path), link,
+        mount_camera(f"<robot name='r'>{LINKS}{JOINT}{CAMERA}</robot>", read_hand_eye(path), link,
                     "camera_optical_frame")  # fmt: skip

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.picture_files import LARGEST, picture_size
+from aras_visual_servo_base.image_files import LARGEST_IMAGE, read_image_size
 
 
 def png_header(width, height):
@@ -24,20 +24,20 @@ def png_header(width, height):
 def test_width_comes_before_height(tmp_path, kind):
     file = tmp_path / f"a.{kind}"
     cv2.imwrite(str(file), np.zeros((20, 30, 3), np.uint8))
-    assert picture_size(file) == (30, 20)
+    assert read_image_size(file) == (30, 20)
 
 
 def test_the_largest_is_read_and_one_row_more_is_refused(tmp_path):
     file = tmp_path / "a.png"
-    file.write_bytes(png_header(LARGEST // 8, 8))
-    assert picture_size(file) == (LARGEST // 8, 8)
-    for side in (LARGEST // 8 + 1, 9_000_000, 40_000_000):
+    file.write_bytes(png_header(LARGEST_IMAGE // 8, 8))
+    assert read_image_size(file) == (LARGEST_IMAGE // 8, 8)
+    for side in (LARGEST_IMAGE // 8 + 1, 9_000_000, 40_000_000):
         file.write_bytes(png_header(side, 8))
         with pytest.raises(DescriptionError, match="more than 64000000 pixels: make it smaller"):
-            picture_size(file)
+            read_image_size(file)
 
 
 def test_what_is_no_picture_has_no_size(tmp_path):
     (tmp_path / "a.png").write_text("no picture")
-    assert picture_size(tmp_path / "a.png") is None
-    assert picture_size(tmp_path / "none.png") is None
+    assert read_image_size(tmp_path / "a.png") is None
+    assert read_image_size(tmp_path / "none.png") is None

@@ -12,31 +12,34 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_base.poses import (
     LINK_R_OPTICAL,
     Pose,
-    checked_pose,
-    checked_vector,
+    check_pose,
+    check_vector,
     exponential,
     inverse,
     logarithm,
-    optical,
+    matrix_from_xyz_rpy,
+    optical_pose,
     pose_difference,
     quaternion_from_matrix,
     quaternion_from_rpy,
-    quaternion_to,
-    relative,
+    quaternion_from_z_to,
+    relative_pose,
     rotate,
     rotation_vector,
     rotation_vector_rate,
     skew,
-    to_xyz_rpy,
-    transform,
+    xyz_rpy_from_matrix,
 )
 
-ANGLES = list(itertools.product((-2.0, 0.0, 0.7), (-math.pi / 2, -0.4, 1.1, math.pi / 2),
-                                (-3.0, 0.0, 1.3)))
+ANGLES = list(
+    itertools.product(
+        (-2.0, 0.0, 0.7), (-math.pi / 2, -0.4, 1.1, math.pi / 2), (-3.0, 0.0, 1.3)
+    )
+)
 TURNS = [0.0, 1e-9, 3e-8, 1e-5, 1e-3, 0.5, 3.0, np.pi - 1e-5, np.pi - 1e-7]  # rad
 AXIS = np.array([1.0, -2.0, 0.5]) / np.sqrt(5.25)
-A = transform((1.0, -2.0, 0.5), (0.3, -0.8, 2.5))
-B = transform((-0.4, 0.7, 3.0), (-1.1, 0.6, 0.2))
+A = matrix_from_xyz_rpy((1.0, -2.0, 0.5), (0.3, -0.8, 2.5))
+B = matrix_from_xyz_rpy((-0.4, 0.7, 3.0), (-1.1, 0.6, 0.2))
 
 
 def about(axis, angle):
@@ -65,12 +68,12 @@ def test_angles_survive_quaternions_and_matrices(rpy):
     """At a pitch of ±90° many angles are one rotation, so rotations are compared."""
     R = matrix(rpy)
     np.testing.assert_allclose(Pose.from_rpy((1, 2, 3), rpy).matrix()[:3, :3], R, atol=1e-15)
-    np.testing.assert_allclose(transform((1, 2, 3), rpy)[:3, :3], R, atol=1e-15)
+    np.testing.assert_allclose(matrix_from_xyz_rpy((1, 2, 3), rpy)[:3, :3], R, atol=1e-15)
     quat = quaternion_from_rpy(*rpy)
     np.testing.assert_allclose(matrix(Pose((1, 2, 3), quat).rpy), R, atol=2e-9)
     back = quaternion_from_matrix(R)
     assert abs(np.dot(back, quat)) == pytest.approx(1.0, abs=1e-14)
-    xyz, again = to_xyz_rpy(transform((1.0, -2.0, 0.5), rpy))
+    xyz, again = xyz_rpy_from_matrix(matrix_from_xyz_rpy((1.0, -2.0, 0.5), rpy))
     assert xyz == [1.0, -2.0, 0.5] and all(type(angle) is float for angle in xyz + again)
     np.testing.assert_allclose(matrix(again), R, atol=2e-9)
 
@@ -83,7 +86,7 @@ def test_half_turns_have_a_quaternion(axis):
 
 @pytest.mark.parametrize("direction", [(0.0, 0.0, 1.0), (0.6, 0.0, -0.8), (0.0, 0.0, -1.0)])
 def test_z_is_turned_onto_a_direction(direction):
-    assert rotate(quaternion_to(direction), (0.0, 0.0, 1.0)) == pytest.approx(direction)
+    assert rotate(quaternion_from_z_to(direction), (0.0, 0.0, 1.0)) == pytest.approx(direction)
 
 
 def test_poses_of_floats_are_those_of_arrays():
@@ -96,7 +99,7 @@ def test_poses_of_floats_are_those_of_arrays():
 
 def test_what_one_pose_is_to_another():
     np.testing.assert_allclose(inverse(A), np.linalg.inv(A), atol=1e-15)
-    np.testing.assert_allclose(relative(A, B), np.linalg.inv(A) @ B, atol=1e-14)
+    np.testing.assert_allclose(relative_pose(A, B), np.linalg.inv(A) @ B, atol=1e-14)
     distance, angle = pose_difference(A, B)
     assert distance == pytest.approx(np.linalg.norm(A[:3, 3] - B[:3, 3]))
     assert angle == pytest.approx(
@@ -105,7 +108,7 @@ def test_what_one_pose_is_to_another():
 
 
 def test_the_optical_frame_looks_along_the_link():
-    seen = optical(A)
+    seen = optical_pose(A)
     np.testing.assert_array_equal(seen[:3, 2], A[:3, 0])  # forward
     np.testing.assert_array_equal(seen[:3, 0], -A[:3, 1])  # right
     np.testing.assert_array_equal(seen[:3, 1], -A[:3, 2])  # down
@@ -157,16 +160,16 @@ class VectorError(Exception):
 ])  # fmt: skip
 def test_vectors_are_checked(values, words):
     with pytest.raises(VectorError, match=words):
-        checked_vector(values, "pull", VectorError)
-    assert checked_vector([1, 2, 3, 4], "plane", VectorError, 4) == (1.0, 2.0, 3.0, 4.0)
+        check_vector(values, "pull", VectorError)
+    assert check_vector([1, 2, 3, 4], "plane", VectorError, 4) == (1.0, 2.0, 3.0, 4.0)
 
 
 def test_poses_are_checked():
-    pose = checked_pose(((1, 2, 3), (0, 0, 2, 0)), "model 'a'", VectorError)
+    pose = check_pose(((1, 2, 3), (0, 0, 2, 0)), "model 'a'", VectorError)
     assert pose == Pose((1.0, 2.0, 3.0), (0.0, 0.0, 1.0, 0.0))
     nothing = (1, 2, 3), (0, 0, 0, 0)
-    assert checked_pose(nothing, "model 'a'", VectorError, zero_is_identity=True) == Pose((1, 2, 3))
+    assert check_pose(nothing, "model 'a'", VectorError, zero_is_identity=True) == Pose((1, 2, 3))
     for wrong, words in ((nothing, r"no unit quaternion; use \(0, 0, 0, 1\) for none"),
                          (((1, 2), (0, 0, 0, 1)), "position: needs 3 numbers"), (7, "is not")):
         with pytest.raises(VectorError, match=f"model 'a'.*{words}"):
-            checked_pose(wrong, "model 'a'", VectorError)
+            check_pose(wrong, "model 'a'", VectorError)

@@ -11,8 +11,8 @@ for folder in (HERE, HERE.parent / "world"):
     if str(folder) not in sys.path:
         sys.path.insert(0, str(folder))
 
-from aras_visual_servo_bench.asked import cameras  # noqa: E402
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec  # noqa: E402
+from aras_visual_servo_bench.experiment import cameras  # noqa: E402
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec  # noqa: E402
 
 
 @pytest.fixture(scope="session")
@@ -22,7 +22,7 @@ def robot():
 
 @pytest.fixture(scope="session")
 def arm(robot):
-    return robot.arm()
+    return robot.make_arm()
 
 
 @pytest.fixture(scope="module")
@@ -46,12 +46,12 @@ def server(host):
 @pytest.fixture(scope="session")
 def preset(robot):
     """Settings of the camera of 2015."""
-    return cameras.preset("original", robot.packages, "aras_visual_servo_gazebo")
+    return cameras.read_preset("original", robot.packages, "aras_visual_servo_gazebo")
 
 
 @pytest.fixture(scope="session")
 def pinhole(preset):
-    return cameras.model_of(preset)
+    return cameras.make_camera_model(preset)
 
 
 @pytest.fixture(params=[False, True], ids=["screen", "paper"])
@@ -69,9 +69,9 @@ def screen():
 def looking(paper):
     import matplotlib.pyplot as plt
 
-    from aras_visual_servo_bench.pictures import style
+    from aras_visual_servo_bench.plots import style
 
-    with style.look(paper):
+    with style.apply_style(paper):
         yield paper
     plt.close("all")
 

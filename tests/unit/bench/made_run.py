@@ -7,14 +7,14 @@ from __future__ import annotations
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.records.outcomes import Arrived, LeftOpen
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
+from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
-from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 
 NAMES, UNITS = ("area", "height", "turn"), ("", "m", "rad")
 JOINTS, JOINT_UNITS = ("slide", "elbow", "wrist"), ("m", "rad", "rad")
@@ -49,14 +49,16 @@ def made_run(seed: int, decay: float) -> Run:
     desired = np.array([1.3, 0.34, -0.2])
     states = []
     for i, (at, e) in enumerate(zip(stamp, error, strict=True)):
-        decision = None if i in (33, 34) else Decision(
+        decision = None if i in (33, 34) else SchemeOutput(
             NAMES, desired + e, np.array(desired), e, filtered_error=0.9 * e)  # fmt: skip
         asked, given = rng.normal(size=(2, 6)) * 0.1 * np.exp(-t[i])
         singular = np.sort(rng.uniform(0.2, 4.0, (2, 3)))[:, ::-1]
         states.append(ServoState(
-            float(at), "servoing" if t[i] < 3.0 else "converged", scheme="made", decision=decision,
-            computing=0.002 + 0.001 * rng.random(), arrived=Arrived(open=LeftOpen(3.1e-4, 0.0123)),
-            resolution=Resolution.read_back(np.zeros(3), asked, given, tuple(singular),
+            float(at), "servoing" if t[i] < 3.0 else "converged", scheme="made",
+            scheme_output=decision,
+            computation_time=0.002 + 0.001 * rng.random(),
+            arrival_status=ArrivalStatus(pose_uncertainty=PoseUncertainty(3.1e-4, 0.0123)),
+            ik_solution=IKSolution.from_record(np.zeros(3), asked, given, tuple(singular),
                                             scale=float(rng.uniform(0.4, 1.0))),
         ))  # fmt: skip
     joint_stamp = np.arange(0.9, stamp[-1] + 0.02, 0.0113)
@@ -79,11 +81,12 @@ def made_run(seed: int, decay: float) -> Run:
     pace[5, 1] = np.nan
     return Run(
         states=tuple(states), pose=true_pose[nearest], joint_names=JOINTS, joint_stamp=joint_stamp,
-        measured=measured, measured_speed=rng.normal(size=measured.shape) * [0.1, 0.7, 1.3],
-        commanded=measured + 0.01, true_pose=true_pose, goal_pose=GOAL, outcome="converged",
+        measured_positions=measured, measured_velocities=rng.normal(size=measured.shape) * [0.1,
+            0.7, 1.3],
+        joint_commands=measured + 0.01, true_pose=true_pose, goal_pose=GOAL, outcome="converged",
         reason="", remedy="", verdict=Verdict("goal_reached", 4.17e-4, 0.00521), name=f"run {seed}",
-        units=UNITS, limits=(LOWER, UPPER), speed=np.array([0.3, 1.9, 2.7]),
-        joint_units=JOINT_UNITS, pace=pace,
+        units=UNITS, position_limits=(LOWER, UPPER), speed_limits=np.array([0.3, 1.9, 2.7]),
+        joint_units=JOINT_UNITS, real_time_factors=pace,
         cameras={"camera": CameraRecord(CameraModel(640, 400, K), exposed, arrival)},
         target=PlacedTarget(
             PolygonTarget(CORNERS), posed([[0.2, -0.3, 0.4]], [[0.2, -0.1, 0.02]])[0],

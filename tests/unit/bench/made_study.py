@@ -9,15 +9,15 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aras_visual_servo_bench.study import rows
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies import rows
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 REASONS = ("the error swings: it grew and shrank 4 times; delay 0.21 s", "the target is lost",
            "a joint stands at its limit: link2")  # fmt: skip
 
 
-def made_study(path: Path, chunks: range | None = None, **keys: Any) -> Folder:
+def made_study(path: Path, chunks: range | None = None, **keys: Any) -> StudyFolder:
     """A folder whose runs succeed where gain * delay is small, with noise by the run's seed.
 
     Args:
@@ -25,17 +25,17 @@ def made_study(path: Path, chunks: range | None = None, **keys: Any) -> Folder:
         keys: of the study.
     """
     study = Study.from_mapping(keys)
-    folder = Folder.create(path, study, yaml.safe_dump(study.to_mapping()))
-    for chunk in range(study.chunks) if chunks is None else chunks:
+    folder = StudyFolder.create(path, study, yaml.safe_dump(study.to_mapping()))
+    for chunk in range(study.chunk_count) if chunks is None else chunks:
         write_chunk(folder, chunk)
     return folder
 
 
-def write_chunk(folder: Folder, chunk: int) -> None:
+def write_chunk(folder: StudyFolder, chunk: int) -> None:
     """Write one chunk of it."""
     done = rows.Rows()
-    for run in folder.study.chunk_runs(chunk):
-        values = rows.blank(folder.study, run)
+    for run in folder.study.list_chunk_runs(chunk):
+        values = rows.make_blank_row(folder.study, run)
         rng = np.random.default_rng(run)
         gain, delay = float(values.get("gain", 2.0)), float(values.get("delay", 0.1))
         good = gain * delay * math.exp(0.3 * rng.normal()) < 0.5
@@ -51,4 +51,4 @@ def write_chunk(folder: Folder, chunk: int) -> None:
         done.values.append({k: v for k, v in values.items()})
         done.times.append({"run": run, "wall": 0.05 + 0.01 * rng.random(), "processor": 0.05,
                            "worker": "here:1"})  # fmt: skip
-    folder.write(chunk, done)
+    folder.write_chunk(chunk, done)

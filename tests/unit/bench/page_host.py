@@ -7,46 +7,46 @@ import threading
 import cv2
 import numpy as np
 
-from aras_visual_servo_bench.drawing.story import Story
+from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.live.page import Page
-from aras_visual_servo_bench.web.live.robot_model import robot_model
-from aras_visual_servo_controller.arm.resolution import Resolution
+from aras_visual_servo_bench.web.live.robot_model import make_robot_model
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
 from aras_visual_servo_controller.records.state import ServoState
-from aras_visual_servo_controller.schemes import Decision
+from aras_visual_servo_controller.schemes import SchemeOutput
 
 
 def told(stamp=1.0, phase="servoing", names=("xn", "yn"), error=(0.01, -0.02), asked=(0.0,) * 6,
          achieved=(0.0,) * 6, scheme="moments", **words):  # fmt: skip
     """A state of the controller, as its messages tell it."""
     error = np.array(error, float)
-    decision = Decision(tuple(names), error, 0.0 * error, error)
+    decision = SchemeOutput(tuple(names), error, 0.0 * error, error)
     none = np.zeros(0)
-    resolution = Resolution.read_back(
+    resolution = IKSolution.from_record(
         np.zeros(6), np.array(asked), np.array(achieved), (none, none)
     )
-    return ServoState(stamp, phase, **{"outcome": "running", **words}, decision=decision,
-                      resolution=resolution, scheme=scheme)  # fmt: skip
+    return ServoState(stamp, phase, **{"outcome": "running", **words}, scheme_output=decision,
+                      ik_solution=resolution, scheme=scheme)  # fmt: skip
 
 
 class StandIn:
     """What Dashboard is on a graph."""
 
     def __init__(self, robot, camera) -> None:
-        self.arm = robot.arm()
+        self.arm = robot.make_arm()
         self._robot = robot
-        self.page, self.story = Page(), Story(self.arm)
-        self.story.camera = camera
+        self.page, self.run_trace = Page(), RunTrace(self.arm)
+        self.run_trace.camera = camera
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.087, 0.1745])
         self.goal = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.0])
-        self.story.goal = np.array(self.arm.pose(self.goal))
-        self.story.outline = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
-        self.story.factor = 1.0
+        self.run_trace.goal = np.array(self.arm.pose(self.goal))
+        self.run_trace.outline = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
+        self.run_trace.factor = 1.0
         self.asked, self.viewers, self.time = [], [], 0.0
         self.lock = threading.Lock()
         self.waited = threading.Event()
         arm = self.arm
-        self.page.robot(arm.names, arm.lower, arm.upper, arm.velocity, arm.prismatic)
+        self.page.set_robot(arm.names, arm.lower, arm.upper, arm.velocity, arm.is_prismatic)
         self.page.choices = {
             "schemes": ["moments", "points"], "laws": ["proportional"], "starts": ["2015", "2016"],
             "goals": ["auto", "2016"], "cameras": ["original", "wide"], "targets": [],
@@ -66,28 +66,28 @@ class StandIn:
             error = tuple((self.goal - self.q)[:4])
             said = told(self.time, phase, ("xn", "yn", "an", "alpha"), error, twist,
                         tuple(0.97 * v for v in twist))  # fmt: skip
-            self.story.joints(self.q)
-            self.story.say(said, self.q)
-            self.story.see("centre", 0.5 * error[0], 0.4 * error[2])
-            self.page.sample(said, self.q)
+            self.run_trace.set_joints(self.q)
+            self.run_trace.add_state(said, self.q)
+            self.run_trace.add_image_point("centre", 0.5 * error[0], 0.4 * error[2])
+            self.page.add_sample(said, self.q)
 
-    def news(self):
+    def make_update(self):
         with self.lock:
-            return self.page.news(self.story, self.q, np.zeros(len(self.q)), self.time)
+            return self.page.make_update(self.run_trace, self.q, np.zeros(len(self.q)), self.time)
 
-    def robot(self):
-        return robot_model(self._robot.urdf, self._robot.packages.find)
+    def make_robot_model(self):
+        return make_robot_model(self._robot.urdf, self._robot.packages.find)
 
-    def picture(self):
+    def take_image(self):
         image = np.full((240, 320, 3), 245, np.uint8)
         cv2.rectangle(image, (150, 100), (180, 130), (0, 0, 0), -1)
         cv2.rectangle(image, (145, 105), (175, 135), (255, 120, 60), 1)
         return cv2.imencode(".jpg", image)[1].tobytes()
 
-    def watched(self, viewers):
+    def set_viewer_count(self, viewers):
         self.viewers.append(viewers)
 
-    def do(self, request):
+    def execute(self, request):
         self.asked.append(request)
         if request.do == "hold":
             raise RefusedError("no controller here")
@@ -99,5 +99,5 @@ class StandIn:
             raise ZeroDivisionError("a fault")
         return f"done: {request.do}"
 
-    def file(self, path):
+    def find_file(self, path):
         return None

@@ -3,37 +3,48 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.experiment.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.plants.base import Plant
-from aras_visual_servo_bench.plants.bullet_arm import BulletArm
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.plants.dynamic_arm import DynamicArm
+from aras_visual_servo_bench.runner.loop import run
 
 ODD = {
     "as shipped": {},
     "at once": {"delay": 0.0},
     "two answers under way": {"delay": 0.06},
     "two features": {"scheme": "gravity_centre", "delay": 0.02},
-    "limited": {"options": {"max_acceleration": 2.0}},
-    "late joints": {"options": {"lead": 0.002, "lag": 0.001}},
-    "fewer joints than it has": {"options": {"joints": ["J1", "J2", "J3", "J6"]}},
+    "limited": {"controller_parameters": {"max_acceleration": 2.0}},
+    "late joints": {"controller_parameters": {"lead": 0.002, "lag": 0.001}},
+    "fewer joints than it has": {"controller_parameters": {"joints": ["J1", "J2", "J3", "J6"]}},
     "no pictures": {"features": "exact", "delay": 0.01},
     "another plane": {"target": TargetSpec(shape="square", pose=(0.05, 0, 0.591, 0, 0, 0.4))},
-    "it ends on the way": {"duration": 4.0, "linger": 0.1, "options": {"hold": 0.2}},
+    "it ends on the way": {
+        "duration": 4.0,
+        "time_after_convergence": 0.1,
+        "controller_parameters": {"hold": 0.2},
+    },
 }
 
 
 @pytest.mark.parametrize("options", ODD.values(), ids=ODD)
 def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch):
     """To the bit: what is measured, sent, and seen."""
-    experiment = Experiment(**{"duration": 0.8, "linger": None, **options})
+    experiment = Experiment(**{"duration": 0.8, "time_after_convergence": None, **options})
     joined, heard = run(experiment), []
-    listen = BulletArm._on_joints
-    monkeypatch.setattr(BulletArm, "join", Plant.join)
-    monkeypatch.setattr(BulletArm, "_on_joints",
+    listen = DynamicArm._on_joints
+    monkeypatch.setattr(DynamicArm, "attach_loop", Plant.attach_loop)
+    monkeypatch.setattr(DynamicArm, "_on_joints",
                         lambda arm, state: (heard.append(state), listen(arm, state)))
     single = run(experiment)
     assert len(heard) == len(joined.joint_stamp) > 60
-    for name in ("joint_stamp", "measured", "measured_speed", "commanded", "pose", "true_pose"):
+    for name in (
+        "joint_stamp",
+        "measured_positions",
+        "measured_velocities",
+        "joint_commands",
+        "pose",
+        "true_pose",
+    ):
         np.testing.assert_array_equal(getattr(joined, name), getattr(single, name), name)
     for one, other in zip(joined.states, single.states, strict=True):
         assert (one.stamp, one.phase, one.reason, one.outcome) == (
@@ -44,8 +55,8 @@ def test_a_run_is_the_same_whoever_answers_the_joint_states(options, monkeypatch
 
 
 def test_most_joint_states_are_answered_between_two_images(monkeypatch):
-    heard, listen = [], BulletArm._on_joints
-    monkeypatch.setattr(BulletArm, "_on_joints",
+    heard, listen = [], DynamicArm._on_joints
+    monkeypatch.setattr(DynamicArm, "_on_joints",
                         lambda arm, state: (heard.append(state), listen(arm, state)))
-    done = run(Experiment(duration=0.8, linger=None))
+    done = run(Experiment(duration=0.8, time_after_convergence=None))
     assert len(heard) < 0.2 * len(done.joint_stamp)

@@ -24,14 +24,14 @@ for name in ("yaml", "pyparsing", "dateutil", "six"):
 for package in ("visual_servo_base", "sim_bridge", "visual_servo_camera",
                 "visual_servo_controller", "visual_servo_bench"):
     sys.path.append({str(SOURCES)!r} + f"/aras_{{package}}/src")
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.numbers import summary
-from aras_visual_servo_bench.recording import from_bag
-from aras_visual_servo_bench.running.environment import ServoEnv
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics import summary
+from aras_visual_servo_bench.recording import message_run_builder
+from aras_visual_servo_bench.runner.environment import ServoEnv
+from aras_visual_servo_bench.runner.loop import run
 bullet = run(Experiment(duration=0.2))
 assert len(bullet.stamp) > 4, bullet
-assert run(Experiment(plant="free")).verdict.reached
+assert run(Experiment(plant="free")).verdict.is_reached
 foreign = [n for n in sys.modules if n.split(".")[0] in (
     "rospy", "rospkg", "genpy", "catkin", "catkin_pkg", "std_msgs", "sensor_msgs", "angles", "tf",
     "pinocchio")]

@@ -8,30 +8,30 @@ import pytest
 from aras_visual_servo_base.poses import (
     exponential,
     inverse,
+    matrix_from_xyz_rpy,
     pose_difference,
-    to_xyz_rpy,
-    transform,
+    xyz_rpy_from_matrix,
 )
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.robots import Robot
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants.sight import capture
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.robots import Robot
+from aras_visual_servo_bench.plants.imaging import capture
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
 
 SHAPE = ((-0.025, -0.03), (0.03, -0.025), (0.025, 0.02), (-0.015, 0.025))
 # fx and fy differ, and the principal point is off the middle.
 CAMERA = {"width": 320, "height": 240, "update_rate": 30.0,
           "camera_matrix": {"fx": 300.0, "fy": 280.0, "cx": 166.0, "cy": 115.0}}  # fmt: skip
-GOAL = transform((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
+GOAL = matrix_from_xyz_rpy((0.01, -0.02, -0.2), (0.05, -0.08, 0.3))
 JOINTS = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
 START = (0.03, 0.0, -0.05, 0.03, 0.03, 0.15)
 
 
 def posed(pose):
-    xyz, rpy = to_xyz_rpy(pose)
+    xyz, rpy = xyz_rpy_from_matrix(pose)
     return {"pose": [*xyz, *rpy]}
 
 
@@ -43,7 +43,7 @@ def flying(away=NEAR, **changes):
     return Experiment.from_mapping({
         "plant": "free", "features": "exact", "camera": CAMERA, "scheme": "points",
         "target": {"shape": [list(corner) for corner in SHAPE]}, "goal": posed(GOAL),
-        "start": posed(GOAL @ exponential(away)), "duration": 12.0, "linger": 0.0,
+        "start": posed(GOAL @ exponential(away)), "duration": 12.0, "time_after_convergence": 0.0,
         "gain": 2.0, **changes,
     })  # fmt: skip
 
@@ -57,15 +57,15 @@ WRONG = {"focal": {"focal": 1.3}, "centre": {"centre": [10.0, -6.0]},
     for i, scheme in enumerate(("points", "moments", "pose")) for j, wrong in enumerate(WRONG)
 ])
 def test_a_goal_that_is_shown_is_reached_whatever_is_believed(plant, scheme, wrong):
-    result = run(flying(plant=plant, scheme=scheme, believed=WRONG[wrong]))
-    assert result.verdict.reached, (result.outcome, result.reason, result.verdict)
+    result = run(flying(plant=plant, scheme=scheme, calibration_offset=WRONG[wrong]))
+    assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
     assert result.converged
 
 
 @pytest.mark.parametrize("scheme", ["points", "moments"])
 def test_a_pictured_goal_is_reached_whatever_is_believed(scheme):
     start = (0.01, 0.005, -0.02, 0.0, 0.0, 0.15)
-    result = run(flying(start, scheme=scheme, features="pictures", believed={"focal": 1.3}))
+    result = run(flying(start, scheme=scheme, features="images", calibration_offset={"focal": 1.3}))
     assert result.converged
     assert result.verdict.distance < 2e-4
 
@@ -75,12 +75,13 @@ def test_a_pictured_goal_is_reached_whatever_is_believed(scheme):
 def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
     belief = {"xyz": [0.02, 0.0, -0.01], "rpy": [0.02, np.radians(5), -0.1]}
     parts = assemble(Experiment.from_mapping({
-        "plant": plant, "scheme": "points", "goal": goal, "start": list(START), "believed": belief,
-        "features": "pictures",
+        "plant": plant, "scheme": "points", "goal": goal, "start": list(START),
+        "calibration_offset": belief,
+        "features": "images",
     }))  # fmt: skip
     parts.plant.close()
     robot = Robot(Experiment().robot)
-    true, believed = robot.arm(), robot.believed_arm(**belief)
+    true, believed = robot.make_arm(), robot.make_calibrated_arm(**belief)
     np.testing.assert_allclose(parts.goal_pose, true.pose(np.array(JOINTS)), atol=1e-12)
     np.testing.assert_allclose(
         parts.servo.goal.world_T_camera, believed.pose(np.array(JOINTS)), atol=1e-9
@@ -94,18 +95,19 @@ def test_the_goal_is_where_the_true_camera_stood_when_it_was_shown(plant, goal):
 def test_a_mounting_that_is_believed_elsewhere_misses_no_goal_that_was_shown(plant, scheme):
     result = run(Experiment.from_mapping({
         "plant": plant, "scheme": scheme, "goal": list(JOINTS), "start": list(START),
-        "believed": {"rpy": [0.0, 0.0, np.radians(10.0)]}, "duration": 12.0, "features": "exact",
+        "calibration_offset": {"rpy": [0.0, 0.0, np.radians(10.0)]}, "duration": 12.0,
+        "features": "exact",
     }))  # fmt: skip
-    assert result.verdict.reached, (result.outcome, result.reason, result.verdict)
+    assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
 
 @pytest.mark.parametrize("plant", ["free", "ideal"])
 def test_a_flying_camera_moves_as_its_believed_mounting_says(plant):
     """Its twist is that of the believed camera: 0.3 rad about the axis, and 2 cm beside it."""
-    mounting = transform((0.02, -0.01, 0.03), (0.0, 0.1, 0.3))
+    mounting = matrix_from_xyz_rpy((0.02, -0.01, 0.03), (0.0, 0.1, 0.3))
     askew = flying(
         plant=plant, lag=0.0, delay=0.0, duration=1.0,
-        believed={"xyz": [0.02, -0.01, 0.03], "rpy": [0.0, 0.1, 0.3]},
+        calibration_offset={"xyz": [0.02, -0.01, 0.03], "rpy": [0.0, 0.1, 0.3]},
     )  # fmt: skip
     parts = assemble(askew)
     q = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3])
@@ -127,13 +129,14 @@ def test_a_flying_camera_moves_as_its_believed_mounting_says(plant):
 def test_exact_features_are_seen_through_the_believed_camera(plant, scheme):
     seen = {}
     for wrong in ("none", *WRONG):
-        parts = assemble(flying(plant=plant, scheme=scheme, believed=WRONG.get(wrong, {}), **(
+        parts = assemble(flying(plant=plant, scheme=scheme, calibration_offset=WRONG.get(wrong, {}),
+            **(
             {"goal": list(JOINTS), "start": list(START), "target": {}} if plant == "chain" else {}
         )))  # fmt: skip
-        joints = parts.servo.arm.sample(parts.plant.joint_names, parts.plant.joints()[0])
+        joints = parts.servo.arm.read_joints(parts.plant.joint_names, parts.plant.read_joints()[0])
         pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0], [160.0, 150.0]])
         reading = Frame(40_000_000, outline=pixels, points=pixels,
-                        camera=parts.eyes["camera"].true)
+                        camera=parts.cameras["camera"].true_camera)
         observation = parts.observe(reading, joints)
         seen[wrong] = observation.moments, observation.corners
     true, moved = seen["none"], seen["focal"]
@@ -150,18 +153,18 @@ def test_an_outline_bends_where_another_lens_is_believed():
     believed = replace(true, D=(-0.3, 0.05, 0.0, 0.0))
     pixels = np.array([[10.0, 10.0], [300.0, 12.0], [305.0, 220.0], [12.0, 225.0]])
     corners = normalise_pixels(pixels, true, believed)
-    outline = normalise_pixels(pixels, true, believed, closed=True)
+    outline = normalise_pixels(pixels, true, believed, is_closed=True)
     np.testing.assert_allclose(outline[::8], corners, atol=1e-12)
     np.testing.assert_allclose(
         np.column_stack(believed.project(*outline[4])), [[155.0, 11.0]], atol=1e-6
     )
-    assert len(normalise_pixels(pixels, true, true, closed=True)) == 4
+    assert len(normalise_pixels(pixels, true, true, is_closed=True)) == 4
 
 
 def test_jitter_is_the_same_number_of_pixels_along_both_axes():
     parts = assemble(flying(jitter=0.5))
     pose, random = parts.goal_pose, np.random.default_rng(1)
-    seen = np.array([capture(parts.plant.sight, pose, 0, random).points for _ in range(400)])
+    seen = np.array([capture(parts.plant.imaging, pose, 0, random).points for _ in range(400)])
     np.testing.assert_allclose(seen.std(axis=0), 0.5, rtol=0.15)
 
 
@@ -171,11 +174,11 @@ def test_jitter_is_the_same_number_of_pixels_along_both_axes():
 @pytest.mark.parametrize("plant", ["free", "chain", "ideal"])
 @pytest.mark.parametrize("depth", [1.0, 1.25])
 def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
-    experiment = flying(plant=plant, believed={"depth": depth})
+    experiment = flying(plant=plant, calibration_offset={"depth": depth})
     if plant == "chain":
         experiment = Experiment.from_mapping({
             "plant": "chain", "scheme": "points", "goal": list(JOINTS), "start": list(START),
-            "believed": {"depth": depth},
+            "calibration_offset": {"depth": depth},
         })  # fmt: skip
     parts = assemble(experiment)
     joints = None
@@ -184,15 +187,15 @@ def test_every_observation_has_the_plane_of_goal_and_kinematics(plant, depth):
             if isinstance(reading, Frame):
                 seen = parts.observe(reading, joints)
                 break
-            joints = parts.servo.arm.sample(reading.names, reading.positions)
+            joints = parts.servo.arm.read_joints(reading.names, reading.positions)
         else:
             continue
         break
-    shape, pose = parts.target.shape, parts.plant.pose()
-    wanted = np.array(shape.plane(parts.target.seen_from(parts.goal_pose))) / depth
+    shape, pose = parts.target.shape, parts.plant.read_pose()
+    wanted = np.array(shape.plane(parts.target.target_T_camera(parts.goal_pose))) / depth
     np.testing.assert_allclose(parts.servo.goal.plane, wanted, rtol=1e-9)
     if depth == 1.0:
-        true = shape.plane(parts.target.seen_from(pose))
+        true = shape.plane(parts.target.target_T_camera(pose))
         np.testing.assert_allclose(seen.plane, true, rtol=1e-6, atol=1e-7)
     else:  # any point of the goal's plane, seen from here
         point = np.array([0.1, -0.2, 1.0]) / (wanted @ (0.1, -0.2, 1.0))
@@ -213,8 +216,8 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
     """A target that has been carried 4 cm away since the goal was shown: kinematics is wrong."""
     away = {"shape": [list(corner) for corner in SHAPE],
             "motion": {"step": [0.01, 0.0, 0.04], "begin": 0.01}}  # fmt: skip
-    experiment = flying(scheme=scheme, features="pictures", target=away, duration=6.0)
-    result = run(experiment.with_(options={"depth_image": True}))
+    experiment = flying(scheme=scheme, features="images", target=away, duration=6.0)
+    result = run(experiment.with_changes(controller_parameters={"depth_image": True}))
     assert result.verdict.distance < 1e-3, (result.outcome, result.verdict)
     if scheme == "points_3d":
         assert run(experiment).verdict.distance > 0.005
@@ -223,14 +226,14 @@ def test_the_plane_comes_from_the_depth_image_where_that_is_asked_for(scheme):
 # -- bad input ---------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("features", ["pictures", "exact"])
+@pytest.mark.parametrize("features", ["images", "exact"])
 @pytest.mark.parametrize("scheme", ["points", "luminance"])
 def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
-    away = posed(GOAL @ transform((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    away = posed(GOAL @ matrix_from_xyz_rpy((0.5, 0.0, 0.0), (0.0, 0.0, 0.0)))
     aside = flying(scheme=scheme, features=features, goal=away)
-    words = "the goal is shown where the target is not in the camera's view: give a goal"
+    words = "goal: the target is not in the camera's view: give a goal"
     if scheme == "luminance" and features == "exact":
-        words = "scheme 'luminance' looks at pictures, and there are none with exact features"
+        words = "scheme 'luminance' needs images: set features: images"
     for refuse in (check, assemble):
         with pytest.raises(ExperimentError, match=words) as told:
             refuse(aside)
@@ -238,14 +241,14 @@ def test_a_goal_is_not_shown_where_the_target_is_not_in_view(features, scheme):
 
 
 def test_a_goal_behind_the_target_is_refused():
-    turned = flying(goal=posed(GOAL @ transform((0, 0, 0), (np.pi, 0, 0))))
-    with pytest.raises(ExperimentError, match="behind the camera.*give a goal from where"):
+    turned = flying(goal=posed(GOAL @ matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0))))
+    with pytest.raises(ExperimentError, match="behind the camera.*give a goal from which"):
         check(turned)
 
 
 @pytest.mark.parametrize("plant", ["bullet", "chain", "free", "ideal"])
 def test_a_scheme_of_pictures_is_refused_on_exact_features(plant):
-    with pytest.raises(ExperimentError, match="give features: pictures"):
+    with pytest.raises(ExperimentError, match="set features: images"):
         check(Experiment(plant=plant, scheme="luminance", features="exact"))
 
 

@@ -10,13 +10,13 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.frame import Frame
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 ASKED = yaml.safe_load((EXAMPLES / "both_eyes.yaml").read_text())
@@ -36,34 +36,38 @@ def asked(order=BOTH, left=None, **changes):
     """The example, or with the cameras in another order, or with another left camera."""
     cameras = {**ASKED["cameras"], "left": {**ASKED["cameras"]["left"], **(left or {})}}
     changes.setdefault("cameras", {name: cameras[name] for name in order})
-    return Experiment.from_mapping({**ASKED, "linger": 0.0, **changes})
+    return Experiment.from_mapping({**ASKED, "time_after_convergence": 0.0, **changes})
 
 
 @pytest.mark.parametrize("scheme", ["points@palm+points@left", "points@left", "moments@left"])
 @pytest.mark.parametrize("order", [BOTH, BOTH[::-1]], ids=["palm", "left"])
 def test_the_arm_comes_to_the_goal_by_either_and_by_both(order, scheme):
     result = run(asked(order, scheme=scheme, plant="chain", features="exact"))
-    assert result.outcome == "converged" and result.verdict.reached, result.reason
-    np.testing.assert_allclose(result.measured[-1], GOAL, atol=2e-4)
+    assert result.outcome == "converged" and result.verdict.is_reached, result.reason
+    np.testing.assert_allclose(result.measured_positions[-1], GOAL, atol=2e-4)
     assert set(result.outcomes) == {"running", "converged"}
 
 
 def test_poses_are_those_before_each_cameras_own_target():
-    result = run(asked(plant="chain", features="exact", duration=0.5, linger=0.1))
+    result = run(asked(plant="chain", features="exact", duration=0.5, time_after_convergence=0.1))
     at = 12  # the palm's picture is of the same stamp
     seen = result.cameras["left"]
     assert seen.stamp[at] == result.stamp[at]
     i = int(np.argmin(np.abs(result.joint_stamp - result.stamp[at])))
-    q = result.measured[i]
+    q = result.measured_positions[i]
     world_T_hand = Arm.from_urdf(PORTAL, "hand").pose(q)
-    stands = Arm.standing(PORTAL, "left_optical_frame")
+    stands = Arm.find_fixed_pose(PORTAL, "left_optical_frame")
     np.testing.assert_allclose(world_T_hand @ seen.pose[at], stands, atol=5e-3)
     parts = assemble(asked(plant="chain", features="exact"))
     pose = Arm.from_urdf(PORTAL, "palm_optical_frame").pose(q)
-    np.testing.assert_allclose(world_T_hand @ parts.places["left"].at(pose), stands, atol=1e-12)
+    np.testing.assert_allclose(
+        world_T_hand @ parts.placements["left"].compute_pose(pose), stands, atol=1e-12
+    )
     parts = assemble(asked(BOTH[::-1], plant="chain", features="exact", scheme="points@left"))
     np.testing.assert_allclose(
-        parts.places["palm"].at(np.linalg.inv(world_T_hand) @ stands), pose, atol=1e-12
+        parts.placements["palm"].compute_pose(np.linalg.inv(world_T_hand) @ stands),
+        pose,
+        atol=1e-12,
     )
 
 
@@ -73,22 +77,25 @@ def test_a_hand_camera_believed_elsewhere_beside_one_that_the_experiment_puts_so
     cameras = {
         "wall": {"model": "calibrated", "pose": [0.55, 0.03, 0.88, -np.pi / 2, 0, np.pi / 2],
                  "target_frame": "camera_link", "target": plate},
-        "hand": {"model": "wide", "believed": {"rpy": [0.0, 0.02, 0.03]}},
+        "hand": {"model": "wide", "calibration_offset": {"rpy": [0.0, 0.02, 0.03]}},
     }  # fmt: skip
     result = run(Experiment.from_mapping({
         "plant": "chain", "target": {"shape": L, "pose": [0, 0, 0.591, 0, 0, 0.2]}, "gain": 2.0,
         "cameras": {name: cameras[name] for name in order}, "start": "2016",
         "goal": [0.05, 0.1, 0.3, -0.35, 0.05, 0.1], "scheme": "points@hand+points@wall",
     }))  # fmt: skip
-    assert result.verdict.reached, (result.outcome, result.reason)
+    assert result.verdict.is_reached, (result.outcome, result.reason)
 
 
 def test_the_goal_has_the_plane_of_each_cameras_own_target():
     parts = assemble(asked(plant="chain", features="exact"))
-    before = {"palm": parts.goal_pose, "left": parts.places["left"].at(parts.goal_pose)}
+    before = {
+        "palm": parts.goal_pose,
+        "left": parts.placements["left"].compute_pose(parts.goal_pose),
+    }
     for name, goal in parts.goal.cameras.items():
-        target = (parts.eyes[name].spec.target or asked().target).placed
-        plane = target.shape.plane(target.seen_from(before[name]))
+        target = (parts.cameras[name].spec.target or asked().target).placed_target
+        plane = target.shape.plane(target.target_T_camera(before[name]))
         np.testing.assert_allclose([*goal.plane], [*plane], atol=1e-9)
     depths = [goal.plane.C for goal in parts.goal.cameras.values()]
     assert abs(depths[0] - depths[1]) > 0.1
@@ -122,11 +129,11 @@ def test_a_target_is_drawn_on_the_link_that_carries_it():
     changed = np.abs(drawn[1]["left"].astype(int) - alone[1]["left"]).max(axis=2) > 100
     rows, columns = np.nonzero(changed)
     parts = drawn[0]
-    place = parts.places["left"].at(parts.plant.at_rest())
-    shape = asked(left={"target": PLATE}).cameras["left"].target.placed.shape
-    hand_T_plate = transform(PLATE["pose"][:3], PLATE["pose"][3:])
+    place = parts.placements["left"].compute_pose(parts.plant.read_rest_pose())
+    shape = asked(left={"target": PLATE}).cameras["left"].target.placed_target.shape
+    hand_T_plate = matrix_from_xyz_rpy(PLATE["pose"][:3], PLATE["pose"][3:])
     rim = shape.outline(np.linalg.inv(hand_T_plate) @ place)
-    camera = parts.eyes["left"].true
+    camera = parts.cameras["left"].true_camera
     pixels = np.column_stack(camera.project(*rim.T)).astype(np.float32)
     mask = cv2.fillPoly(np.zeros((240, 320), np.uint8), [np.round(pixels).astype(int)], 255)
     there = np.array(np.nonzero(mask)).mean(axis=1)
@@ -145,7 +152,7 @@ def test_a_target_of_its_own_may_stand_too():
     experiment = asked(cameras=cameras, robot=robot, scheme="points@palm+points@second",
                        start=[0.03, -0.01, 0.02, 0.25])  # fmt: skip
     result = run(experiment)
-    assert result.outcome == "converged" and result.verdict.reached, result.reason
+    assert result.outcome == "converged" and result.verdict.is_reached, result.reason
     _, pictures = first_pictures(experiment)
     assert min(dark(picture)[1] for picture in pictures.values()) > 100
 
@@ -157,9 +164,9 @@ def test_an_arm_carries_a_target_that_is_not_part_of_its_description():
     result = run(Experiment.from_mapping({
         "robot": robot, "target": PLATE, "camera": ASKED["cameras"]["left"]["model"],
         "goal": ASKED["goal"], "start": ASKED["start"], "scheme": "points",
-        "options": {"segmentation": {"component": "nearest"}},
+        "controller_parameters": {"segmentation": {"component": "nearest"}},
     }))  # fmt: skip
-    assert result.verdict.reached, result.reason
+    assert result.verdict.is_reached, result.reason
 
 
 CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
@@ -168,23 +175,23 @@ CARRIED, STANDS = {"target": PLATE}, {"target_frame": "", "target": PLATE}
 @pytest.mark.parametrize(
     ("left", "changes", "words"),
     [
-        ({"target": None}, {}, "cameras.left.target_frame carries what the camera looks at"),
+        ({"target": None}, {}, "cameras.left.target_frame is the link that carries the"),
         ({"target_frame": "hnd", "target": PLATE}, {}, "did you mean 'hand'"),
         ({"target": {**PLATE, "motion": {"velocity": [0.1] + [0.0] * 5}}}, {},
-         "moves with its link alone"),
+         "its link moves it"),
         ({"target_frame": "", "target": {**PLATE, "box": {"size": [0.1, 0.1, 0.1]}}}, {},
-         "cameras.left.target has a shape, a size and a pose"),
-        ({"target": {"shape": "aras"}}, {}, "cameras.left.target: give it a shape"),
-        ({"target": {"shape": "marker"}}, {}, "followed by the tracker 'marker'"),
+         "cameras.left.target may only have shape, size, pose"),
+        ({"target": {"shape": "aras"}}, {}, "cameras.left.target needs a shape"),
+        ({"target": {"shape": "marker"}}, {}, "tracked by the tracker 'marker'"),
         (CARRIED, {"plant": "free", "features": "exact"}, "cameras.left.target_frame is a link"),
-        (STANDS, {}, "camera 'left' stands in the world"),
-        ({"target_frame": "y"}, {}, "look at what it carries"),
-        ({}, {"options": {"segmentation": {"method": "label", "label": "target"}}},
-         "camera 'left' looks at one of its own"),
+        (STANDS, {}, "camera 'left' is fixed in the world"),
+        ({"target_frame": "y"}, {}, "point them at a target that this link carries"),
+        ({}, {"controller_parameters": {"segmentation": {"method": "label", "label": "target"}}},
+         "camera 'left' has its own"),
     ],
 )  # fmt: skip
 def test_what_cannot_be_is_one_line(left, changes, words):
-    scheme = "points@left" if "stands in" in words else ASKED["scheme"]
+    scheme = "points@left" if "fixed in" in words else ASKED["scheme"]
     with pytest.raises(ExperimentError) as error:
         assemble(asked(left=left, scheme=scheme, **changes))
     assert words in str(error.value) and "\n" not in str(error.value)

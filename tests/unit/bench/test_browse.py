@@ -20,21 +20,21 @@ import pytest
 import yaml
 from made_study import made_study, write_chunk
 
-from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import rows as rows_module
-from aras_visual_servo_bench.study.engine import carry_out
-from aras_visual_servo_bench.study.folder import SUMS, Folder
-from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies import rows as rows_module
+from aras_visual_servo_bench.studies.engine import carry_out
+from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import CHECKSUM_FILE, StudyFolder
 from aras_visual_servo_bench.web.browse import reports as reports_module
 from aras_visual_servo_bench.web.browse import studies as studies_module
-from aras_visual_servo_bench.web.browse.queries import cells, medians
+from aras_visual_servo_bench.web.browse.queries import compute_medians, divide_into_cells
 from aras_visual_servo_bench.web.browse.reports import Reports
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.browse.studies import Studies
-from aras_visual_servo_bench.web.server import PortTakenError, bound
+from aras_visual_servo_bench.web.server import PortTakenError, bind_free_port
 
 GRID = {"experiment": {"plant": "free", "duration": 0.5},
         "vary": {"gain": [1.0, 4.0, 8.0], "delay": [0.05, 0.2]},
@@ -63,7 +63,7 @@ def served(folder):
 @pytest.fixture(scope="module")
 def ask(served):
     def question(do, **asked):
-        return served.answer(json.dumps({"do": do, **asked}))
+        return served.answer_query(json.dumps({"do": do, **asked}))
 
     return question
 
@@ -85,11 +85,12 @@ def of(*conditions):
 
 def test_studies_are_found_below_a_folder_with_their_columns(ask, folder):
     told = ask("studies")
-    assert [(s["name"], s["runs"], s["of"], s["note"]) for s in told["studies"]] == [
+    assert [(s["name"], s["runs"], s["run_count"], s["note"]) for s in told["studies"]] == [
         ("second", 30, 30, ""), ("first", 30, 30, ""), ("words", 2, 2, "")]
     columns = {c["name"]: c for c in told["columns"]}
     assert columns["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
-                               "count": 4, "known": 60, "values": [1.0, 4.0, 8.0]}  # fmt: skip
+                               "count": 4, "known_count": 60,
+                               "values": [1.0, 4.0, 8.0]}  # fmt: skip
     assert columns["settled"]["unit"] == "s" and columns["settled"]["role"] == "metric"
     assert columns["scheme"]["values"] == [HOSTILE, "points"]
     assert columns["study"]["kind"] == "word" and "code" not in columns
@@ -115,7 +116,7 @@ def test_a_filter_leaves_the_runs_that_meet_it(ask, rows, condition, meets):
     assert 0 < len(wanted) < len(rows)
     assert [r[names.index("run")] for r in told["rows"]] == wanted
     assert told["total"] == len(wanted)
-    assert told["succeeded"] == sum(r["success"] == 1.0 for r in rows if meets(r))
+    assert told["success_count"] == sum(r["success"] == 1.0 for r in rows if meets(r))
 
 
 def test_rows_are_sorted_and_given_part_by_part(ask, rows):
@@ -169,10 +170,10 @@ def test_each_cell_of_a_map_chooses_its_own_runs(ask, rows):
                 assert found["total"] == count
                 seen += count
                 if count and value == "success":
-                    assert told["values"][i][j] == found["succeeded"] / count
+                    assert told["values"][i][j] == found["success_count"] / count
                 elif not count:
                     assert told["values"][i][j] is None
-        assert seen + told["left"] == 30
+        assert seen + told["uncounted"] == 30
     assert told["x"]["labels"][0][0] == pytest.approx(min(r["final_distance"] for r in rows))
 
 
@@ -182,26 +183,26 @@ def test_many_values_make_ranges_and_medians_are_those_of_numpy():
     rng = np.random.default_rng(3)
     values = rng.normal(size=200)
     values[::17] = np.nan
-    cut = cells(pa.chunked_array([values]), bins=7)
-    assert len(cut.labels) == 7 and cut.left == np.isnan(values).sum()
+    cut = divide_into_cells(pa.chunked_array([values]), bins=7)
+    assert len(cut.labels) == 7 and cut.uncounted_rows == np.isnan(values).sum()
     for k, (low, high) in enumerate(cut.labels):
         inside = values[cut.at == k]
         assert ((inside >= low) & (inside <= high)).all()
     group = rng.integers(-1, 5, 200)
-    found = medians(values, group, 6)
+    found = compute_medians(values, group, 6)
     for k in range(5):
         assert found[k] == np.nanmedian(values[group == k])
     assert np.isnan(found[5])
-    wide = cells(pa.chunked_array([np.geomspace(1e-6, 1.0, 100)]), bins=6)
+    wide = divide_into_cells(pa.chunked_array([np.geomspace(1e-6, 1.0, 100)]), bins=6)
     assert np.diff(np.log10([low for low, _ in wide.labels])) == pytest.approx(np.ones(5))
 
 
 def test_points_are_those_of_the_rows(ask, rows):
     import base64
 
-    told = ask("points", **of(), x="gain", y="settled", shade="success")
+    told = ask("points", **of(), x="gain", y="settled", colour_by="success")
     known = [r for r in rows if r["settled"] == r["settled"]]
-    assert told["count"] == len(known) and told["left"] == 30 - len(known)
+    assert told["count"] == len(known) and told["uncounted"] == 30 - len(known)
     y = np.frombuffer(base64.b64decode(told["y"]["values"]), "<f4")
     run = np.frombuffer(base64.b64decode(told["run"]), "<i4")
     study = np.frombuffer(base64.b64decode(told["study"]), "<i4")
@@ -218,7 +219,7 @@ def test_a_run_is_told_with_reason_and_remedy_and_its_whole_seed(ask, rows):
     assert (row["reason"], row["remedy"]) == (failed["reason"], failed["remedy"])
     assert int(row["seed"]) == failed["seed"] and row["end"] == "oscillating"
     assert "scheme" not in row  # another study's
-    with pytest.raises(StudyError, match="first has no run 30 yet"):
+    with pytest.raises(StudyError, match="first has not stored run 30 yet"):
         ask("run", study="first", run=30)
 
 
@@ -232,19 +233,20 @@ def test_two_studies_are_compared(ask):
 
 @pytest.mark.parametrize(("asked", "said"), [
     ({"do": "rows", "filters": where(("gian", "=", 1))}, "no column 'gian'.*'gain'"),
-    ({"do": "rows", "filters": where(("gain", "=", "x"))}, "gain holds numbers, and 'x' is none"),
+    ({"do": "rows", "filters": where(("gain", "=", "x"))},
+     "gain contains numbers, and 'x' is not a number"),
     ({"do": "rows", "filters": where(("gain", "~", 1))}, "operator"),
     ({"do": "rows", "studies": ["../first"]}, "there is no study '../first' here"),
     ({"do": "rows", "count": 100000}, "count"),
     ({"do": "map", "x": "gain", "y": "nothing"}, "no column 'nothing'"),
-    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason holds words"),
+    ({"do": "map", "x": "gain", "y": "delay", "value": "reason"}, "reason contains text"),
     ({"do": "rows", "more": 1}, "more"),
     ({"do": "delete"}, "there is no request 'delete'"),
     ([], "JSON object"),
 ])  # fmt: skip
 def test_what_cannot_be_answered_is_one_line(served, asked, said):
     with pytest.raises(Exception, match=said) as raised:
-        served.answer(json.dumps(asked))
+        served.answer_query(json.dumps(asked))
     assert "\n" not in str(raised.value) and not isinstance(raised.value, KeyError)
 
 
@@ -254,39 +256,39 @@ def test_what_cannot_be_answered_is_one_line(served, asked, said):
 def test_a_study_that_grows_is_followed_part_by_part(tmp_path, monkeypatch):
     folder = made_study(tmp_path / "grows", range(1), **GRID)
     studies = Studies([tmp_path])
-    first = studies.look(now=True)
-    assert (first.studies[0].runs, first.studies[0].of) == (10, 30)
-    assert studies.look(now=True) is first
+    first = studies.read_snapshot(is_forced=True)
+    assert (first.studies[0].stored_run_count, first.studies[0].run_count) == (10, 30)
+    assert studies.read_snapshot(is_forced=True) is first
     for name in (".000002.parquet.new", "notes.txt"):  # on its way, and another's
-        (folder.part(0).parent / name).write_text("")
-    assert studies.look(now=True) is first
+        (folder.find_part(0).parent / name).write_text("")
+    assert studies.read_snapshot(is_forced=True) is first
     write_chunk(folder, 2)
     read = []
     whole = pq.read_table
     monkeypatch.setattr(pq, "read_table", lambda *a, **k: read.append(1) or whole(*a, **k))
-    second = studies.look(now=True)
-    assert second.version > first.version and second.studies[0].runs == 20
+    second = studies.read_snapshot(is_forced=True)
+    assert second.version > first.version and second.studies[0].stored_run_count == 20
     assert len(read) == 2  # the new part and its times, none of the old
     made_study(tmp_path / "new", **{**GRID, "seed": 3})
-    assert [s.name for s in studies.look(now=True).studies] == ["grows", "new"]
+    assert [s.name for s in studies.read_snapshot(is_forced=True).studies] == ["grows", "new"]
 
 
 def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
     made_study(tmp_path / "good", **GRID)
     bad = made_study(tmp_path / "bad", **{**GRID, "seed": 2})
     studies = Studies([tmp_path])
-    assert studies.look(now=True).table.num_rows == 60
-    bad.part(1).write_bytes(b"PAR1 nothing")
-    look = studies.look(now=True)
-    assert "not as it was written" in look.study("bad").note
+    assert studies.read_snapshot(is_forced=True).table.num_rows == 60
+    bad.find_part(1).write_bytes(b"PAR1 nothing")
+    look = studies.read_snapshot(is_forced=True)
+    assert "was changed since it was written" in look.find_study("bad").note
     assert look.table.num_rows == 60  # as they were before
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "manifest.json").write_text("{")
-    look = studies.look(now=True)
-    assert "is damaged" in look.study("broken").note
+    look = studies.read_snapshot(is_forced=True)
+    assert "is damaged" in look.find_study("broken").note
     shutil.rmtree(tmp_path / "bad")
-    look = studies.look(now=True)
-    assert look.study("bad").note.endswith("bad is gone") and look.table.num_rows == 30
+    look = studies.read_snapshot(is_forced=True)
+    assert look.find_study("bad").note.endswith("bad was removed") and look.table.num_rows == 30
 
 
 def test_names_that_are_no_text_are_shown_and_asked_for(tmp_path):
@@ -295,12 +297,12 @@ def test_names_that_are_no_text_are_shown_and_asked_for(tmp_path):
         made_study(tmp_path / name, **GRID)
     server = serve([tmp_path], "127.0.0.1", 20300 + os.getpid() % 1000, say=lambda _: None)
     try:
-        told = server.answer(json.dumps({"do": "studies"}))["studies"]
+        told = server.answer_query(json.dumps({"do": "studies"}))["studies"]
         "".join(one["name"] for one in told).encode()
         assert {one["name"].rpartition("/")[2] for one in told} == {"st?<b>", "two\nlines$x$"}
         assert len({one["name"] for one in told}) == 3
         for one in told:
-            rows = server.answer(json.dumps({"do": "rows", "studies": [one["name"]]}))
+            rows = server.answer_query(json.dumps({"do": "rows", "studies": [one["name"]]}))
             assert rows["total"] == 30
     finally:
         server.close()
@@ -313,35 +315,36 @@ def test_whatever_stands_in_a_folder_the_page_goes_on(damage, tmp_path):
     if damage == "deep":
         (bad.path / "manifest.json").write_text("[" * 100_000)
     elif damage == "a pipe":
-        bad.part(0).unlink()
-        os.mkfifo(bad.part(0))
+        bad.find_part(0).unlink()
+        os.mkfifo(bad.find_part(0))
     else:
-        (bad.path / SUMS).unlink()
+        (bad.path / CHECKSUM_FILE).unlink()
         if damage == "binary sums":
-            (bad.path / SUMS).write_bytes(b"\xff\xfe  parts\n")
+            (bad.path / CHECKSUM_FILE).write_bytes(b"\xff\xfe  parts\n")
         else:
-            (bad.path / SUMS).mkdir()
-    look = Studies([tmp_path]).look(now=True)
-    assert look.study("bad").note and look.study("good").runs == 30
+            (bad.path / CHECKSUM_FILE).mkdir()
+    look = Studies([tmp_path]).read_snapshot(is_forced=True)
+    assert look.find_study("bad").note and look.find_study("good").stored_run_count == 30
 
 
 def test_studies_too_many_are_left_out_and_that_is_said(tmp_path, monkeypatch):
     for name in "abc":
         (tmp_path / name).mkdir()
         (tmp_path / name / "manifest.json").write_text("{")
-    said = "only the first 2 studies are shown: name folders that hold fewer"
+    said = "only the first 2 studies are shown: give folders with fewer"
     for most, names, note in ((3, "abc", ""), (2, "ab", said)):
-        monkeypatch.setattr(studies_module, "MOST", most)
-        look = Studies([tmp_path]).look(now=True)
+        monkeypatch.setattr(studies_module, "MAX_STUDIES", most)
+        look = Studies([tmp_path]).read_snapshot(is_forced=True)
         assert ("".join(seen.name for seen in look.studies), look.note) == (names, note)
-        assert {(seen.runs, seen.of) for seen in look.studies} == {(0, 0)}  # as none can be read
+        # as none can be read
+        assert {(seen.stored_run_count, seen.run_count) for seen in look.studies} == {(0, 0)}
 
 
 def test_folders_are_looked_at_once_a_second_and_four_deep(tmp_path, monkeypatch):
     now = [100.0]
     monkeypatch.setattr(studies_module, "time", SimpleNamespace(monotonic=lambda: now[0]))
     studies = Studies([tmp_path])
-    assert studies.look().studies == () and studies.look().version == 0
+    assert studies.read_snapshot().studies == () and studies.read_snapshot().version == 0
     at = tmp_path
     for deep in "abcde":
         at = at / deep
@@ -352,27 +355,27 @@ def test_folders_are_looked_at_once_a_second_and_four_deep(tmp_path, monkeypatch
     (tmp_path / "a/b/c/z/five").mkdir()
     (tmp_path / "a/b/c/z/five/manifest.json").write_text("{")
     now[0] += 1.0
-    assert studies.look().studies == ()
+    assert studies.read_snapshot().studies == ()
     now[0] += 0.01
-    assert [seen.name for seen in studies.look().studies] == ["d"]  # nor is one within it
+    assert [seen.name for seen in studies.read_snapshot().studies] == ["d"]  # nor is one within it
     (tmp_path / "a" / "z" / "manifest.json").write_text("{")
     (tmp_path / "B").mkdir()
     (tmp_path / "B" / "manifest.json").write_text("{")
-    assert [seen.name for seen in studies.look(now=True).studies] == ["d", "B", "z"]
-    assert [seen.name for seen in Studies([tmp_path]).look().studies] == ["B", "d", "z"]
+    assert [seen.name for seen in studies.read_snapshot(is_forced=True).studies] == ["d", "B", "z"]
+    assert [seen.name for seen in Studies([tmp_path]).read_snapshot().studies] == ["B", "d", "z"]
     for number in range(198):
         (tmp_path / f"n{number}").mkdir()
         (tmp_path / f"n{number}" / "manifest.json").write_text("{")
-    look = studies.look(now=True)
+    look = studies.read_snapshot(is_forced=True)
     assert len(look.studies) == 200 and "only the first 200" in look.note
-    assert len(Studies([tmp_path]).look().studies) == 200
+    assert len(Studies([tmp_path]).read_snapshot().studies) == 200
 
 
 def test_columns_of_unlike_studies_stand_below_each_other(tmp_path):
     one = made_study(tmp_path / "one", experiment={"plant": "free"}, vary={"gain": [1, 2]})
     two = made_study(tmp_path / "two", experiment={"plant": "free"}, metrics=["path_ratio"],
                      cases=[{"scheme": "points", "delay": 0.1}])  # fmt: skip
-    look = Studies([tmp_path]).look()
+    look = Studies([tmp_path]).read_snapshot()
     names = look.table.column_names
     assert look.table["study"].to_pylist() == ["one", "one", "two"]
     assert look.table["gain"].to_pylist()[:2] == [1, 2] and look.table["gain"].null_count == 1
@@ -383,21 +386,21 @@ def test_columns_of_unlike_studies_stand_below_each_other(tmp_path):
     assert {look.roles[name] for name in ("study", "run", "seed", "end", "outcome")} == {"run"}
     assert [look.units[n] for n in ("gain", "delay", "settled", "simulated", "success")] == [
         "1/s", "s", "s", "s", ""]  # fmt: skip
-    assert set(rows_module.LABELS) & set(names) == set() and look.version == 1
+    assert set(rows_module.LABEL_COLUMNS) & set(names) == set() and look.version == 1
 
 
 def test_links_that_lead_elsewhere_are_not_followed(tmp_path):
     made_study(tmp_path / "outside" / "secret", **GRID)
     (tmp_path / "inside").mkdir()
     (tmp_path / "inside" / "link").symlink_to(tmp_path / "outside")
-    assert Studies([tmp_path / "inside"]).look(now=True).studies == ()
+    assert Studies([tmp_path / "inside"]).read_snapshot(is_forced=True).studies == ()
 
 
 def test_folders_of_one_name_are_told_apart_and_kinds_are_made_even(tmp_path):
     made_study(tmp_path / "a" / "same", **GRID)
     made_study(tmp_path / "b" / "same", experiment={"plant": "free"}, vary={"gain": [1, 2]},
                cases=[{"scheme": "points"}])  # fmt: skip
-    look = Studies([tmp_path]).look(now=True)
+    look = Studies([tmp_path]).read_snapshot(is_forced=True)
     assert [s.name for s in look.studies] == ["same", "b/same"]
     assert look.table["gain"].to_pylist()[-2:] == [1.0, 2.0]  # whole numbers there
     assert look.table["delay"].to_pylist()[-1] is None
@@ -406,7 +409,7 @@ def test_folders_of_one_name_are_told_apart_and_kinds_are_made_even(tmp_path):
 def test_a_folder_that_is_none_is_refused_and_an_empty_one_waits(tmp_path, capsys):
     assert main(["browse", str(tmp_path / "none"), "--no-open"]) == 1
     assert f"there is no folder {tmp_path / 'none'}" in capsys.readouterr().err
-    look = Studies([tmp_path]).look(now=True)
+    look = Studies([tmp_path]).read_snapshot(is_forced=True)
     assert (look.studies, look.table.num_rows) == ((), 0)
 
 
@@ -452,7 +455,7 @@ def test_a_status_says_whose_fault_it_was(served, monkeypatch, caplog):
             raise fault
 
         with monkeypatch.context() as held:
-            held.setattr(served, "answer", fails)
+            held.setattr(served, "answer_query", fails)
             status, text, headers = get(served, "/ask", b'{"do": "studies"}')
         told = {"error": f"{type(fault).__name__}: {fault}"}
         assert (status, json.loads(text)) == (500, told)
@@ -482,51 +485,51 @@ def real(tmp_path_factory):
         "experiment": {"plant": "free", "duration": 0.2, "lag": 0.0},
         "vary": {"gain": [2.0, 4.0]}, "chunk": 1, "metrics": ["success", "final_distance"],
     })  # fmt: skip
-    folder = Folder.create(path, study, yaml.safe_dump(study.to_mapping()))
-    carry_out(folder, ThisProcess(), Progress(2))
+    folder = StudyFolder.create(path, study, yaml.safe_dump(study.to_mapping()))
+    carry_out(folder, InProcessPool(), Progress(2))
     return folder
 
 
 def computed(server_or_reports, seen, run, seconds=300.0):
     end = time.monotonic() + seconds
-    while isinstance(found := server_or_reports.ask(seen, run), float):
+    while isinstance(found := server_or_reports.find_or_start(seen, run), float):
         assert time.monotonic() < end
         time.sleep(0.1)
     return found
 
 
 def test_a_report_is_computed_once_and_again_only_where_the_row_is_newer(real, monkeypatch):
-    seen = Studies([real.path]).look(now=True).studies[0]
+    seen = Studies([real.path]).read_snapshot(is_forced=True).studies[0]
     reports = Reports()
-    assert reports.ask(seen, 1) == 0.0
+    assert reports.find_or_start(seen, 1) == 0.0
     page = computed(reports, seen, 1)
     assert page == real.path / "show-1" / "report.html"
     text = page.read_text()
-    assert f"{real.path.name}:1" in text and "not as it was recorded" not in text
+    assert f"{real.path.name}:1" in text and "differs from the stored result" not in text
 
     def none(*_, **__):
         raise AssertionError("computed again")
 
     with monkeypatch.context() as held:
         held.setattr(subprocess, "Popen", none)
-        assert Reports().ask(seen, 1) == page
+        assert Reports().find_or_start(seen, 1) == page
         when = page.stat().st_mtime_ns
-        os.utime(real.part(1), ns=(when, when))
-        assert Reports().ask(seen, 1) == page
-    os.utime(real.part(1), (time.time() + 5, time.time() + 5))
+        os.utime(real.find_part(1), ns=(when, when))
+        assert Reports().find_or_start(seen, 1) == page
+    os.utime(real.find_part(1), (time.time() + 5, time.time() + 5))
     again = Reports()
-    assert again.ask(seen, 1) == 0.0
+    assert again.find_or_start(seen, 1) == 0.0
     again.close()
-    os.utime(real.part(1))
+    os.utime(real.find_part(1))
 
 
 def test_a_report_outside_of_the_folder_is_not_given(real, tmp_path):
-    seen = Studies([real.path]).look(now=True).studies[0]
+    seen = Studies([real.path]).read_snapshot(is_forced=True).studies[0]
     (tmp_path / "report.html").write_text("secret")
     (real.path / "show-0").symlink_to(tmp_path)
     reports = Reports()
     try:
-        assert reports.ask(seen, 0) == 0.0
+        assert reports.find_or_start(seen, 0) == 0.0
         (job,) = reports.jobs.values()
         assert not job.out.resolve().is_relative_to(tmp_path)  # nothing is written there either
     finally:
@@ -538,57 +541,57 @@ def test_reports_of_a_folder_that_cannot_be_written_have_a_folder_each(
     real, monkeypatch, tmp_path, capfd
 ):  # fmt: skip
     """After one had failed, the next was written over one that was still on its way."""
-    seen = Studies([real.path]).look(now=True).studies[0]
+    seen = Studies([real.path]).read_snapshot(is_forced=True).studies[0]
     monkeypatch.setattr(reports_module.os, "access", lambda *_: False)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     reports = Reports()
-    outs = [reports.begun(seen, 0).out, reports.begun(seen, 1).out]
-    reports.ask(seen, 0)
+    outs = [reports.start_job(seen, 0).out, reports.start_job(seen, 1).out]
+    reports.find_or_start(seen, 0)
     with pytest.raises(StudyError, match="no report of run 0"):
         computed(reports, seen, 0)
     said = tmp_path / "python"
     said.write_text("#!/bin/sh\necho first >&2\necho 'bench: so it is' >&2\necho other\nexit 3\n")
     said.chmod(0o755)
     monkeypatch.setattr(sys, "executable", str(said))
-    reports.ask(seen, 1)
+    reports.find_or_start(seen, 1)
     with pytest.raises(StudyError, match="no report of run 1: so it is$"):
         computed(reports, seen, 1)
     assert capfd.readouterr() == ("", "")
-    outs.append(reports.begun(seen, 2).out)
+    outs.append(reports.start_job(seen, 2).out)
     assert len(set(outs)) == 3 and not any(out.is_relative_to(real.path) for out in outs)
     reports.close()
 
 
 def test_too_many_reports_at_once_and_one_that_fails_are_said(real, monkeypatch):
-    seen = Studies([real.path]).look(now=True).studies[0]
-    monkeypatch.setattr(reports_module, "TOGETHER", 0)
+    seen = Studies([real.path]).read_snapshot(is_forced=True).studies[0]
+    monkeypatch.setattr(reports_module, "MAX_JOBS", 0)
     with pytest.raises(StudyError, match="are being computed: wait"):
-        Reports().ask(seen, 0)
-    monkeypatch.setattr(reports_module, "TOGETHER", 1)
+        Reports().find_or_start(seen, 0)
+    monkeypatch.setattr(reports_module, "MAX_JOBS", 1)
     monkeypatch.setattr(sys, "executable", "/bin/false")
     reports = Reports()
     with pytest.raises(StudyError, match="no report of run 0: its process ended with 1"):
         computed(reports, seen, 0)
-    assert reports.ask(seen, 0) == 0.0
+    assert reports.find_or_start(seen, 0) == 0.0
     with pytest.raises(StudyError, match="1 reports are being computed: wait"):
         (job,) = reports.jobs.values()
         monkeypatch.setattr(job.process, "poll", lambda: None)
-        reports.ask(seen, 1)
+        reports.find_or_start(seen, 1)
     monkeypatch.undo()
     job.process.wait()
-    monkeypatch.setattr(reports_module, "TOGETHER", 1)
-    assert reports.ask(seen, 1) == 0.0  # the other is over, though nobody asked for it
+    monkeypatch.setattr(reports_module, "MAX_JOBS", 1)
+    assert reports.find_or_start(seen, 1) == 0.0  # the other is over, though nobody asked for it
     reports.close()
 
 
 def test_a_port_that_is_taken_is_said_and_another_used(folder):
-    sockets, _ = bound("127.0.0.1", 19100)
+    sockets, _ = bind_free_port("127.0.0.1", 19100)
     taken = sockets[0].getsockname()[1]
     said = []
     found = serve([folder], "127.0.0.1", taken, say=said.append)
     try:
         assert found.access.port != taken and f"port {taken} is taken" in said[0]
-        with pytest.raises(PortTakenError, match="give an address of this machine"):
+        with pytest.raises(PortTakenError, match="use an address of this machine"):
             serve([folder], "192.0.2.1", taken, say=said.append)
     finally:
         found.close()
@@ -611,11 +614,11 @@ def test_the_command_says_where_it_is_that_there_is_no_browser_and_ends_by_inter
         lines = []
         for line in child.stdout:
             lines.append(line.strip())
-            if line.startswith("Ctrl-C"):
+            if line.startswith("press Ctrl-C"):
                 break
         text = "\n".join(lines)
         address = re.search(r"at (http://127\.0\.0\.1:\d+/\?token=\S+)", text)
-        assert address and "first: 30 of 30 runs" in text and "no browser" in text
+        assert address and "first: 30 of 30 runs" in text and "cannot open a browser" in text
         with urlopen(address[1], timeout=20) as answer:
             assert answer.status == 200
         child.send_signal(2)

@@ -10,11 +10,11 @@ import pytest
 import yaml
 from made_study import made_study, write_chunk
 
-from aras_visual_servo_bench.study.engine import carry_out
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies.engine import carry_out
+from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 from aras_visual_servo_bench.web.browse.server import serve
 
 SIZES = (1440, 390)
@@ -22,7 +22,7 @@ HOSTILE = "<img src=x onerror='window.hit=1'>"
 GRID = {"vary": {"delay": [0.015, 0.1, 0.2, 0.3], "gain": [1.0, 2.0, 4.0, 8.0]}}
 READY = ("window.arasBrowser && arasBrowser.page.rows.length > 0 "
          "&& !document.body.hasAttribute('aria-busy')")  # fmt: skip
-COUNTED = "document.getElementById('counted').textContent"
+COUNTED = "document.getElementById('run-count').textContent"
 
 
 @pytest.fixture(scope="module")
@@ -32,8 +32,8 @@ def folder(tmp_path_factory):
     study = Study.from_mapping({
         "experiment": {"plant": "free", "duration": 0.4, "lag": 0.0}, "vary": {"gain": [2.0, 4.0]},
     })  # fmt: skip
-    run = Folder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
-    carry_out(run, ThisProcess(), Progress(2))
+    run = StudyFolder.create(path / "run", study, yaml.safe_dump(study.to_mapping()))
+    carry_out(run, InProcessPool(), Progress(2))
     made_study(path / "made", experiment={"plant": "free"}, repeats=10, **GRID)
     named = {"scheme": [{"name": HOSTILE}, {"name": "points"}]}
     made_study(path / HOSTILE.replace("/", ""), experiment={"plant": "free"}, cases=named)
@@ -97,7 +97,7 @@ def test_a_filter_a_cell_and_a_run(page, browser, served):
     page.js("document.querySelector('#rows tbody button').click()")
     page.wait("!document.getElementById('run').hidden")
     text = page.js("document.getElementById('run').innerText")
-    assert "Why:" in text and "Remedy: lower the gain" in text and "goal_missed" in text
+    assert "Reason:" in text and "Remedy: lower the gain" in text and "goal_missed" in text
     page.js("document.querySelector('#filters button:last-child').click()")  # all of them
     page.wait(f"{COUNTED}.startsWith('160 runs')")
 
@@ -111,7 +111,7 @@ def test_the_report_of_a_run_is_computed_and_shown(page, browser, served, folder
     shutil.rmtree(folder / "run" / "show-1", ignore_errors=True)
     tab = browser.open(address)
     tab.wait("document.getElementById('waiting') "
-             "&& document.body.innerText.includes('Carried out once more')")  # fmt: skip
+             "&& document.body.innerText.includes('Repeating the run')")  # fmt: skip
     tab.wait("!!window.arasReport", 90.0)
     assert tab.js("document.querySelector('h1').textContent") == "run:1"
     assert tab.js("arasReport.charts.length") > 3
@@ -127,7 +127,7 @@ def test_points_are_pressed_and_boxed(page):
     at = page.js("""(() => { const p = arasBrowser.points, u = p.plot, k = devicePixelRatio;
         return [(p.px[7] - u.bbox.left) / k, (p.py[7] - u.bbox.top) / k]; })()""")
     page.mouse("Moved", x + at[0], y + at[1])
-    page.wait("document.getElementById('pointed').textContent.includes('made, run ')")
+    page.wait("document.getElementById('point').textContent.includes('made, run ')")
     page.mouse("Pressed", x + at[0], y + at[1])
     page.mouse("Released", x + at[0], y + at[1])
     page.wait("!document.getElementById('run').hidden")
@@ -149,7 +149,7 @@ def test_points_are_pressed_and_boxed(page):
 def check_groups(page, folder):
     """The table of groups by gain, recomputed from the rows."""
     table = pd.read_parquet(folder / "made" / "parts")
-    head, *rows = page.js("[...document.querySelectorAll('#grouped tr')].map((r) => "
+    head, *rows = page.js("[...document.querySelectorAll('#group-table tr')].map((r) => "
                           "[...r.cells].map((c) => c.innerText))")  # fmt: skip
     assert head[:4] == ["gain (1/s)", "runs", "success (%)", "95 % interval"]
     units = {"settled": "s", "final_distance": "m"}
@@ -185,9 +185,9 @@ def test_columns_sort_group_and_hide(page, folder):
         s.dispatchEvent(new Event("change")); const t = document.getElementById("by-1");
         t.value = ""; t.dispatchEvent(new Event("change")); })()""")
     settle(page)
-    page.wait("document.querySelectorAll('#grouped tbody tr').length === 4")
+    page.wait("document.querySelectorAll('#group-table tbody tr').length === 4")
     check_groups(page, folder)
-    page.js("document.querySelectorAll('#grouped tbody tr')[3].click()")
+    page.js("document.querySelectorAll('#group-table tbody tr')[3].click()")
     page.wait(f"{COUNTED}.startsWith('40 of 160 runs')")
     page.js("""[...document.querySelectorAll("#columns label")]
         .find((l) => l.textContent === " final_distance").firstChild.click()""")
@@ -203,15 +203,15 @@ def test_two_studies_are_compared(page):
         $("second").value = "run"; $("chance").checked = true;
         document.querySelector("#pair button").click(); })()""")
     page.wait("document.querySelectorAll('#differences tbody tr').length > 3", 60.0)
-    assert "comparisons are more than chance" in page.js(
-        "document.getElementById('compared').textContent")  # fmt: skip
+    assert "comparisons show a significant difference" in page.js(
+        "document.getElementById('comparison').textContent")  # fmt: skip
 
 
 def test_what_is_wrong_is_said_and_the_page_goes_on(page, folder):
     add_filter(page, "gain", "=", "much")
-    assert page.js("document.getElementById('trouble').textContent") == "gain = needs a number"
+    assert page.js("document.getElementById('error').textContent") == "gain = needs a number"
     add_filter(page, "gain", "=", "2")
-    assert page.js("document.getElementById('trouble').hidden")
+    assert page.js("document.getElementById('error').hidden")
     assert page.js(f"{COUNTED}").startswith("41 of 164 runs")
 
 
@@ -224,7 +224,7 @@ def test_a_study_that_appears_grows_and_goes_is_followed(page, folder):
         page.wait(f"/grows\\s*8 of 160/.test({names})")
     finally:
         shutil.rmtree(folder / "grows")
-    page.wait("document.getElementById('trouble').textContent.includes('grows is gone')")
+    page.wait("document.getElementById('error').textContent.includes('grows was removed')")
     add_filter(page, "gain", "≥", "2")
     assert "of 164 runs" in page.js(COUNTED)
 
@@ -265,5 +265,5 @@ def test_a_program_that_has_ended_is_said(watched, folder):
     own = serve([folder], "127.0.0.1", 21300 + os.getpid() % 1000, say=lambda _: None)
     tab = watched(own.access.address, 1440, READY)
     own.close()
-    tab.wait("document.getElementById('trouble').textContent.includes('has ended')")
+    tab.wait("document.getElementById('error').textContent.includes('has ended')")
     tab.close()

@@ -14,7 +14,7 @@ from aras_visual_servo_base.settings import build
 from aras_visual_servo_bench.errors import StudyError
 from aras_visual_servo_bench.web.browse import queries
 from aras_visual_servo_bench.web.browse.queries import Filter
-from aras_visual_servo_bench.web.browse.studies import FoundStudy, Snapshot
+from aras_visual_servo_bench.web.browse.studies import Snapshot, StudyEntry
 
 COUNT = 390
 
@@ -45,7 +45,7 @@ def made_columns():
 
 @pytest.fixture(scope="module")
 def look():
-    studies = tuple(FoundStudy(name, None) for name in ("a", "c", "b"))
+    studies = tuple(StudyEntry(name, None) for name in ("a", "c", "b"))
     return Snapshot(1, studies, pa.table(made_columns()), {"gain": "1/s"}, {"gain": "setting"})
 
 
@@ -56,8 +56,8 @@ def table():
 
 def chosen(look, *filters, studies=()):
     """Rows as asked."""
-    asked = queries.Chosen(studies, tuple(Filter(*one) for one in filters))
-    return queries.chosen_rows(look, asked).tolist()
+    asked = queries.RunSelection(studies, tuple(Filter(*one) for one in filters))
+    return queries.select_rows(look, asked).tolist()
 
 
 def where(mask):
@@ -85,10 +85,10 @@ def test_truth_values_are_equal_or_not(look, table):
                           (0.0, False), ("no", False)):  # fmt: skip
         assert chosen(look, ("flag", "=", value)) == where(table.flag.eq(wanted)), value
         assert chosen(look, ("flag", "≠", value)) == where(table.flag.eq(not wanted)), value
-    with pytest.raises(StudyError, match="flag is true or false: write = or ≠"):
+    with pytest.raises(StudyError, match="flag is true or false: use = or ≠"):
         chosen(look, ("flag", "<", True))
     for value in ("x", None):
-        with pytest.raises(StudyError, match="step holds numbers, and .* is none"):
+        with pytest.raises(StudyError, match="step contains numbers, and .* is not a number"):
             chosen(look, ("step", "=", value))
 
 
@@ -108,56 +108,63 @@ def test_what_is_known_and_what_words_contain(look, table):
     assert chosen(look, ("word", "=", 3)) == []
     with pytest.raises(StudyError, match="no study 'd'"):
         chosen(look, studies=("a", "d"))
-    assert queries.chosen_rows(Snapshot(0, (), pa.table({})), queries.Chosen(("a",))).size == 0
+    assert (
+        queries.select_rows(Snapshot(0, (), pa.table({})), queries.RunSelection(("a",))).size == 0
+    )
 
 
 def test_columns_are_told_with_the_values_of_those_that_take_few(look):
-    told = {one["name"]: one for one in queries.columns(look)}
+    told = {one["name"]: one for one in queries.describe_columns(look)}
     assert list(told) == look.table.column_names
     assert told["gain"] == {"name": "gain", "unit": "1/s", "role": "setting", "kind": "number",
-                            "count": 4, "known": COUNT - 9, "values": [0.25, 1.5, 4.0]}  # fmt: skip
+                            "count": 4, "known_count": COUNT - 9,
+                            "values": [0.25, 1.5, 4.0]}  # fmt: skip
     assert told["word"]["kind"] == told["flag"]["kind"] == "word"
     assert (told["step"]["kind"], told["step"]["count"], told["step"]["values"]) == (
         "number", COUNT, [])  # fmt: skip
     # A script's numbers hold no more digits.
     assert told["seed"]["values"] == [2**53 - 1, 2**53, str(2**53 + 1)]
-    assert [told["distance"][key] for key in ("unit", "role", "known")] == ["", "", COUNT - 2]
+    assert [told["distance"][key] for key in ("unit", "role", "known_count")] == ["", "", COUNT - 2]
     for count in (60, 61):
         few = Snapshot(1, (), pa.table({"x": np.arange(count)}))
-        (one,) = queries.columns(few)
+        (one,) = queries.describe_columns(few)
         assert one["values"] == (list(range(60)) if count == 60 else [])
-    assert queries.plain(-np.inf) == "-inf" and queries.plain(np.nan) is None
-    assert queries.plain(-(2**53) - 1) == str(-(2**53) - 1) and queries.plain(-(2**53)) == -(2**53)
+    assert queries.to_json_value(-np.inf) == "-inf" and queries.to_json_value(np.nan) is None
+    assert queries.to_json_value(-(2**53) - 1) == str(-(2**53) - 1) and queries.to_json_value(
+        -(2**53)
+    ) == -(2**53)
 
 
 def rows(look, **asked):
-    return queries.some_rows(look, queries.RowsAsked(**asked))
+    return queries.list_rows(look, queries.RowQuery(**asked))
 
 
 def test_rows_are_a_part_of_those_in_order(look, table):
     filters = (Filter("step", "<", 380),)
     mine = table[table.step < 380]
     at = look.table.column_names.index("step")
-    for column, descending in itertools.product(("distance", "word", "step"), (False, True)):
+    for column, descending in itertools.product(
+        ("distance", "word", "step"), (False, True)
+    ):
         told = rows(look, filters=filters, sort=column, descending=descending, first=4, count=9)
         order = mine.sort_values(column, ascending=not descending, kind="stable")[column]
         found = [row[look.table.column_names.index(column)] for row in told["rows"]]
         assert found == order.tolist()[4:13], column
-        assert (told["total"], told["succeeded"]) == (380, int(mine.success.sum()))
+        assert (told["total"], told["success_count"]) == (380, int(mine.success.sum()))
     plainly = rows(look, filters=filters)["rows"]
     assert [row[at] for row in plainly] == mine.step.tolist()[:50]
     assert len(plainly[0]) == len(look.table.column_names)
     none = rows(look, filters=(Filter("step", "<", -1),), sort="angle")
-    assert none == {"total": 0, "succeeded": 0, "rows": []}
+    assert none == {"total": 0, "success_count": 0, "rows": []}
     for wrong in ({"count": 0}, {"count": 201}, {"first": -1}):
         with pytest.raises(StudyError):
-            build(queries.RowsAsked, wrong, "", StudyError)
-    asked = build(queries.RowsAsked, {"count": 200, "first": 0}, "", StudyError)
-    assert (asked.count, asked.first) == (200, 0) and queries.RowsAsked().count == 50
+            build(queries.RowQuery, wrong, "", StudyError)
+    asked = build(queries.RowQuery, {"count": 200, "first": 0}, "", StudyError)
+    assert (asked.count, asked.first) == (200, 0) and queries.RowQuery().count == 50
 
 
 def cut(values, **limits):
-    return queries.cells(pa.chunked_array([pa.array(values)]), **limits)
+    return queries.divide_into_cells(pa.chunked_array([pa.array(values)]), **limits)
 
 
 def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
@@ -165,7 +172,11 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
         found = cut(np.r_[np.arange(count)[::-1], 0.5, np.nan][:count + 1].astype(float)[1:])
         assert len(found.labels) == (24 if count == 24 else 12)
     found = cut([3.0, None, 1.0, float("nan"), 3.0])
-    assert (found.labels, found.at.tolist(), found.left) == ([1.0, 3.0], [1, -1, 0, -1, 1], 2)
+    assert (found.labels, found.at.tolist(), found.uncounted_rows) == (
+        [1.0, 3.0],
+        [1, -1, 0, -1, 1],
+        2,
+    )
     assert found.bounds == [[("=", 1.0)], [("=", 3.0)]]
     angle = cut(table.angle)
     wanted = np.linspace(table.angle.min(), table.angle.max(), 13)
@@ -173,7 +184,7 @@ def test_few_values_have_a_cell_each_and_many_numbers_a_range(look, table):
     for k, bounds in enumerate(angle.bounds):  # each cell's filters choose its own rows
         own = chosen(look, *(("angle", *one) for one in bounds))
         assert own == where(angle.at == k)
-    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and angle.left == 0
+    assert [b[1][0] for b in angle.bounds] == ["<"] * 11 + ["≤"] and angle.uncounted_rows == 0
     for high, grows in ((100.0, False), (101.0, True)):
         edges = [low for low, _ in cut(np.linspace(1.0, high, 30)).labels] + [high]
         step = np.diff(np.log(edges) if grows else edges)
@@ -185,18 +196,18 @@ def test_of_many_words_the_commonest_have_cells(table):
     counts = table.name.value_counts()
     assert len(counts) > 60
     for most in (24, 60):
-        found = cut(table.name, most=most)
+        found = cut(table.name, max_cells=most)
         assert len(found.labels) == most and found.labels == sorted(found.labels)
         sizes = np.bincount(found.at[found.at >= 0])
         assert sizes.tolist() == [counts[name] for name in found.labels]
         assert min(sizes) >= counts.drop(found.labels).max()
-        assert found.left == COUNT - sizes.sum()
+        assert found.uncounted_rows == COUNT - sizes.sum()
 
 
 def test_groups_are_those_of_pandas(look, table):
-    asked = queries.GroupsAsked(("a",), (Filter("step", "<", 350),), by=("word", "gain"),
+    asked = queries.GroupQuery(("a",), (Filter("step", "<", 350),), by=("word", "gain"),
                                 values=("angle", "distance"))  # fmt: skip
-    told = queries.groups(look, asked)
+    told = queries.compute_groups(look, asked)
     mine = table[(table.study == "a") & (table.step < 350)]
     groups = dict(list(mine.groupby(["word", "gain"])))
     assert told["count"] == len(told["groups"]) == len(groups) > 20
@@ -211,27 +222,32 @@ def test_groups_are_those_of_pandas(look, table):
         assert one["failure"] in ([f"{n} × {end}" for end, n in ends.items() if n == ends.max()]
                                   or [""])  # fmt: skip
     assert groups == {}
-    (whole,) = queries.groups(look, queries.GroupsAsked())["groups"]
+    (whole,) = queries.compute_groups(look, queries.GroupQuery())["groups"]
     ends = table[table.success != 1].end.fillna("unknown").value_counts()
     assert whole["failure"] == f"{ends.iloc[0]} × {ends.index[0]}"
-    many = queries.groups(look, queries.GroupsAsked(by=("name", "word")))
+    many = queries.compute_groups(look, queries.GroupQuery(by=("name", "word")))
     assert (many["count"], len(many["groups"])) == (
         table.dropna(subset=["word"]).groupby(["name", "word"]).ngroups, 200)  # fmt: skip
     assert many["count"] > 200
-    each = queries.groups(look, queries.GroupsAsked(by=("step",)))  # of 390 values: 12 ranges
+    # of 390 values: 12 ranges
+    each = queries.compute_groups(look, queries.GroupQuery(by=("step",)))
     assert sum(one["runs"] for one in each["groups"]) == COUNT and each["count"] == 12
-    several = queries.groups(look, queries.GroupsAsked((), (Filter("step", "<", 200),), ("step",)))
+    several = queries.compute_groups(
+        look, queries.GroupQuery((), (Filter("step", "<", 200),), ("step",))
+    )
     assert several["count"] == 200
-    nothing = queries.GroupsAsked((), (Filter("step", "<", -1),), ("gain", "word"), ("angle",))
-    assert queries.groups(look, nothing) == {"count": 0, "groups": []}
+    nothing = queries.GroupQuery((), (Filter("step", "<", -1),), ("gain", "word"), ("angle",))
+    assert queries.compute_groups(look, nothing) == {"count": 0, "groups": []}
 
 
 def test_a_map_s_cells_are_those_of_pandas(look, table):
     for value in ("success", "distance"):
-        told = queries.success_map(look, queries.MapAsked((), (), x="word", y="gain", value=value))
+        told = queries.compute_success_map(
+            look, queries.MapQuery((), (), x="word", y="gain", value=value)
+        )
         assert told["x"]["labels"] == sorted(set(table.word) - {None})
         assert told["y"]["labels"] == [0.25, 1.5, 4.0]
-        assert told["left"] == (table.word.isna() | table.gain.isna()).sum()
+        assert told["uncounted"] == (table.word.isna() | table.gain.isna()).sum()
         places = (enumerate(told[axis]["labels"]) for axis in "yx")
         for (i, gain), (j, word) in itertools.product(*places):
             own = table[(table.gain == gain) & (table.word == word)][value]
@@ -239,9 +255,9 @@ def test_a_map_s_cells_are_those_of_pandas(look, table):
             wanted = own.fillna(0).mean() if value == "success" else \
                 own.replace(np.inf, np.nan).median()  # fmt: skip
             assert told["values"][i][j] == (pytest.approx(wanted) if len(own) else None)
-    assert queries.MapAsked().value == "success"
-    with pytest.raises(StudyError, match="word holds words, not numbers"):
-        queries.success_map(look, queries.MapAsked(x="gain", y="gain", value="word"))
+    assert queries.MapQuery().value == "success"
+    with pytest.raises(StudyError, match="word contains text, not numbers"):
+        queries.compute_success_map(look, queries.MapQuery(x="gain", y="gain", value="word"))
 
 
 def read(text, kind):
@@ -249,10 +265,12 @@ def read(text, kind):
 
 
 def test_points_are_coloured_in_seven_classes(look, table):
-    told = queries.points(look, queries.PointsAsked((), (), x="distance", y="word", shade="step"))
+    told = queries.find_points(
+        look, queries.PointQuery((), (), x="distance", y="word", colour_by="step")
+    )
     words = sorted(set(table.word) - {None})
     mine = table[np.isfinite(table.distance) & table.word.notna()]
-    assert (told["count"], told["left"]) == (len(mine), COUNT - len(mine))
+    assert (told["count"], told["uncounted"]) == (len(mine), COUNT - len(mine))
     assert (told["x"]["labels"], told["y"]["labels"]) == ([], words)
     np.testing.assert_allclose(read(told["x"]["values"], "<f4"), mine.distance, rtol=1e-6)
     assert read(told["y"]["values"], "<f4").tolist() == [words.index(w) for w in mine.word]
@@ -260,13 +278,13 @@ def test_points_are_coloured_in_seven_classes(look, table):
     assert [told["studies"][i] for i in read(told["study"], "<i4")] == mine.study.tolist()
     classes = np.array(told["classes"])
     assert classes.shape == (7, 2) and classes[0, 0] == mine.step.min()
-    for step, shade in zip(mine.step, read(told["shades"], "u1"), strict=True):
+    for step, shade in zip(mine.step, read(told["colours"], "u1"), strict=True):
         assert classes[shade, 0] <= step <= classes[shade, 1]
-    named = queries.points(look, queries.PointsAsked(x="angle", y="step", shade="name"))
+    named = queries.find_points(look, queries.PointQuery(x="angle", y="step", colour_by="name"))
     common = set(table.name.value_counts().index[:7])
     assert len(named["classes"]) == 7 and len(common - set(named["classes"])) <= 1
     assert [(named["classes"] + ["-"])[k] if name in named["classes"] else k
-            for name, k in zip(table.name, read(named["shades"], "u1"), strict=True)] == [
+            for name, k in zip(table.name, read(named["colours"], "u1"), strict=True)] == [
         name if name in named["classes"] else 7 for name in table.name]  # fmt: skip
-    unshaded = queries.points(look, queries.PointsAsked(x="angle", y="step"))
-    assert unshaded["classes"] == [] and not read(unshaded["shades"], "u1").any()
+    unshaded = queries.find_points(look, queries.PointQuery(x="angle", y="step"))
+    assert unshaded["classes"] == [] and not read(unshaded["colours"], "u1").any()

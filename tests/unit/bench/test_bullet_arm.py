@@ -8,53 +8,66 @@ from test_plants import SQUARE, bullet, until
 
 from aras_sim_bridge.description.types import Light
 from aras_sim_bridge.description.world_file import WorldFile
-from aras_visual_servo_base.poses import Pose, transform
-from aras_visual_servo_bench.asked.cameras import CameraSpec
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+from aras_visual_servo_base.poses import Pose, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants import bullet_arm
-from aras_visual_servo_bench.plants.bullet_arm import Followed, ShownTarget
-from aras_visual_servo_bench.plants.sight import Sight
-from aras_visual_servo_bench.targets.files import write
-from aras_visual_servo_bench.targets.geometry import Course, Motion, PlacedTarget
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_bench.experiment.cameras import CameraSpec
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.plants import dynamic_arm
+from aras_visual_servo_bench.plants.dynamic_arm import TargetModel, TrackedLink
+from aras_visual_servo_bench.plants.imaging import ImagingSettings
+from aras_visual_servo_bench.targets.files import write_target
+from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PoseHistory
+from aras_visual_servo_controller.observation.frame import Frame
 
-AT = transform((0.3, 0.1, 0.7), (0.1, 0.2, 0.3))
+AT = matrix_from_xyz_rpy((0.3, 0.1, 0.7), (0.1, 0.2, 0.3))
 RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.5))
 
 
 def test_a_shown_target_is_where_it_lies_at_its_times():
-    lies = ShownTarget(PlacedTarget(SQUARE, AT, RISING), Path("x"), (0.01, 0.02, 0.03),
+    lies = TargetModel(PlacedTarget(SQUARE, AT, RISING), Path("x"), (0.01, 0.02, 0.03),
                        ((0.1, 0.2),))
-    moved = transform((0.3, 0.1, 0.85), (0, 0, 0))
-    moved[:3, :3] = transform((0, 0, 0), (0, 0, 0.075))[:3, :3] @ AT[:3, :3]
-    np.testing.assert_allclose(lies.pose(0.15).matrix(),
-                               moved @ transform((0.01, 0.02, 0.03), (0, 0, 0)), atol=1e-9)
+    moved = matrix_from_xyz_rpy((0.3, 0.1, 0.85), (0, 0, 0))
+    moved[:3, :3] = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0.075))[:3, :3] @ AT[:3, :3]
+    np.testing.assert_allclose(
+        lies.compute_pose(0.15).matrix(),
+        moved @ matrix_from_xyz_rpy((0.01, 0.02, 0.03), (0, 0, 0)),
+        atol=1e-9,
+    )
     for time in (0.05, 0.25):
-        assert lies.pose(time).xyz == (0.0, 0.0, -1e4)
+        assert lies.compute_pose(time).xyz == (0.0, 0.0, -1e4)
     still = PlacedTarget(SQUARE, AT)
-    assert ShownTarget(still, Path("x")).still and not lies.still
-    assert not ShownTarget(still, Path("x"), times=((0.0, 1.0),)).still
-    assert not ShownTarget(lies.placed, Path("x")).still
-    assert (ShownTarget(still, Path("x")).name, lies.name) == ("target", "target")
+    assert TargetModel(still, Path("x")).is_static and not lies.is_static
+    assert not TargetModel(still, Path("x"), visible_times=((0.0, 1.0),)).is_static
+    assert not TargetModel(lies.target, Path("x")).is_static
+    assert (TargetModel(still, Path("x")).name, lies.name) == ("target", "target")
 
 
 @pytest.fixture(scope="module")
 def standing(robot, preset, tmp_path_factory):
     """An arm with a target that moves beside one that stands, and what its world was made of."""
     folder, asked = tmp_path_factory.mktemp("shown"), []
-    make = bullet_arm.SimulationConfig
-    bullet_arm.SimulationConfig = lambda **keys: asked.append(keys) or make(**keys)
-    shown = [ShownTarget(PlacedTarget(SQUARE, AT, motion), write(SQUARE, folder, name), name=name)
-             for name, motion in (("moves", RISING), ("stands", Motion()))]
+    make = dynamic_arm.SimulationConfig
+    dynamic_arm.SimulationConfig = lambda **keys: asked.append(keys) or make(**keys)
+    shown = [
+        TargetModel(PlacedTarget(SQUARE, AT, motion), write_target(SQUARE, folder, name), name=name)
+        for name, motion in (("moves", RISING), ("stands", Motion()))
+    ]
     world = WorldFile(lights=(Light("lamp", kind="directional", direction=(0, 0, -1.0)),),
                       ground_plane=False)
-    course = Course()
+    course = PoseHistory()
     try:
-        plant = bullet(robot, preset, seed=7, renderer="exact", exposure="gazebo", shown=shown,
-                       around=world, followed=Followed("moves", "moves", course))
+        plant = bullet(
+            robot,
+            preset,
+            seed=7,
+            renderer="exact",
+            exposure="gazebo",
+            target_models=shown,
+            surroundings=world,
+            tracked_link=TrackedLink("moves", "moves", course),
+        )
     finally:
-        bullet_arm.SimulationConfig = make
+        dynamic_arm.SimulationConfig = make
     yield plant, asked[0], course, world
     plant.close()
 
@@ -64,43 +77,46 @@ def test_the_world_is_made_as_it_is_asked_for(standing):
     assert asked == {"renderer": "exact", "seed": 7, "lights": world.lights, "scene": world.scene,
                      "ground_plane": False, "exposure": "gazebo"}
     assert set(plant.simulation.world.models) == {"robot", "moves", "stands"}
-    assert plant.outputs == {"position"} and plant.control == "camera"
-    assert plant.peak_speed is None and plant.touched() is None
+    assert plant.outputs == {"position"} and plant.control_camera_name == "camera"
+    assert plant.peak_speed is None and plant.find_collision() is None
 
 
 def test_a_target_that_moves_is_where_it_belongs_at_every_step(standing):
     plant, _, course, _ = standing
     models = plant.simulation.world.models
-    np.testing.assert_allclose(course.at(0.0), AT, atol=1e-6)
+    np.testing.assert_allclose(course.find_pose(0.0), AT, atol=1e-6)
     until(plant, plant.time_ns + 20_000_000)
     time = plant.time_ns * 1e-9
     wanted = AT[2, 3] + time
     assert models["moves"].pose().xyz[2] == pytest.approx(wanted, abs=1e-9)
     assert models["stands"].pose().xyz[2] == pytest.approx(AT[2, 3], abs=1e-6)
-    assert course.at(time)[2, 3] == pytest.approx(wanted, abs=1e-6)
-    assert course.at(0.5 * time)[2, 3] == pytest.approx(AT[2, 3] + 0.5 * time, abs=1.1e-3)
+    assert course.find_pose(time)[2, 3] == pytest.approx(wanted, abs=1e-6)
+    assert course.find_pose(0.5 * time)[2, 3] == pytest.approx(AT[2, 3] + 0.5 * time, abs=1.1e-3)
 
 
 def test_it_tells_where_its_joints_and_camera_are_wherever_it_stands(standing, arm):
     """Also of an arm that is put elsewhere as a whole."""
     plant, *_ = standing
     model = plant.simulation.world.models["robot"]
-    q, v = plant.joints()
+    q, v = plant.read_joints()
     assert q.shape == v.shape == (6,) and plant.joint_names == arm.names
     by_name = dict(zip(model.joint_names, model.read_joints()[0], strict=True))
     np.testing.assert_array_equal(q, [by_name[name] for name in arm.names])
     kept = model.pose()
-    elsewhere = transform((0.2, -0.1, 0.4), (0.3, 0.2, 0.5))
+    elsewhere = matrix_from_xyz_rpy((0.2, -0.1, 0.4), (0.3, 0.2, 0.5))
     model.set_pose(Pose.from_matrix(elsewhere))
     try:
         other = q + [0.01, 0.0, 0.1, 0.05, -0.05, 0.3]
-        np.testing.assert_allclose(plant.poses(np.array([q, other])), [
+        np.testing.assert_allclose(plant.compute_rest_poses(np.array([q, other])), [
             elsewhere @ arm.pose(q), elsewhere @ arm.pose(other)], atol=1e-9)
-        np.testing.assert_allclose(plant.at_rest(), elsewhere @ arm.pose(q), atol=1e-6)
-        places = plant.places(np.array([other, q]))
+        np.testing.assert_allclose(plant.read_rest_pose(), elsewhere @ arm.pose(q), atol=1e-6)
+        places = plant.joint_origins(np.array([other, q]))
         assert places.shape[0] == 2
-        np.testing.assert_allclose(places[1], arm.places(np.array([q]))[0] @ elsewhere[:3, :3].T
-                                   + elsewhere[:3, 3], atol=1e-9)
+        np.testing.assert_allclose(
+            places[1],
+            arm.joint_origins(np.array([q]))[0] @ elsewhere[:3, :3].T + elsewhere[:3, 3],
+            atol=1e-9,
+        )
     finally:
         model.set_pose(kept)
 
@@ -110,17 +126,19 @@ def test_the_first_picture_is_of_the_camera_s_name(standing):
     found = []
     while not found:
         found = [r for r in plant.advance(plant.time_ns + 10**8) if isinstance(r, Frame)]
-    assert found[0].name == "camera" and found[0].labelled is None
+    assert found[0].name == "camera" and found[0].target_mask is None
     assert found[0].image.shape == (240, 320, 3) and found[0].encoding == "rgb8"
 
 
 def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_path):
-    at = transform((0.05, 0.0, 0.62), (0.0, 0.0, 0.4))
-    shown = [ShownTarget(PlacedTarget(SQUARE, at), write(SQUARE, tmp_path, "plate"), name="plate")]
-    plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, shown=shown,
-                   label="plate")
+    at = matrix_from_xyz_rpy((0.05, 0.0, 0.62), (0.0, 0.0, 0.4))
+    shown = [
+        TargetModel(PlacedTarget(SQUARE, at), write_target(SQUARE, tmp_path, "plate"), name="plate")
+    ]
+    plant = bullet(robot, preset, camera={"segmentation": True, "depth": True}, target_models=shown,
+                   labelled_link="plate")
     try:
-        pose, found = plant.pose(), []
+        pose, found = plant.read_pose(), []
         while not found:
             found = [r for r in plant.advance(10**9) if isinstance(r, Frame)]
     finally:
@@ -129,25 +147,27 @@ def test_the_pixels_of_a_label_are_told_and_depth_is_given(robot, preset, tmp_pa
     reading, camera = found[0], plant.camera
     outline = SQUARE.outline(np.linalg.inv(at) @ pose)
     u, v = np.rint(np.array(camera.project(*outline.mean(axis=0)[:, None])).ravel()).astype(int)
-    assert reading.labelled[v, u] == 255 and set(np.unique(reading.labelled)) == {0, 255}
-    assert reading.labelled.mean() / 255 < 0.2
+    assert reading.target_mask[v, u] == 255 and set(np.unique(reading.target_mask)) == {0, 255}
+    assert reading.target_mask.mean() / 255 < 0.2
     depth = (np.linalg.inv(pose) @ at)[2, 3]
     assert reading.depth[v, u] == pytest.approx(depth, abs=5e-3)
-    bare = bullet(robot, preset, shown=shown, label="plate")  # without label images
+    bare = bullet(robot, preset, target_models=shown, labelled_link="plate")  # without label images
     try:
         found = []
         while not found:
             found = [r for r in bare.advance(10**9) if isinstance(r, Frame)]
-        assert found[0].labelled is None and found[0].depth is None
+        assert found[0].target_mask is None and found[0].depth is None
     finally:
         bare.close()
     with pytest.raises(ExperimentError, match="no link has the label 'plat': did you mean 'plate'"):
-        bullet(robot, preset, camera={"segmentation": True}, shown=shown, label="plat")
+        bullet(
+            robot, preset, camera={"segmentation": True}, target_models=shown, labelled_link="plat"
+        )
 
 
 def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
-    sight = Sight(pinhole, PlacedTarget(SQUARE, AT), rate=20.0, unbounded=True)
-    plant = bullet(robot, preset, sights=(sight,))
+    sight = ImagingSettings(pinhole, PlacedTarget(SQUARE, AT), rate=20.0, is_unbounded=True)
+    plant = bullet(robot, preset, imaging_settings=(sight,))
     try:
         readings = []
         while not readings:
@@ -160,15 +180,19 @@ def test_an_exposure_at_a_step_s_end_is_seen_then(robot, preset, pinhole):
 def test_several_cameras_sit_where_the_robot_has_their_frames(preset):
     specs = {"left": CameraSpec(preset), "right": CameraSpec(preset, xyz=(0.0, -0.05, 0.01))}
     robot = Robot(RobotSpec(), cameras=specs)
-    plant = bullet(robot, preset, name="left", others={"right": {**preset, "update_rate": 20.0}})
+    plant = bullet(
+        robot, preset, name="left", other_cameras={"right": {**preset, "update_rate": 20.0}}
+    )
     try:
-        assert plant.control == "left"
-        simulation, q = plant.simulation, plant.joints()[0]
-        np.testing.assert_allclose(plant.at_rest(), robot.arm("left").pose(q), atol=1e-6)
+        assert plant.control_camera_name == "left"
+        simulation, q = plant.simulation, plant.read_joints()[0]
+        np.testing.assert_allclose(
+            plant.read_rest_pose(), robot.make_arm("left").pose(q), atol=1e-6
+        )
         model = simulation.world.models["robot"]
         seated = simulation.camera("/right")
         link = model.link_pose("camera_frame_of_right").matrix()
-        np.testing.assert_allclose(link @ seated.parent_T_optical, robot.arm("right").pose(q),
+        np.testing.assert_allclose(link @ seated.parent_T_optical, robot.make_arm("right").pose(q),
                                    atol=1e-6)
         stamps = {"left": [], "right": []}
         for reading in until(plant, 101_000_000):

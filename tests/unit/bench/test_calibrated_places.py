@@ -5,19 +5,19 @@ import pytest
 
 from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.errors import CameraError
-from aras_visual_servo_base.poses import optical, to_xyz_rpy, transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from aras_visual_servo_base.urdf import parse_tree
-from aras_visual_servo_bench.asked.calibrated_places import (
-    with_believed_places,
+from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.calibrated_cameras import (
+    with_calibration_offsets,
     with_fixed_cameras,
 )
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.robots import Robot
-from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.robots import Robot
 from aras_visual_servo_bench.setup.assembly import assemble
 
-OFF = transform((0.004, -0.003, 0.006), (0.02, -0.03, 0.05))
-PLACE = transform((0.3, -0.2, 0.9), (3.0, 0.1, 0.4))
+OFF = matrix_from_xyz_rpy((0.004, -0.003, 0.006), (0.02, -0.03, 0.05))
+PLACE = matrix_from_xyz_rpy((0.3, -0.2, 0.9), (3.0, 0.1, 0.4))
 
 
 def written(path, matrix, factor=1.0):
@@ -38,16 +38,18 @@ def poses(arm):
 
 def test_a_camera_is_believed_where_a_file_says(tmp_path):
     """As by xyz and rpy off its true place, whatever link and unit the file has."""
-    xyz, rpy = to_xyz_rpy(OFF)
-    expected = poses(believed_arm(believed={"xyz": xyz, "rpy": rpy}))
+    xyz, rpy = xyz_rpy_from_matrix(OFF)
+    expected = poses(believed_arm(calibration_offset={"xyz": xyz, "rpy": rpy}))
     robot = Robot(Experiment().robot)
-    carriers = [joint.parent for joint in parse_tree(robot.urdf).path("", "camera_link")]
+    carriers = [joint.parent for joint in parse_tree(robot.urdf).find_path("", "camera_link")]
     for link in ("camera_link", carriers[-1]):
-        mounted = robot.mounting(link)
+        mounted = robot.compute_mounting(link)
         file = written(tmp_path / f"{link}.txt", mounted @ OFF, 1e3)
-        found = believed_arm(believed={"hand_eye": {"file": file, "link": link, "units": "mm"}})
+        found = believed_arm(
+            calibration_offset={"hand_eye": {"file": file, "link": link, "units": "mm"}}
+        )
         np.testing.assert_allclose(poses(found), expected, atol=1e-9)
-    two = {"own": {"believed": {"hand_eye": {"file": file, "link": link, "units": "mm"}}}}
+    two = {"own": {"calibration_offset": {"hand_eye": {"file": file, "link": link, "units": "mm"}}}}
     found = believed_arm(cameras=two, scheme="points@own")
     np.testing.assert_allclose(poses(found), expected, atol=1e-9)
 
@@ -56,7 +58,7 @@ def test_a_camera_is_believed_where_a_file_says(tmp_path):
 def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
     file = written(tmp_path / "wall.txt", PLACE)
     off = written(tmp_path / "off.txt", PLACE @ OFF)
-    xyz, rpy = to_xyz_rpy(OFF)
+    xyz, rpy = xyz_rpy_from_matrix(OFF)
 
     def places(**wall):
         experiment = Experiment.from_mapping({
@@ -64,27 +66,45 @@ def test_a_fixed_camera_is_where_a_file_says(tmp_path, plant):
         assemble(experiment)
         robot = Robot(experiment.robot)
         fixed = with_fixed_cameras(experiment, robot.packages)
-        spec = with_believed_places(fixed, robot).cameras["wall"]
-        return np.array(spec.pose), np.array([*spec.believed.xyz, *spec.believed.rpy])
+        spec = with_calibration_offsets(fixed, robot).cameras["wall"]
+        return np.array(spec.pose), np.array(
+            [*spec.calibration_offset.xyz, *spec.calibration_offset.rpy]
+        )
 
     given = places(hand_eye={"file": file, "link": "world"},
-                   believed={"hand_eye": {"file": off, "link": "world"}})
-    expected = places(pose=[*np.concatenate(to_xyz_rpy(PLACE))],
-                      believed={"xyz": xyz, "rpy": rpy})
+                   calibration_offset={"hand_eye": {"file": off, "link": "world"}})
+    expected = places(pose=[*np.concatenate(xyz_rpy_from_matrix(PLACE))],
+                      calibration_offset={"xyz": xyz, "rpy": rpy})
     for one, other in zip(given, expected, strict=True):
         np.testing.assert_allclose(one, other, atol=1e-9)
 
 
-@pytest.mark.parametrize(("keys", "reason"), [
-    ({"believed": {"hand_eye": {"file": "{}", "link": "J1"}}}, "believed.hand_eye: "),
-    ({"believed": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
-    ({"believed": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}}, "believed has xyz and rpy, or a hand_"),
-    ({"believed": {"hand_eye": "{}"}, "plant": "free"}, "plant 'free' has no arm: give believed"),
-    ({"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
-     "plant 'free' has no arm: use chain or bullet, or set its link to world"),
-    ({"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
-     "missing.txt"),
-])
+@pytest.mark.parametrize(
+    ("keys", "reason"),
+    [
+        (
+            {"calibration_offset": {"hand_eye": {"file": "{}", "link": "J1"}}},
+            "calibration_offset.hand_eye: ",
+        ),
+        ({"calibration_offset": {"hand_eye": {"file": "{}"}}}, "the file does not name the link"),
+        (
+            {"calibration_offset": {"hand_eye": "{}", "xyz": [0.1, 0, 0]}},
+            "calibration_offset has xyz and rpy, or a hand_",
+        ),
+        (
+            {"calibration_offset": {"hand_eye": "{}"}, "plant": "free"},
+            "plant 'free' has no arm: give calibration_offset",
+        ),
+        (
+            {"cameras": {"a": {"hand_eye": "{}"}}, "plant": "free", "scheme": "points"},
+            "plant 'free' has no arm: use chain or bullet, or set its link to world",
+        ),
+        (
+            {"cameras": {"a": {}, "b": {"hand_eye": {"file": "missing.txt", "link": "world"}}}},
+            "missing.txt",
+        ),
+    ],
+)
 def test_a_place_that_cannot_be_is_named(tmp_path, keys, reason):
     file = written(tmp_path / "wall.txt", PLACE)
 
@@ -103,10 +123,12 @@ def test_optical_axes_are_those_of_the_file(tmp_path):
     base = {"parent": "world", "width": 32, "height": 24}
     file = written(tmp_path / "wall.txt", PLACE, 1e3)
     place = {"file": file, "units": "mm"}
-    _, found = mounting.world_camera("cam", {**base, "hand_eye": place}, {}, 0)
-    np.testing.assert_allclose(optical(found.matrix()), PLACE, atol=1e-9)
-    for wrong, reason in (({"hand_eye": file}, "units to mm"),
-                          ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both say"),
-                          ({"hand_eye": {"path": file}}, "hand_eye")):
+    _, found = mounting.configure_world_camera("cam", {**base, "hand_eye": place}, {}, 0)
+    np.testing.assert_allclose(optical_pose(found.matrix()), PLACE, atol=1e-9)
+    for wrong, reason in (
+        ({"hand_eye": file}, "units to mm"),
+        ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both define its pose"),
+        ({"hand_eye": {"path": file}}, "hand_eye"),
+    ):
         with pytest.raises(CameraError, match=reason):
-            mounting.world_camera("cam", {**base, **wrong}, {}, 0)
+            mounting.configure_world_camera("cam", {**base, **wrong}, {}, 0)

@@ -9,18 +9,18 @@ import pytest
 from test_plants import SQUARE, START, bullet, until
 
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.shutter import parts
+from aras_sim_bridge.camera.shutter import make_row_bands
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.free_body import FreeBody
+from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
 from aras_visual_servo_bench.plants.kinematic import FreeCamera
-from aras_visual_servo_bench.plants.sight import Sight, capture
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
 
 ROW, PERIOD = 1.1e-4, 1.0 / 30.0
 K = (240.0, 0.0, 165.3, 0.0, 251.0, 112.8, 0.0, 0.0, 1.0)
@@ -31,8 +31,8 @@ STAMP = round(PERIOD * 1e9)
 
 
 def sight(**further):
-    rows = parts(Effects(row_time=ROW, rows_together=8), CAMERA.height)
-    return Sight(CAMERA, PlacedTarget(SQUARE, np.eye(4)), parts=rows, **further)
+    rows = make_row_bands(Effects(row_time=ROW, rows_together=8), CAMERA.height)
+    return ImagingSettings(CAMERA, PlacedTarget(SQUARE, np.eye(4)), row_bands=rows, **further)
 
 
 def flying(seen):
@@ -57,16 +57,16 @@ def test_a_point_is_where_it_was_when_its_own_row_was_exposed():
             seen = np.linalg.inv(pose_at((row - 119.5) * ROW)) @ [*corner, 1.0]
             u, row = CAMERA.project(seen[0] / seen[2], seen[1] / seen[2])
         np.testing.assert_allclose(pixel, [u, row], atol=0.01)
-    still = capture(replace(sight(), parts=()), ORIGIN, STAMP, np.random.default_rng(0))
+    still = capture(replace(sight(), row_bands=()), ORIGIN, STAMP, np.random.default_rng(0))
     assert np.abs(found.points - still.points).max() > 1.0
     np.testing.assert_allclose(found.outline, found.points)
 
 
 @pytest.mark.parametrize("depth", [False, True])
 def test_a_picture_is_made_of_rows_of_the_pictures_of_their_instants(depth):
-    rolling = sight(pictures=True, depth=depth)
-    found, still = flying(rolling), replace(rolling, parts=(), effects=Effects())
-    for part in rolling.parts:
+    rolling = sight(has_images=True, has_depth=depth)
+    found, still = flying(rolling), replace(rolling, row_bands=(), effects=Effects())
+    for part in rolling.row_bands:
         now = capture(still, pose_at(1e-9 * part.offset_ns), STAMP, np.random.default_rng(0)).image
         rows = slice(part.first, part.last)
         np.testing.assert_allclose(found.image[rows].astype(int), now[rows], atol=1)
@@ -81,17 +81,19 @@ def test_what_leaves_the_picture_while_it_is_read_is_not_seen():
     beside[1, 3] = -0.13  # below the picture
     rolling = replace(sight(), target=PlacedTarget(SQUARE, beside))
     assert flying(rolling).points is None
-    assert flying(replace(rolling, unbounded=True)).points is not None
+    assert flying(replace(rolling, is_unbounded=True)).points is not None
 
 
 def test_an_arms_exact_points_are_of_their_own_rows_too(robot, preset, pinhole):
     table = np.eye(4)
     table[2, 3] = 0.59
-    rows = parts(Effects(row_time=5e-5), pinhole.height)
+    rows = make_row_bands(Effects(row_time=5e-5), pinhole.height)
     found = {}
     for name, own in (("global", ()), ("rolling", rows)):
-        seen = Sight(pinhole, PlacedTarget(SQUARE, table), parts=own, unbounded=True)
-        plant = bullet(robot, preset, sights=(seen,))
+        seen = ImagingSettings(
+            pinhole, PlacedTarget(SQUARE, table), row_bands=own, is_unbounded=True
+        )
+        plant = bullet(robot, preset, imaging_settings=(seen,))
         try:
             plant.command("position", START + [0.0, 0.0, 0.0, 0.0, 0.0, 0.8])
             found[name] = [r for r in until(plant, 220_000_000) if isinstance(r, Frame)]
@@ -128,7 +130,7 @@ def test_a_stretch_of_steps_sees_what_single_steps_see(robot, preset):
 @pytest.mark.parametrize(("keys", "told"), [
     ({"camera": {"effects": {"row_time": 2e-4}}}, "0.048 s in all: has to be shorter than"),
     ({"camera": {"effects": {"exposure_time": 0.05}}}, "exposure_time 0.05 s: has to be shorter"),
-    ({"camera": {"effects": {"row_time": 1e-5}}, "plant": "ideal"}, "exposes all rows at once"),
+    ({"camera": {"effects": {"row_time": 1e-5}}, "plant": "ideal"}, "rows at the same instant"),
     ({"camera": {"effects": {"sensor": {"gain": 1.0}}}}, "full_well is missing"),
 ])  # fmt: skip
 @pytest.mark.parametrize("plant", ["bullet", "chain"])
@@ -141,7 +143,13 @@ def test_impossible_ones_are_refused_before_the_first_run(plant, keys, told):
 def test_the_loop_converges_with_a_rolling_noisy_camera():
     effects = {"row_time": 1e-4, "sensor": {"gain": 0.01, "full_well": 25e3, "read_noise": 20.0}}
     camera = {"horizontal_fov": 2.0, "effects": effects}
-    keys = {"plant": "chain", "features": "pictures", "gain": 1.5, "linger": 0.1, "camera": camera}
+    keys = {
+        "plant": "chain",
+        "features": "images",
+        "gain": 1.5,
+        "time_after_convergence": 0.1,
+        "camera": camera,
+    }
     assert run(Experiment.from_mapping(keys)).outcome == "converged"
 
 
@@ -150,6 +158,6 @@ def test_the_loop_converges_with_a_rolling_noisy_camera():
 ])  # fmt: skip
 def test_the_loop_converges_with_other_sensors(camera):
     """A mosaic loses half of the edges' places: its corners are less exact, not its loop."""
-    keys = {"gain": 1.5, "linger": 0.1, "camera": {"horizontal_fov": 2.0, **camera}}
+    keys = {"gain": 1.5, "time_after_convergence": 0.1, "camera": {"horizontal_fov": 2.0, **camera}}
     result = run(Experiment.from_mapping(keys))
     assert result.converged and result.verdict.distance < 1e-3

@@ -7,10 +7,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import log_once
-from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 HEAD = """<link name="camera_link"/><link name="camera_optical_frame"/>
@@ -83,7 +83,13 @@ def robot(joints, pitch, folder):
 def clear(request, tmp_path):
     """An experiment whose goal's first posture runs into something, and into what."""
     log_once.cache_clear()
-    keys = {"camera": {}, "scheme": "points", "features": "exact", "gain": 2.0, "linger": 0.3}
+    keys = {
+        "camera": {},
+        "scheme": "points",
+        "features": "exact",
+        "gain": 2.0,
+        "time_after_convergence": 0.3,
+    }
     if request.param == "elbow":
         return Experiment(
             robot=robot(ELBOW, 0.0, tmp_path),
@@ -102,8 +108,8 @@ def clear(request, tmp_path):
 
 def first_found(experiment, found):
     """Joints at the goal that are found first, and its pose (4, 4)."""
-    pose = transform(experiment.goal.pose[:3], experiment.goal.pose[3:])
-    return found.arm.inverse(pose, np.zeros(5)), pose
+    pose = matrix_from_xyz_rpy(experiment.goal.pose[:3], experiment.goal.pose[3:])
+    return found.arm.inverse_kinematics(pose, np.zeros(5)), pose
 
 
 def test_a_posture_that_runs_into_something_is_left_out(clear):
@@ -111,21 +117,21 @@ def test_a_posture_that_runs_into_something_is_left_out(clear):
     parts = assemble(experiment)
     found = parts.postures
     first, pose = first_found(experiment, found)
-    assert found.touched(first) == f"its link '{link}' is in '{other}'"
-    chosen = found.at(pose)
-    assert found.touched(chosen) == ""
+    assert found.find_collision(first) == f"its link '{link}' is in '{other}'"
+    chosen = found.find_joints(pose)
+    assert found.find_collision(chosen) == ""
     np.testing.assert_allclose(found.arm.pose(chosen), pose, atol=1e-8)
     # The goal says the posture, and the start is found from it, as on a graph.
-    assert parts.goal.joint_values(found.arm.names) == pytest.approx(chosen)
-    begun = parts.plant.joints()[0]
+    assert parts.goal.get_joints(found.arm.names) == pytest.approx(chosen)
+    begun = parts.plant.read_joints()[0]
     assert np.abs(begun - chosen).max() < 0.5
     xyz, rpy = experiment.start.pose[:3], experiment.start.pose[3:]
-    node = replace(parts.settings, start={"xyz": xyz, "rpy": rpy}).build(found.arm, parts.goal)
+    node = replace(parts.settings, start={"xyz": xyz, "rpy": rpy}).make_servo(found.arm, parts.goal)
     np.testing.assert_allclose(node.settings.start, begun, atol=1e-9)
     loop = Loop(experiment, parts)
-    loop.to_end()
-    result = loop.result()
-    assert result.converged and result.verdict.reached and not result.notes
+    loop.run_to_end()
+    result = loop.make_run()
+    assert result.converged and result.verdict.is_reached and not result.notes
     loop.close()
 
 
@@ -137,13 +143,15 @@ def test_joints_that_run_into_something_are_said_and_the_advice_names_it(clear, 
     first, _ = first_found(experiment, parts.postures)
     with caplog.at_level(logging.WARNING):
         above = first - [0.0, 0.4, 0.0, 0.0, 0.0]  # what is in something already stays there
-        result = run(experiment.with_(goal=first.tolist(), start=above.tolist(), duration=3.0))
-    said = f"its link '{link}' is in '{other}': give it other joints"
+        result = run(
+            experiment.with_changes(goal=first.tolist(), start=above.tolist(), duration=3.0)
+        )
+    said = f"its link '{link}' is in '{other}': give other joints"
     (note,) = result.notes
     assert said in note and "at the goal" in note
     assert all(note in caplog.messages for note in result.notes)
     assert result.outcome == "joints_do_not_follow"
-    assert f"has run into '{other}'" in result.reason and other in result.remedy
+    assert f"is in collision with '{other}'" in result.reason and other in result.remedy
 
 
 @pytest.mark.parametrize("clear", ["elbow"], indirect=True)
@@ -153,8 +161,8 @@ def test_where_every_posture_runs_into_something_one_line_says_so(clear, caplog)
     low = {"pose": [*experiment.goal.pose[:2], -0.1, *experiment.goal.pose[3:]]}
     target = {**LAID, "pose": [*experiment.target.pose[:2], -0.3, 0.0, 0.0, 0.2]}
     with caplog.at_level(logging.WARNING):
-        parts = assemble(experiment.with_(goal=low, start=low, target=target))
+        parts = assemble(experiment.with_changes(goal=low, start=low, target=target))
     parts.plant.close()
     note, at_start = parts.notes
-    assert "at the goal, its link" in note and "'ground_plane', and clear of all in no" in note
+    assert "at the goal, its link" in note and "'ground_plane', and no posture without" in note
     assert "at the start" in at_start and caplog.messages == [note, at_start]

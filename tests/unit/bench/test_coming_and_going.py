@@ -5,11 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment, SunSpec, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.experiment import Experiment, SunSpec, TargetSpec
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.seeing.image_reader import ImageReader
+from aras_visual_servo_controller.observation.image_reader import ImageReader
 
 TIMES = ((0.1, 0.2), (0.3, 0.4))  # at each an image is exposed, which is before a coming
 OCCLUDER = ((0.01, -0.01), (0.06, 0.05))
@@ -17,7 +17,8 @@ OCCLUDER = ((0.01, -0.01), (0.06, 0.05))
 
 def experiment(plant, **target):
     return Experiment(
-        plant=plant, features="pictures", duration=0.42, linger=None, scheme="moments",
+        plant=plant, features="images", duration=0.42, time_after_convergence=None,
+        scheme="moments",
         goal={"pose": [0.0, 0.0, 0.85, 3.14159265, 0.0, 0.0]},
         start={"pose": [0.01, 0.0, 0.87, 3.14159265, 0.0, 0.05]},
         target={"size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.0],
@@ -28,9 +29,9 @@ def experiment(plant, **target):
 def dark(asked):
     """Stamps and dark pixels of the images of an experiment."""
     seen = []
-    loop = Loop(asked, assemble(asked), watch=lambda of, one: seen.append(
-        (one.stamp, int((ImageReader.image_of(one).grey < 100).sum()))))  # fmt: skip
-    loop.to_end()
+    loop = Loop(asked, assemble(asked), on_frame=lambda of, one: seen.append(
+        (one.stamp, int((ImageReader.decode_image(one).grey < 100).sum()))))  # fmt: skip
+    loop.run_to_end()
     goal = loop.parts.goal
     loop.close()
     return np.array(seen).T, goal
@@ -55,11 +56,11 @@ def test_the_sun_shines_at_its_times_and_no_other():
     asked = experiment("bullet", shape="poster", occluder=None)
     asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=TIMES))
     seen = []
-    loop = Loop(asked, assemble(asked), watch=lambda of, one: seen.append(
-        (one.stamp, float(ImageReader.image_of(one).grey.mean()))))  # fmt: skip
-    state = loop.to_image()
-    assert np.abs(state.decision.error).max() < 2.0  # grey levels, at the goal's own pose
-    loop.to_end()
+    loop = Loop(asked, assemble(asked), on_frame=lambda of, one: seen.append(
+        (one.stamp, float(ImageReader.decode_image(one).grey.mean()))))  # fmt: skip
+    state = loop.run_to_image()
+    assert np.abs(state.scheme_output.error).max() < 2.0  # grey levels, at the goal's own pose
+    loop.run_to_end()
     loop.close()
     stamps, grey = np.array(seen).T
     shines = np.any([(stamps > a) & (stamps <= b) for a, b in TIMES], axis=0)
@@ -71,12 +72,12 @@ def test_a_sun_that_is_gone_by_the_first_image_has_lit_the_goal():
     asked = experiment("bullet", shape="poster", occluder=None)
     asked = replace(asked, scheme="luminance", start=asked.goal, sun=SunSpec(shines=((0.0, 0.02),)))
     loop = Loop(asked, assemble(asked))
-    assert np.abs(loop.to_image().decision.error).max() > 50.0
+    assert np.abs(loop.run_to_image().scheme_output.error).max() > 50.0
     loop.close()
 
 
 def test_times_of_the_sun_that_cannot_be_are_refused():
-    with pytest.raises(ExperimentError, match="sun.shines is from 2 to 1 s"):
+    with pytest.raises(ExperimentError, match="sun.shines has the interval 2 to 1 s"):
         Experiment(sun={"shines": [[2.0, 1.0]]})
     with pytest.raises(ExperimentError, match="the lights are those of the world file"):
         Experiment(world="workbench", sun={"shines": [[1.0, 2.0]]})
@@ -84,8 +85,8 @@ def test_times_of_the_sun_that_cannot_be_are_refused():
 
 @pytest.mark.parametrize(("target", "complaint"), [
     ({"occluded": [[0.1, 0.2]]}, "give target.occluder"),
-    ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "from 0.2 to 0.1 s, must rise"),
-    ({"occluder": OCCLUDER, "occluded": [[-0.2, 0.1]]}, "must rise from 0 on"),
+    ({"occluder": OCCLUDER, "occluded": [[0.2, 0.1]]}, "the interval 0.2 to 0.1 s, must be"),
+    ({"occluder": OCCLUDER, "occluded": [[-0.2, 0.1]]}, "must be 0 <= start < end"),
 ])  # fmt: skip
 def test_times_that_cannot_be_are_refused(target, complaint):
     with pytest.raises(ExperimentError, match=complaint):

@@ -7,12 +7,12 @@ import sys
 
 import pytest
 
-from aras_visual_servo_bench import commands
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.commands import EXAMPLES, main, parser
-from aras_visual_servo_bench.errors import BenchError, not_installed
-from aras_visual_servo_bench.pictures import style
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench import cli
+from aras_visual_servo_bench.cli import EXAMPLES, main, make_parser
+from aras_visual_servo_bench.errors import BenchError, make_missing_library_error
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.plots import style
+from aras_visual_servo_bench.runner.loop import run
 
 
 @pytest.fixture
@@ -77,9 +77,9 @@ def test_names_that_are_no_text_are_written_and_printed(experiment, tmp_path):
     ("words", "told"),
     [
         (["gian=2.0"], "an experiment has no 'gian': did you mean gain?"),
-        (["--workers", "2"], "--workers is for studies: an experiment is one run"),
-        (["--dry-run"], "--dry-run is for studies"),
-        (["--fail-fast"], "--fail-fast is for studies"),
+        (["--workers", "2"], "--workers applies to studies, not to an experiment"),
+        (["--dry-run"], "--dry-run applies to studies"),
+        (["--fail-fast"], "--fail-fast applies to studies"),
         (["duration=-1"], "duration"),
     ],
 )
@@ -100,30 +100,30 @@ def test_a_study_with_keys_of_both_kinds_stays_a_study(tmp_path, capsys):
 def test_pips_program_names_itself_and_compiles_before_it_starts(monkeypatch, capsys):
     monkeypatch.setattr(sys, "argv", ["/home/me/venv/bin/aras-servo"])
     compiled = []
-    monkeypatch.setattr(commands.loops, "missing", lambda packages: [packages[1]])
-    monkeypatch.setattr(commands.loops, "main", lambda due: compiled.extend(due) or 0)
+    monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: [packages[1]])
+    monkeypatch.setattr(cli.compile_packages, "main", lambda due: compiled.extend(due) or 0)
     assert main(["resume", "/nowhere"]) == 1
     said = capsys.readouterr().err.splitlines()
     assert compiled == ["aras_sim_bridge"]
-    assert said[0] == "compiling loops, once: a minute or two"
+    assert said[0] == "first start: compiling for one or two minutes"
     assert said[-1].startswith("aras-servo: ")
-    assert parser().prog == "aras-servo"
-    with pytest.raises(BenchError, match="say which run: aras-servo show out 0"):
+    assert make_parser().prog == "aras-servo"
+    with pytest.raises(BenchError, match="give the number of a run: aras-servo show out 0"):
         raise_of(["show", "out"])
 
 
 def raise_of(words):
-    options = parser().parse_args(words)
+    options = make_parser().parse_args(words)
     options.carry_out(options)
 
 
 def test_the_workspaces_program_leaves_compiling_to_the_set_up(monkeypatch):
-    monkeypatch.setattr(commands.loops, "missing", lambda packages: pytest.fail("asked"))
+    monkeypatch.setattr(cli.compile_packages, "find_missing", lambda packages: pytest.fail("asked"))
     assert main(["run", "duration=0.1"]) == 0
 
 
 def test_each_command_shows_an_example_that_it_understands(capsys):
-    made = parser()
+    made = make_parser()
     with pytest.raises(SystemExit):
         made.parse_args(["--help"])
     listed = capsys.readouterr().out
@@ -158,7 +158,7 @@ USAGES = {
 @pytest.mark.parametrize("name", USAGES)
 def test_each_word_of_a_command_is_named_and_explained(name, capsys):
     with pytest.raises(SystemExit):
-        parser().parse_args([name, "--help"])
+        make_parser().parse_args([name, "--help"])
     usage, *parts = capsys.readouterr().out.split("\n\n")
     assert " ".join(usage.split()) == f"usage: bench {name} [-h] {USAGES[name]}"
     lines = [line for part in parts for line in part.splitlines() if line.startswith("  ")]
@@ -169,14 +169,14 @@ def test_each_word_of_a_command_is_named_and_explained(name, capsys):
 
 def test_the_commands_are_listed_with_what_they_do(capsys):
     with pytest.raises(SystemExit):
-        parser().parse_args(["--help"])
+        make_parser().parse_args(["--help"])
     out = capsys.readouterr().out
-    assert "Visual servoing, simulated" in out and "COMMAND" in out
+    assert "Simulated visual servoing" in out and "COMMAND" in out
     for name in USAGES:
         (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
         assert len(line.split(None, 1)[1]) > 10
     with pytest.raises(SystemExit):
-        parser().parse_args([])
+        make_parser().parse_args([])
     assert "required: COMMAND" in capsys.readouterr().err
 
 
@@ -198,8 +198,8 @@ def test_how_a_command_ends(monkeypatch, capsys, fault, code, said):
         raise fault
 
     closed = []
-    monkeypatch.setattr(commands, "parser", lambda: made)
-    made = parser()
+    monkeypatch.setattr(cli, "make_parser", lambda: made)
+    made = make_parser()
     chosen = next(a for a in made._actions if a.dest == "command").choices["diff"]
     chosen.set_defaults(carry_out=fail)
     if isinstance(fault, BrokenPipeError):
@@ -210,7 +210,7 @@ def test_how_a_command_ends(monkeypatch, capsys, fault, code, said):
 
 
 def test_a_missing_library_is_named_with_both_ways_to_install_it():
-    assert str(not_installed("dask", "studies")) == (
+    assert str(make_missing_library_error("dask", "studies")) == (
         "dask is not installed: run ./setup.sh; without ROS, pip install '.[studies]' in the "
         "folder of the sources"
     )
@@ -222,10 +222,11 @@ BENCH = "aras_visual_servo_bench"
 @pytest.mark.parametrize(("words", "missing", "told"), [
     (["browse", "x"], f"{BENCH}.web.browse.server", "web.browse.server is not installed: run ./"
      "setup.sh; without ROS, pip install '.[page]' in"),
-    (["table", "x"], f"{BENCH}.commands.reading", "commands.reading is not installed: run ./setup."
+    (["table", "x"], f"{BENCH}.cli.results", "cli.results is not installed: run ./setup."
      "sh; without ROS, pip install '.[bench]' in"),
     (["analyze", "{}", "--out", "o"], f"{BENCH}.ros.bag", "bags need ROS's Python packages: "),
-    (["convert", "{}"], f"{BENCH}.ros.mcap", "needs ROS's Python packages and mcap, see ./setup.s"),
+    (["convert", "{}"], f"{BENCH}.ros.mcap",
+     "convert needs the Python packages of ROS and mcap, see ./setup.s"),
 ])  # fmt: skip
 def test_what_needs_a_library_that_is_missing_says_so(words, missing, told, tmp_path, monkeypatch,
                                                       capsys):

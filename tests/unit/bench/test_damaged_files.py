@@ -18,15 +18,15 @@ from aras_sim_bridge.description import parse_urdf, world_file
 from aras_visual_servo_base.errors import SimError
 from aras_visual_servo_base.hand_eye import read_hand_eye
 from aras_visual_servo_base.meshes import files as mesh_files
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.yaml_files import read_text
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.targets.outlines import read_svg, shape_of
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.targets.target_factory import make_target, read_svg
 
 NUMBER = re.compile(rb"(?<![\w.])-?\d+\.?\d*(?:[eE][-+]?\d+)?(?![\w.])")
 WORDS = (b"nan", b"inf", b"1e300", b"-1", b"0", b"abc", b"", b"[1, 2]")
-POSE = transform((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
+POSE = matrix_from_xyz_rpy((0.021, -0.034, 0.085), (0.3, -2.8, 1.2))
 K = np.array([[620.0, 0.0, 319.0], [0.0, 622.0, 241.0], [0.0, 0.0, 1.0]])
 D = np.array([[-0.21, 0.11, 0.001, -0.0008, 0.02]])
 
@@ -43,7 +43,7 @@ def rows(matrix):
 
 
 def camera(path):
-    made = CameraConfig.from_mapping({"name": "c", **read_camera(path)}).intrinsics()
+    made = CameraConfig.from_mapping({"name": "c", **read_camera(path)}).make_intrinsics()
     return [*np.ravel(made.K), *made.D, made.width, made.height]
 
 
@@ -66,7 +66,7 @@ def world(path):
 
 
 def picture(path):
-    return [shape_of(str(path), (0.1, 0.1)).size]
+    return [make_target(str(path), (0.1, 0.1)).size]
 
 
 FACES = "".join(
@@ -164,6 +164,6 @@ def test_a_damaged_file_is_read_or_refused_in_one_line(tmp_path, kind):
 def test_a_robot_that_is_no_text_is_refused_by_its_name(tmp_path):
     path = tmp_path / "arm.urdf"
     path.write_bytes(b"<robot name='\xff'/>")
-    with pytest.raises(ExperimentError, match="arm.urdf is no text in UTF-8") as refused:
+    with pytest.raises(ExperimentError, match="arm.urdf is not UTF-8 text") as refused:
         Robot(RobotSpec(urdf=str(path)))
     assert "\n" not in str(refused.value)

@@ -7,10 +7,10 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_bench.ros import demo_words
-from aras_visual_servo_bench.ros.demo_words import LAUNCH, STARTED, parse
+from aras_visual_servo_bench.ros import demo_arguments
+from aras_visual_servo_bench.ros.demo_arguments import LAUNCH_FILES, LAUNCH_FOLDER, parse
 
-WORLD, LOOP = STARTED
+WORLD, LOOP = LAUNCH_FILES
 
 
 def refused(words, capsys):
@@ -29,7 +29,7 @@ def test_a_target_s_place_is_the_launch_file_s():
     told = re.search(r'name="target_place" default="([^"]*)"', launch.read_text())[1]
     words = told.split()
     given = dict(zip(words[::2], map(float, words[1::2]), strict=True))
-    assert tuple(given.get(f"-{way}", 0.0) for way in "xyzRPY") == demo_words.PLACE
+    assert tuple(given.get(f"-{way}", 0.0) for way in "xyzRPY") == demo_arguments.TARGET_POSE
 
 
 def test_every_option_of_the_demo_is_explained(capsys, monkeypatch):
@@ -71,12 +71,12 @@ def test_results_go_into_a_folder(tmp_path, monkeypatch):
     (["--target", "l_shap"], "--target is 'l_shap': did you mean 'l_shape'?"),
     (["--target", "/none.png"], "--target: there is no file /none.png"),
     (["--target", "circle", "--scheme", "points"], "target 'circle' has no corners"),
-    (["--target", "poster", "--target-size", "3 1"], "must be <= 2 m, the table's"),
+    (["--target", "poster", "--target-size", "3 1"], "must be <= 2 m, the size of the table"),
     (["--target-size", "0 1"], "two lengths above 0 m"),
     (["--urdf", "/none.urdf"], "there is no file /none.urdf"),
-    (["gain:=2"], "gain:= is an option here"),
-    (["gians:=x"], "no argument 'gians' of the launch files: did you mean 'gains'?"),
-    (["nonsense"], "'nonsense' is no argument: write NAME:=VALUE"),
+    (["gain:=2"], "gain:= is set by an option"),
+    (["gians:=x"], "the launch files have no argument 'gians': did you mean 'gains'?"),
+    (["nonsense"], "'nonsense' is not an argument: use NAME:=VALUE"),
 ])  # fmt: skip
 def test_what_cannot_be_is_told_with_what_would_be_right(words, told, capsys):
     assert told in refused(words, capsys)
@@ -105,16 +105,16 @@ def test_entities_of_a_launch_file_are_refused(tmp_path, monkeypatch):
     (tmp_path / "a.launch").write_text(
         "<!DOCTYPE a [<!ENTITY b 'ha'>]><launch><arg name='&b;'/></launch>"
     )
-    monkeypatch.setattr(demo_words, "LAUNCH", f"{tmp_path}/")
+    monkeypatch.setattr(demo_arguments, "LAUNCH_FOLDER", f"{tmp_path}/")
     with pytest.raises(DescriptionError, match="a.launch: line 1: document type and entity"):
-        demo_words._declared("a.launch")
+        demo_arguments._read_argument_names("a.launch")
 
 
 def test_every_option_that_is_a_launch_argument_is_declared_there():
-    from aras_visual_servo_bench.ros.demo_words import _declared
+    from aras_visual_servo_bench.ros.demo_arguments import _read_argument_names
 
-    for file, options in STARTED.items():
-        assert options <= _declared(file), f"{LAUNCH}{file}"
+    for file, options in LAUNCH_FILES.items():
+        assert options <= _read_argument_names(file), f"{LAUNCH_FOLDER}{file}"
 
 
 def test_before_another_target_the_goal_is_taught_where_the_shipped_one_has_the_camera():
@@ -149,7 +149,7 @@ def test_another_robot_has_joints_of_its_own(tmp_path, capsys):
 def test_without_a_display_the_demo_says_so_and_goes_on_without_rviz(monkeypatch, capsys):
     monkeypatch.delenv("DISPLAY", raising=False)
     assert parse(["--rviz"]).rviz is False
-    assert "DISPLAY is not set: it goes on without rviz" in capsys.readouterr().err
+    assert "DISPLAY is not set: continuing without rviz" in capsys.readouterr().err
     monkeypatch.setenv("DISPLAY", ":0")
     assert parse(["--rviz"]).rviz is True
     assert not capsys.readouterr().err

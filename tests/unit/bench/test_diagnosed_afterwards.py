@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.judging.diagnosis import diagnose
+from aras_visual_servo_controller.diagnosis.diagnosis import diagnose
 from aras_visual_servo_controller.records.run_record import ImageRecord
 
 MOVING = {"shape": "square", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0],
@@ -21,14 +21,15 @@ RUNS = {
     "free": {"plant": "free", "features": "exact", "duration": 5.0},
     "free, high gain": {"plant": "free", "features": "exact", "gain": 12.0, "delay": 0.2},
     "free, noise": {"plant": "free", "features": "exact", "jitter": 3.0, "scheme": "points"},
-    "free, wrong camera": {"plant": "free", "features": "exact", "believed": {"focal": 2.5}},
+    "free, wrong camera": {"plant": "free", "features": "exact",
+        "calibration_offset": {"focal": 2.5}},
     "free, moving target": {"plant": "free", "features": "exact", "scheme": "points",
                             "target": MOVING},
-    "free, hidden": {"plant": "free", "features": "pictures", "duration": 1.0,
+    "free, hidden": {"plant": "free", "features": "images", "duration": 1.0,
                      "target": {"shape": "square", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0],
                                 "occluder": [[-0.06, -0.06], [0.06, 0.06]],
                                 "occluded": [[0.4, 9.0]]}},
-    "free, lost frames": {"plant": "free", "features": "pictures", "duration": 2.0,
+    "free, lost frames": {"plant": "free", "features": "images", "duration": 2.0,
                           "camera": {"effects": {"drop_probability": 0.8}, "update_rate": 10.0}},
     "chain": {"plant": "chain", "features": "exact", "duration": 3.0},
     "chain, lag": {"plant": "chain", "features": "exact", "lag": 1.0, "gain": 5.0},
@@ -44,14 +45,14 @@ def test_a_record_gives_the_same_outcome_reason_and_remedy(name):
     loop = Loop(experiment, assemble(experiment))
     told = []
     try:
-        while not loop.over:
-            loop.to_image()
+        while not loop.is_over:
+            loop.run_to_image()
             told.append((len(loop.records), loop.servo.outcome))
-        loop.result()
+        loop.make_run()
         told.append((len(loop.records), loop.servo.outcome))
     finally:
         loop.close()
-    records, run = loop.records, loop.servo.diagnosis.run
+    records, run = loop.records, loop.servo.diagnosis.run_context
     assert sum(isinstance(record, ImageRecord) for record in records) > 3
     assert all(record.observation.image is None and record.observation.depth is None
                for record in records if isinstance(record, ImageRecord))  # fmt: skip
@@ -68,8 +69,8 @@ def test_the_runs_come_to_many_outcomes():
                  "free, moving target", "free, hidden"):  # fmt: skip
         experiment = Experiment.from_mapping({"duration": 4.0, **RUNS[name]})
         loop = Loop(experiment, assemble(experiment))
-        loop.to_end()
-        loop.result()
+        loop.run_to_end()
+        loop.make_run()
         kinds.add(loop.servo.outcome.kind.partition(" ")[0])
         loop.close()
     assert len(kinds) >= 4, kinds

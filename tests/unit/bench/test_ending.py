@@ -5,47 +5,47 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.ending import Ending
-from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop, run
+from aras_visual_servo_bench.runner.run_termination import RunTermination
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
-from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.records.outcomes import Outcome
 from aras_visual_servo_controller.records.state import CONVERGED, SERVOING
+from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 SQUARE = PolygonTarget(((-0.1, -0.1), (0.1, -0.1), (0.1, 0.1)))
 RISING = Motion(velocity=(0.0, 0.0, 1.0, 0.0, 0.0, 0.0))
 
 
 def looks_down(z, x=0.0, turn=0.0):
-    return transform((x, 0.0, z), (np.pi, 0.0, turn))
+    return matrix_from_xyz_rpy((x, 0.0, z), (np.pi, 0.0, turn))
 
 
 def ending(ideal=None, first=None, goal=None, motion=None, **keys):
     """Ten images a second, from 2 m above a target to 1 m."""
     first = looks_down(2.0, turn=0.4) if first is None else first
     parts = SimpleNamespace(
-        plant=SimpleNamespace(sight=SimpleNamespace(rate=10.0), pose=lambda: first),
+        plant=SimpleNamespace(imaging=SimpleNamespace(rate=10.0), read_pose=lambda: first),
         goal_pose=looks_down(1.0) if goal is None else goal,
         target=PlacedTarget(SQUARE, np.eye(4), motion or Motion()),
     )  # fmt: skip
-    keys = {"duration": 0.5, "linger": None, **keys}
-    return Ending(Experiment(plant="ideal", ideal=ideal or {}, **keys), parts)
+    keys = {"duration": 0.5, "time_after_convergence": None, **keys}
+    return RunTermination(Experiment(plant="ideal", ideal=ideal or {}, **keys), parts)
 
 
 def state(error=(1.0, 1.0), phase=SERVOING, outcome="running", stamp=0.0):
     decision = None if error is None else SimpleNamespace(error=np.array(error))
-    return SimpleNamespace(decision=decision, phase=phase, outcome=outcome, stamp=stamp,
+    return SimpleNamespace(scheme_output=decision, phase=phase, outcome=outcome, stamp=stamp,
                            reason="it is dark")
 
 
 def images_until_over(found, states, pose=None):
     for count, one in enumerate(states, 1):
         one.stamp = 0.1 * (count - 1)
-        found.image(one, looks_down(2.0) if pose is None else pose)
-        if found.over:
+        found.add_image(one, looks_down(2.0) if pose is None else pose)
+        if found.is_over:
             return count
     return None
 
@@ -54,13 +54,18 @@ def test_it_is_over_after_its_duration_or_some_time_after_it_has_converged():
     found = ending()
     assert images_until_over(found, [state()] * 9) == 6 and found.outcome is None  # at 0.5 s
     there = state(phase=CONVERGED)
-    found = ending(linger=0.3, duration=9.0)
+    found = ending(time_after_convergence=0.3, duration=9.0)
     assert images_until_over(found, [state()] * 2 + [there] * 9) == 6  # at 0.2 s and 0.3 s more
-    found = ending(linger=0.3, duration=9.0)
+    found = ending(time_after_convergence=0.3, duration=9.0)
     assert images_until_over(found, [there] * 3 + [state()] + [there] * 9) == 8
     assert found.outcome is None
     assert images_until_over(ending(duration=1.0), [there] * 20) == 11
-    assert images_until_over(ending({"stop": 1e-9}, linger=0.1, duration=1.0), [there] * 20) == 11
+    assert (
+        images_until_over(
+            ending({"stop": 1e-9}, time_after_convergence=0.1, duration=1.0), [there] * 20
+        )
+        == 11
+    )
 
 
 def test_it_is_over_where_errors_are_below_what_is_asked_for():
@@ -88,21 +93,21 @@ def test_five_images_without_a_measurement_are_the_end():
     (1.5, 0.2, True), (1.51, 0.1, False), (1.4, 0.21, False), (0.6, -0.1, True)])
 def test_it_has_converged_within_a_part_of_the_first_distance_and_angle(z, turn, over):
     found = ending({"enough": 0.5}, first=looks_down(2.0, turn=0.400001))
-    found.image(state(), looks_down(z, turn=turn))
-    assert found.over is over
+    found.add_image(state(), looks_down(z, turn=turn))
+    assert found.is_over is over
     if over:
         assert found.outcome.kind == "converged"
 
 
 def test_it_has_failed_farther_from_the_goal_than_is_allowed():
     found = ending({"farthest": 1.5})
-    found.image(state(), looks_down(1.0, x=1.499))
-    assert not found.over
-    found.image(state(), looks_down(1.0, x=1.501))
-    assert found.over and found.outcome.kind == "no_progress"
+    found.add_image(state(), looks_down(1.0, x=1.499))
+    assert not found.is_over
+    found.add_image(state(), looks_down(1.0, x=1.501))
+    assert found.is_over and found.outcome.kind == "no_progress"
     assert found.outcome.reason.startswith("the camera is 1.50 m from its goal, more than at its s")
     both = ending({"enough": 0.1, "farthest": 5.0})
-    both.image(state(), looks_down(1.05, turn=0.01))
+    both.add_image(state(), looks_down(1.05, turn=0.01))
     assert both.outcome.kind == "converged"
 
 
@@ -112,22 +117,22 @@ def test_it_has_failed_farther_from_the_goal_than_is_allowed():
 def test_a_camera_that_went_far_back_has_retreated(first, goal, depths, word):
     found = ending(first=looks_down(first, turn=0.4), goal=looks_down(goal, x=0.3), duration=9.0)
     for depth in depths:
-        found.image(state(), looks_down(depth, x=0.2))
-    said = found.last_word(Outcome("timed_out", "late"))
+        found.add_image(state(), looks_down(depth, x=0.2))
+    said = found.decide_outcome(Outcome("timed_out", "late"))
     assert said.kind == word
     if word == "camera_retreat":
         assert said.reason == f"the camera went back to {max(depths):.2f} m from its target"
-    assert found.last_word(Outcome("converged up to 180°")).kind == "converged up to 180°"
+    assert found.decide_outcome(Outcome("converged up to 180°")).kind == "converged up to 180°"
 
 
 def test_a_retreat_is_from_a_target_that_moves():
     """It rises towards the camera, 1 m/s; at 3 s the camera is 3.5 m above it."""
     found = ending(motion=RISING, duration=9.0)
-    found.image(state(stamp=3.0), looks_down(6.5))
-    assert found.last_word(Outcome("timed_out", "late")).kind == "timed_out"
+    found.add_image(state(stamp=3.0), looks_down(6.5))
+    assert found.decide_outcome(Outcome("timed_out", "late")).kind == "timed_out"
     found = ending({"stop": 9.0}, duration=9.0)
-    found.image(state(), looks_down(9.0))
-    assert found.last_word(Outcome("timed_out", "late")).kind == "converged"  # its own word
+    found.add_image(state(), looks_down(9.0))
+    assert found.decide_outcome(Outcome("timed_out", "late")).kind == "converged"  # its own word
 
 
 # -- every loop ----------------------------------------------------------------------------------
@@ -154,17 +159,17 @@ def eyes(left, right):
     (0.0, 0.12, (0.0, 0.12), ["left", "right"]), (0.12, 0.04, (0.12, 0.04), ["right", "left"])])
 def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
         monkeypatch, left, right, delays, order):
-    came, image = [], Driver.image
+    came, image = [], LoopRunner.add_image
 
     def told(driver, stamp, look, camera=""):
         came.append((camera, stamp, loop.plant.time_ns * 1e-9))
         image(driver, stamp, look, camera)
 
-    monkeypatch.setattr(Driver, "image", told)
+    monkeypatch.setattr(LoopRunner, "add_image", told)
     loop = looped(cameras=eyes({"delay": left}, {"delay": right}), duration=0.4, camera="original",
                   scheme="points@left+points@right")
     while loop.plant.time_ns < 330_000_000:
-        loop.to_image()
+        loop.run_to_image()
     for name, delay in zip(("left", "right"), delays, strict=True):
         times = np.array([(stamp, at) for camera, stamp, at in came if camera == name])
         np.testing.assert_allclose(times[:4, 0], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
@@ -175,19 +180,22 @@ def test_late_images_come_when_their_delay_is_over_in_the_order_they_were_made(
 
 @pytest.mark.parametrize(("keys", "ends"), [
     # 0.05 s and one measurement more than the duration after the first image, at 1/30 s
-    ({"duration": 0.5, "linger": None}, 0.591), ({"duration": 0.25, "linger": 0.1}, 0.341),
-    ({"duration": 0.5, "linger": None, "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
+    ({"duration": 0.5, "time_after_convergence": None}, 0.591),
+    ({"duration": 0.25, "time_after_convergence": 0.1}, 0.341),
+    ({"duration": 0.5, "time_after_convergence": None,
+        "start": {"pose": [3.0, 0.0, 0.9, np.pi, 0.0, 0.2]}}, 0.591),
     # 0.5 s after the first image that shows it to have converged: hold is 0.1 s of images
-    ({"duration": 9.0, "linger": 0.5, "start": POSE, "options": {"hold": 0.1}}, None),
+    ({"duration": 9.0, "time_after_convergence": 0.5, "start": POSE,
+        "controller_parameters": {"hold": 0.1}}, None),
     # no image comes within 5 s
     ({"camera": {**EYE, "update_rate": 0.15}}, 5.001),
 ])  # fmt: skip
 def test_a_loop_is_over_when_its_time_is(keys, ends):
     loop = looped(**keys)
-    assert loop.servo_time == 0.0 and not loop.over
+    assert loop.servo_time == 0.0 and not loop.is_over
     converged = None
-    while not loop.over:
-        state = loop.to_image()
+    while not loop.is_over:
+        state = loop.run_to_image()
         if state is not None and converged is None and state.phase == CONVERGED:
             converged = loop.plant.time_ns * 1e-9
     end = loop.plant.time_ns * 1e-9
@@ -198,7 +206,7 @@ def test_a_loop_is_over_when_its_time_is(keys, ends):
         assert end == pytest.approx(ends, abs=1e-8) and converged is None
     if loop.state is not None:
         assert loop.servo_time == pytest.approx(end - 1.0 / 30.0, abs=1e-8)
-    result = loop.result()
+    result = loop.make_run()
     assert result.outcome == "converged" if converged else result.outcome != "running"
     if keys.get("duration") == 0.25:
         assert result.outcome == "timed_out" and "0.2 s" in result.reason
@@ -207,11 +215,11 @@ def test_a_loop_is_over_when_its_time_is(keys, ends):
 def test_an_image_is_answered_once_and_given_back():
     loop = looped(duration=0.2)
     assert loop.reading is None and loop.state is None
-    states = [loop.to_image() for _ in range(3)]
+    states = [loop.run_to_image() for _ in range(3)]
     assert [round(s.stamp * 30) for s in states] == [1, 2, 3]
     assert loop.state is states[-1] and loop.reading.stamp == states[-1].stamp
-    loop.to_end()
-    assert loop.to_image() is None
+    loop.run_to_end()
+    assert loop.run_to_image() is None
 
 
 def test_who_watches_is_told_of_every_image_as_it_is_made():
@@ -220,38 +228,39 @@ def test_who_watches_is_told_of_every_image_as_it_is_made():
         **BASE, "camera": "original", "scheme": "points@left", "duration": 0.3,
         "cameras": eyes({"delay": 0.1}, {})})
     loop = Loop(experiment, assemble(experiment),
-                watch=lambda of, one: seen.append((one.name, of.plant.time_ns - one.stamp_ns)))
-    loop.to_end()
+                on_frame=lambda of, one: seen.append((one.name, of.plant.time_ns - one.stamp_ns)))
+    loop.run_to_end()
     assert {name for name, _ in seen} == {"left", "right"} and all(late == 0 for _, late in seen)
-    record = loop.result().cameras["right"]
+    record = loop.make_run().cameras["right"]
     np.testing.assert_allclose(record.stamp[:4], [0.05, 0.1, 0.15, 0.2], atol=1e-9)
-    place = loop.parts.places["right"].pose
+    place = loop.parts.placements["right"].pose
     np.testing.assert_allclose(place[:3, 3], [0.02, 0.0, 0.0], atol=1e-9)
 
 
-@pytest.mark.parametrize("features", ["pictures", "exact"])
+@pytest.mark.parametrize("features", ["images", "exact"])
 def test_a_run_by_pictures_keeps_a_film_of_what_other_cameras_see(features):
     asked = {**BASE, "features": features, "camera": "original", "scheme": "points@left",
              "duration": 0.1, "cameras": eyes({}, {})}
     film = run(Experiment.from_mapping(asked)).cameras["right"].film
     assert [round(stamp, 9) for stamp, _ in film][:2] == [0.05, 0.1][:len(film)]
-    assert bool(film) is (features == "pictures")
+    assert bool(film) is (features == "images")
 
 
 def test_a_goal_goes_along_with_a_target_that_turns():
     """Before the target it is always at one place; the verdict is of that."""
     moves = {**BASE["target"], "motion": {"velocity": [0.05, 0.02, 0.01, 0.1, 0.05, 0.4]}}
     loop = looped(target=moves, duration=0.4)
-    loop.to_end()
+    loop.run_to_end()
     then = loop.parts.target.world_T_target(loop.plant.time_ns * 1e-9)
-    first = transform((0, 0, 0.59), (0, 0, 0))
-    goal = transform(POSE["pose"][:3], POSE["pose"][3:])
-    np.testing.assert_allclose(np.linalg.inv(then) @ loop.goal_pose(), np.linalg.inv(first) @ goal,
-                               atol=1e-12)
-    found, verdict = loop.result(), loop.verdict()
-    off = np.linalg.norm(loop.goal_pose()[:3, 3] - loop.plant.at_rest()[:3, 3])
+    first = matrix_from_xyz_rpy((0, 0, 0.59), (0, 0, 0))
+    goal = matrix_from_xyz_rpy(POSE["pose"][:3], POSE["pose"][3:])
+    np.testing.assert_allclose(
+        np.linalg.inv(then) @ loop.compute_goal_pose(), np.linalg.inv(first) @ goal, atol=1e-12
+    )
+    found, verdict = loop.make_run(), loop.compute_verdict()
+    off = np.linalg.norm(loop.compute_goal_pose()[:3, 3] - loop.plant.read_rest_pose()[:3, 3])
     assert found.verdict.distance == pytest.approx(off) == verdict.distance and off > 1e-4
-    np.testing.assert_array_equal(found.goal_pose, loop.goal_pose())
+    np.testing.assert_array_equal(found.goal_pose, loop.compute_goal_pose())
     assert found.joint_names == loop.plant.joint_names and found.peak_speed is None
 
 
@@ -264,7 +273,7 @@ def test_a_run_gives_back_what_its_plant_holds(monkeypatch):
     def fail(self):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(Loop, "to_end", fail)
+    monkeypatch.setattr(Loop, "run_to_end", fail)
     with pytest.raises(KeyboardInterrupt):
         run(asked)
     assert closed == [1, 1]

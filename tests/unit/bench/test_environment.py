@@ -8,17 +8,17 @@ import pytest
 from gymnasium.utils.env_checker import check_env
 
 from aras_visual_servo_base.poses import pose_difference
-from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.environment import (
+from aras_visual_servo_bench.experiment.experiment import Experiment, Sampler
+from aras_visual_servo_bench.runner.environment import (
     ENVIRONMENT,
-    GREATEST,
-    AskedTwist,
+    MAX_TWIST,
+    ExternalTwistScheme,
     ServoEnv,
 )
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.schemes import Decision, JointController, Scheme
+from aras_visual_servo_controller.kinematics.task import Task
+from aras_visual_servo_controller.schemes import JointController, Scheme, SchemeOutput
 
 
 @pytest.fixture
@@ -45,11 +45,11 @@ def test_a_seed_draws_the_start(env):
 
 def test_a_twist_is_done_as_asked(env):
     env.reset(seed=1)
-    before = env.loop.plant.pose()
+    before = env.loop.plant.read_pose()
     began = env.loop.plant.time_ns
     for _ in range(10):
         env.step(np.array([0.0, 0.0, 0.2, 0.0, 0.0, 0.0]))
-    after = env.loop.plant.pose()
+    after = env.loop.plant.read_pose()
     seconds = (env.loop.plant.time_ns - began) * 1e-9
     moved = before[:3, :3].T @ (after[:3, 3] - before[:3, 3])
     np.testing.assert_allclose(moved, [0.0, 0.0, 0.2 * 0.25 * seconds], atol=2.5e-3)
@@ -60,10 +60,10 @@ def test_an_agent_that_does_as_the_law_does_gets_there():
     env.reset(seed=4)
     total, ended = 0.0, False
     for _ in range(400):
-        L = env.loop.state.decision.L
-        twist = np.linalg.pinv(L[:, [0, 1, 2, 5]]) @ (-2.0 * env.loop.state.decision.error)
+        L = env.loop.state.scheme_output.L
+        twist = np.linalg.pinv(L[:, [0, 1, 2, 5]]) @ (-2.0 * env.loop.state.scheme_output.error)
         action = np.zeros(6)
-        action[[0, 1, 2, 5]] = twist / np.array(GREATEST)[[0, 1, 2, 5]]
+        action[[0, 1, 2, 5]] = twist / np.array(MAX_TWIST)[[0, 1, 2, 5]]
         _, reward, ended, cut, info = env.step(np.clip(action, -1.0, 1.0))
         total += reward
         if ended or cut:
@@ -91,22 +91,22 @@ def test_what_is_no_action_or_no_environment_is_refused(env):
         with pytest.raises(ExperimentError, match="six finite numbers"):
             env.step(action)
     with pytest.raises(ExperimentError, match="six numbers above 0"):
-        ServoEnv(greatest=(1.0,) * 5)
+        ServoEnv(max_twist=(1.0,) * 5)
 
 
 def test_pictures_can_be_looked_at():
-    env = ServoEnv(Experiment(plant="free", features="pictures"), render_mode="rgb_array")
+    env = ServoEnv(Experiment(plant="free", features="images"), render_mode="rgb_array")
     env.reset(seed=0)
     assert env.render().shape == (240, 320, 3)
     assert ServoEnv().render() is None
 
 
-PICTURED = Experiment(plant="free", features="pictures", lag=0.0, delay=0.0, start=Sampler())
+PICTURED = Experiment(plant="free", features="images", lag=0.0, delay=0.0, start=Sampler())
 
 
 def test_a_picture_and_where_the_goal_is_belong_together():
     """The target, by the goal's true place, is where the picture has it."""
-    env = ServoEnv(PICTURED, observes="picture")
+    env = ServoEnv(PICTURED, observes="image")
     picture, info = env.reset(seed=3)
     for _ in range(8):
         picture, _, _, _, info = env.step(np.array([0.2, -0.1, 0.1, 0.0, 0.0, 0.3]))
@@ -115,8 +115,10 @@ def test_a_picture_and_where_the_goal_is_belong_together():
     np.testing.assert_array_equal(env.render()[..., 1], picture)
     parts = env.loop.parts
     goal_T_camera = np.linalg.inv(info["camera_T_goal"])
-    outline = parts.target.shape.outline(parts.target.seen_from(parts.goal_pose @ goal_T_camera))
-    u, v = parts.eyes["camera"].true.project(*outline.T)
+    outline = parts.target.shape.outline(
+        parts.target.target_T_camera(parts.goal_pose @ goal_T_camera)
+    )
+    u, v = parts.cameras["camera"].true_camera.project(*outline.T)
     dark = picture < 128
     rows, columns = np.nonzero(dark)
     assert columns.min() == pytest.approx(u.min(), abs=1.2)
@@ -126,9 +128,9 @@ def test_a_picture_and_where_the_goal_is_belong_together():
 
 
 def test_many_are_stepped_at_once():
-    made = gymnasium.make_vec(ENVIRONMENT, 3, "sync", experiment=PICTURED, observes="picture")
+    made = gymnasium.make_vec(ENVIRONMENT, 3, "sync", experiment=PICTURED, observes="image")
     pictures, info = made.reset(seed=5)
-    alone = [ServoEnv(PICTURED, observes="picture") for _ in range(3)]
+    alone = [ServoEnv(PICTURED, observes="image") for _ in range(3)]
     actions = np.array([[0.3, 0, 0, 0, 0, 0], [0, 0.3, 0, 0, 0, 0], [0, 0, -0.3, 0, 0, 0.2]],
                        np.float32)  # fmt: skip
     first = [one.reset(seed=5 + i)[0] for i, one in enumerate(alone)]
@@ -144,8 +146,8 @@ def test_many_are_stepped_at_once():
 
 
 @pytest.mark.parametrize(("options", "complaint"), [
-    ({"observes": "pictures"}, "did you mean 'picture'"),
-    ({"observes": "picture"}, "features: pictures"),
+    ({"observes": "picture"}, "known are features, image"),
+    ({"observes": "image"}, "features: images"),
 ])  # fmt: skip
 def test_what_cannot_be_observed_is_refused(options, complaint):
     with pytest.raises(ExperimentError, match=complaint):
@@ -166,11 +168,14 @@ def test_a_seed_is_drawn_from_the_environment_s_own():
     for seed in (7, 8):
         seen, info = env.reset(seed=seed)
         drawn = int(np.random.default_rng(seed).integers(2**31))
-        parts = assemble(EXACT.with_(seed=drawn))
-        np.testing.assert_allclose(seen[-6:], parts.plant.joints()[0], atol=1e-12)
-        np.testing.assert_allclose(info["camera_T_goal"],
-                                   np.linalg.inv(parts.plant.pose()) @ parts.goal_pose, atol=1e-12)
-        distance, angle = pose_difference(parts.goal_pose, parts.plant.pose())
+        parts = assemble(EXACT.with_changes(seed=drawn))
+        np.testing.assert_allclose(seen[-6:], parts.plant.read_joints()[0], atol=1e-12)
+        np.testing.assert_allclose(
+            info["camera_T_goal"],
+            np.linalg.inv(parts.plant.read_pose()) @ parts.goal_pose,
+            atol=1e-12,
+        )
+        distance, angle = pose_difference(parts.goal_pose, parts.plant.read_pose())
         assert (info["distance"], info["angle"]) == pytest.approx((distance, angle))
         assert (info["outcome"], info["reason"], info["verdict"]) == ("running", "", "goal_missed")
     env.close()
@@ -179,18 +184,18 @@ def test_a_seed_is_drawn_from_the_environment_s_own():
 
 @pytest.mark.parametrize(("greatest", "wanted"), [
     ({}, (0.25, 0.25, 0.25, 1.5, 1.5, 1.5)),
-    ({"greatest": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)}, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6))])
+    ({"max_twist": (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)}, (0.1, 0.2, 0.3, 0.4, 0.5, 0.6))])
 def test_an_action_is_the_twist_in_parts_of_the_greatest(greatest, wanted):
     env = ServoEnv(EXACT, **greatest)
     for action, part in (((0.5, -0.25, 0.1, -0.2, 0.3, -1.0), 1.0), ((9.0,) * 6, 1 / 9.0),
                          ((-9.0,) * 6, 1 / 9.0)):
         env.reset(seed=3)
         env.step(np.array(action))
-        task = env.loop.state.decision.task
+        task = env.loop.state.scheme_output.task
         np.testing.assert_allclose(task.twist, np.array(action) * part * wanted, atol=1e-12)
     env.reset(seed=3)
     env.step(np.zeros(6))
-    assert not env.loop.state.decision.task.twist.any()
+    assert not env.loop.state.scheme_output.task.twist.any()
     env.close()
 
 
@@ -219,7 +224,7 @@ class Inner(Scheme):
     names, tolerances, needs, cameras = ("a", "b"), (1.0, 2.0), frozenset("n"), ("left", "right")
     resets = 0
 
-    def needs_of(self, *cameras):
+    def get_needs(self, *cameras):
         return cameras
 
     def teach(self, observation):
@@ -232,16 +237,16 @@ class Inner(Scheme):
         self.resets += 1
 
     def compute(self, observation, goal, t):
-        task = Task.of_twist(np.ones(6), (True, False, True, False, True, False))
-        return Decision(self.names, observation, goal, np.array([t]), task)
+        task = Task.from_twist(np.ones(6), (True, False, True, False, True, False))
+        return SchemeOutput(self.names, observation, goal, np.array([t]), task)
 
 
 def test_a_scheme_whose_twist_is_asked_for_is_the_inner_one_in_all_else():
     inner = Inner()
-    asked = AskedTwist(inner)
+    asked = ExternalTwistScheme(inner)
     assert (asked.names, asked.tolerances, asked.needs, asked.cameras) == (
         inner.names, inner.tolerances, inner.needs, inner.cameras)
-    assert asked.law is inner.law and asked.needs_of("x", "y") == ("x", "y")
+    assert asked.law is inner.law and asked.get_needs("x", "y") == ("x", "y")
     assert asked.teach("view") == {"taught": "view"}
     with pytest.raises(KeyError, match="home"):
         asked.check("home")
@@ -262,12 +267,12 @@ class Joints(JointController):
 
     names, tolerances = ("x",), (1.0,)
 
-    def see(self, observation, goal, t): ...
-    def tick(self, t, dt, joints): ...
+    def process_image(self, observation, goal, t): ...
+    def update(self, t, dt, joints): ...
 
 
 @pytest.mark.parametrize(("given", "why"), [
-    ((EXACT.with_(scheme=f"{__name__}:Joints"),), "Joints' answers joints itself"),
+    ((EXACT.with_changes(scheme=f"{__name__}:Joints"),), "Joints' commands joints: an environment"),
     ((EXACT, (1.0, 1.0, 0.0, 1.0, 1.0, 1.0)), "six numbers above 0, m/s and rad/s"),
 ])  # fmt: skip
 def test_what_makes_no_environment_is_refused(given, why):

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import yaml
 
-from aras_visual_servo_bench.asked.experiment import CameraPose, Experiment, Sampler
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import CameraPose, Experiment, Sampler
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 
@@ -17,7 +17,7 @@ from aras_visual_servo_bench.targets.target_spec import TargetSpec
 def test_defaults_are_the_shipped_demo():
     experiment = Experiment()
     assert (experiment.plant, experiment.camera, experiment.start) == ("bullet", "original", "2016")
-    assert experiment.pictures
+    assert experiment.has_images
 
 
 def test_an_experiment_is_read_from_yaml(tmp_path):
@@ -25,28 +25,31 @@ def test_an_experiment_is_read_from_yaml(tmp_path):
     path.write_text(yaml.safe_dump({
         "plant": "free",
         "camera": {"horizontal_fov": 2, "width": 640, "height": 480},
-        "believed": {"focal": 1.1, "centre": [3, -2]},
+        "calibration_offset": {"focal": 1.1, "centre": [3, -2]},
         "target": {"shape": [[0, 0], [1, 0], [1, 1]], "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
         "start": {"height": [0.2, 0.3], "tilt": 0.1},
         "goal": {"pose": [0, 0, 0.8, 3.14, 0, 0]},
         "gain": 2,
-        "linger": None,
+        "time_after_convergence": None,
     }))  # fmt: skip
     experiment = Experiment.from_yaml(path)
     assert experiment.start == Sampler(height=(0.2, 0.3), tilt=0.1)
     assert experiment.goal == CameraPose((0.0, 0.0, 0.8, 3.14, 0.0, 0.0))
     assert experiment.gain == 2.0 and isinstance(experiment.gain, float)
-    assert experiment.believed.centre == (3.0, -2.0)
-    assert not experiment.pictures
-    assert experiment.linger is None
+    assert experiment.calibration_offset.centre == (3.0, -2.0)
+    assert not experiment.has_images
+    assert experiment.time_after_convergence is None
 
 
 def test_keys_with_values_are_taken_by_the_constructor_as_from_a_file():
-    values = {"plant": "free", "believed": {"focal": 0.9}, "start": {"height": [0.2, 0.3]},
+    values = {"plant": "free", "calibration_offset": {"focal": 0.9},
+        "start": {"height": [0.2, 0.3]},
               "target": {"shape": [[0, 0], [1, 0], [1, 1]]}}  # fmt: skip
     assert Experiment(**values) == Experiment.from_mapping(values)
-    with pytest.raises(ExperimentError, match="unknown key 'believed.fokal': did you mean 'focal'"):
-        Experiment(believed={"fokal": 0.9})
+    with pytest.raises(
+        ExperimentError, match="unknown key 'calibration_offset.fokal': did you mean 'focal'"
+    ):
+        Experiment(calibration_offset={"fokal": 0.9})
 
 
 SQUARE = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
@@ -73,14 +76,15 @@ class Own:
         ({"gain": np.float32(2)}, {"gain": 2.0}),
         ({"seed": np.int64(3)}, {"seed": 3}),
         ({"scheme": Own}, {"scheme": f"{__name__}:Own"}),
-        ({"options": {"max_velocity": np.ones(2)}}, {"options": {"max_velocity": [1.0, 1.0]}}),
+        ({"controller_parameters": {"max_velocity": np.ones(2)}},
+            {"controller_parameters": {"max_velocity": [1.0, 1.0]}}),
     ],
 )  # fmt: skip
 def test_values_of_python_stand_for_those_of_a_file(given, meant):
     values = {"plant": "free", **given}
     experiment = Experiment(**values)
     assert experiment == Experiment.from_mapping({"plant": "free", **meant})
-    assert Experiment.of(values) == Experiment.of(experiment) == experiment
+    assert Experiment.load(values) == Experiment.load(experiment) == experiment
     assert Experiment.from_mapping(yaml.safe_load(yaml.safe_dump(experiment.to_mapping()))) == (
         experiment
     )
@@ -95,7 +99,7 @@ def test_the_constructor_names_a_key_whose_value_is_of_no_use(key):
 def test_what_is_no_experiment_is_named():
     for given in (None, [Experiment()], Experiment, 3):
         with pytest.raises(ExperimentError, match=r"is no experiment: give Experiment\(...\)"):
-            Experiment.of(given)
+            Experiment.load(given)
     with pytest.raises(ExperimentError, match="give values by name"):
         Experiment("free")
     with pytest.raises(ExperimentError, match="cannot be imported: define the class at the top"):
@@ -103,27 +107,27 @@ def test_what_is_no_experiment_is_named():
 
 
 def test_a_changed_experiment_is_checked_again():
-    assert Experiment().with_(gain=2, seed=4).seed == 4
+    assert Experiment().with_changes(gain=2, seed=4).seed == 4
     with pytest.raises(ExperimentError, match="gain is -2"):
-        Experiment().with_(gain=-2)
+        Experiment().with_changes(gain=-2)
 
 
 def test_with_changes_the_keys_that_it_names_and_nothing_else():
     base = Experiment(
-        plant="free", features="pictures", camera="noisy", scheme="points", seed=3,
+        plant="free", features="images", camera="noisy", scheme="points", seed=3,
         target={"shape": "l_shape", "motion": {"velocity": [0.1, 0, 0, 0, 0, 0]}},
-        options={"max_velocity": 0.5},
+        controller_parameters={"max_velocity": 0.5},
     )  # fmt: skip
-    changed = base.with_(
+    changed = base.with_changes(
         camera={"effects": {"drop_probability": 0.3}}, target={"size": [0.1, 0.1]},
-        options={"hold": 0.1}, **{"target.motion.begin": 1.0},
+        controller_parameters={"hold": 0.1}, **{"target.motion.begin": 1.0},
     )  # fmt: skip
     assert changed.camera == {"preset": "noisy", "effects": {"drop_probability": 0.3}}
     assert changed.target.shape == "l_shape" and changed.target.size == (0.1, 0.1)
     assert changed.target.motion == Motion(velocity=(0.1, 0, 0, 0, 0, 0), begin=1.0)
-    assert changed.options == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
-    assert base.with_(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
-    assert base.with_(start={"side": 0.2}).start == Sampler(side=0.2)
+    assert changed.controller_parameters == {"max_velocity": 0.5, "hold": 0.1} and changed.seed == 3
+    assert base.with_changes(target=TargetSpec(shape="square")).target == TargetSpec(shape="square")
+    assert base.with_changes(start={"side": 0.2}).start == Sampler(side=0.2)
 
 
 @pytest.mark.parametrize("changes, text", [
@@ -132,21 +136,33 @@ def test_with_changes_the_keys_that_it_names_and_nothing_else():
 ])  # fmt: skip
 def test_with_names_a_key_that_there_is_not(changes, text):
     with pytest.raises(ExperimentError, match=text):
-        Experiment(gain=2.0, scheme="points").with_(**changes)
+        Experiment(gain=2.0, scheme="points").with_changes(**changes)
 
 
 @pytest.mark.parametrize(
     ("values", "complaint"),
     [
-        ({"believed": {"focal": 400}}, "believed.focal is 400.0, must be <= 10, the factor on the"),
-        ({"believed": {"rpy": [5, 0, 0]}}, r"believed.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad"),
+        (
+            {"calibration_offset": {"focal": 400}},
+            "calibration_offset.focal is 400.0, must be <= 10, the factor on the",
+        ),
+        (
+            {"calibration_offset": {"rpy": [5, 0, 0]}},
+            r"calibration_offset.rpy\[0\] is 5.0.*5 degrees are 0.08727 rad",
+        ),
         ({"camera_rpy": [0, 10, 0]}, r"camera_rpy\[1\] is 10.0, must be <= 3.142 rad"),
         ({"start": {"turn": 45}}, "start.turn is 45.0, must be <= 3.142 rad"),
         ({"delay": 15}, r"delay is 15.0, must be <= 10 s \(15 ms are 0.015 s\)"),
-        ({"features": True}, "features is True, must be one of auto, pictures, exact"),
-        ({"options": {"gain": 2}}, "options.gain: gain is a key of the experiment itself"),
+        ({"features": True}, "features is True, must be one of auto, images, exact"),
+        (
+            {"controller_parameters": {"gain": 2}},
+            "controller_parameters.gain: gain is a key of the experiment itself",
+        ),
         ({"plnt": "free"}, r"unknown key 'plnt': did you mean 'plant'\?"),
-        ({"believed": {"focall": 1.0}}, r"'believed.focall': did you mean 'focal'\?"),
+        (
+            {"calibration_offset": {"focall": 1.0}},
+            r"'calibration_offset.focall': did you mean 'focal'\?",
+        ),
         ({"start": {"heigth": [0.2, 0.3]}}, r"'start.heigth': did you mean 'height'\?"),
         ({"plant": "bulet"}, r"plant is 'bulet': did you mean 'bullet'\?"),
         ({"renderer": "exakt"}, r"renderer is 'exakt': did you mean 'exact'\?"),
@@ -163,18 +179,22 @@ def test_with_names_a_key_that_there_is_not(changes, text):
         ({"start": [0, math.inf]}, r"start\[1\] is inf, must be a finite number"),
         ({"start": {"height": [0.3, 0.2]}}, "start.height is 0.3 to 0.2"),
         ({"reached": [0, 0.1]}, r"reached\[0\] is 0.0, must be > 0"),
-        ({"features": "exact", "noise": 2.0}, "noise is for pictures: give jitter"),
-        ({"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
-         "give its shape a pose"),
-        ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "made for another target.shape"),
+        ({"features": "exact", "noise": 2.0}, "noise is for images: give jitter"),
+        (
+            {"target": {"shape": [[0, 0], [1, 0], [0, 1]], "motion": {"step": [1, 0, 0]}}},
+            "set target.shape and target.pose",
+        ),
+        ({"target": {"occluder": [[0, 0], [0.1, 0.1]]}}, "set another target.shape"),
         ({"plant": "free", "noise": 5}, "give jitter"),
         ({"jitter": 1}, "give noise"),
-        ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "needs a frequency"),
+        ({"plant": "free", "target": {"motion": {"amplitude": [1, 0, 0]}}}, "need a frequency"),
         ({"plant": "free", "target": {"shape": "squar"}}, "did you mean 'square'"),
-        ({"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
-         r"target.size\[0\] is 9.0, must be <= 2 m, the table's"),
-        ({"plant": "free", "traced": True}, "no steps"),
-        ({"believed": {"focal": 0}}, "believed.focal is 0"),
+        (
+            {"target": {"shape": "square", "size": [9, 9], "pose": [0, 0, 0.591, 0, 0, 0]}},
+            r"target.size\[0\] is 9.0, must be <= 2 m, the size of the table",
+        ),
+        ({"plant": "free", "record_peak_speeds": True}, "no physics steps"),
+        ({"calibration_offset": {"focal": 0}}, "calibration_offset.focal is 0"),
         ({"robot": 5}, "robot.urdf is 5, must be a text"),
         ([], "must be keys with values"),
     ],
@@ -188,7 +208,7 @@ def test_what_cannot_be_run_is_refused_in_one_line(values, complaint):
 def test_a_file_that_is_none_or_never_ends_is_refused(tmp_path):
     with pytest.raises(ExperimentError, match="cannot read"):
         Experiment.from_yaml(tmp_path / "none.yaml")
-    with pytest.raises(ExperimentError, match="no ordinary file"):
+    with pytest.raises(ExperimentError, match="not a regular file"):
         Experiment.from_yaml("/dev/zero")
     broken = tmp_path / "broken.yaml"
     broken.write_text("gain: [1")

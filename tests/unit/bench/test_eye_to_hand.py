@@ -5,10 +5,10 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import inverse, pose_difference, to_xyz_rpy
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_base.poses import inverse, pose_difference, xyz_rpy_from_matrix
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_controller.kinematics import Arm
 
 # Three slides and a wrist that carry the plate; the camera is fixed above them.
 ROBOT = """<robot name="portal"><link name="world"/><link name="eye"/>
@@ -41,14 +41,16 @@ def experiment(tmp_path_factory):
 @pytest.mark.parametrize("interaction", ["current", "estimated"])
 @pytest.mark.parametrize("scheme", ["moments", "points"])
 def test_the_arm_brings_the_target_before_the_camera(experiment, scheme, interaction):
-    result = run(experiment.with_(scheme=scheme, options={"interaction": interaction}))
-    assert result.outcome == "converged" and result.verdict.reached
+    result = run(
+        experiment.with_changes(scheme=scheme, controller_parameters={"interaction": interaction})
+    )
+    assert result.outcome == "converged" and result.verdict.is_reached
     assert set(result.outcomes) == {"running", "converged"}
-    assert result.settled() < 1.2
-    np.testing.assert_allclose(result.measured[-1], GOAL, atol=2e-4)
+    assert result.compute_settling_time() < 1.2
+    np.testing.assert_allclose(result.measured_positions[-1], GOAL, atol=2e-4)
     # poses are those of the camera before the target
     camera, hand = Arm.from_urdf(ROBOT, "hand"), np.eye(4)
-    q = result.measured[40]
+    q = result.measured_positions[40]
     to_hand = {name: value for name, value in zip(result.joint_names, q, strict=True)}
     hand = camera.pose(np.array([to_hand[name] for name in camera.names]))
     eye = ElementTree.fromstring(ROBOT).find("joint[@name='eye_joint']/origin").get("xyz")
@@ -57,8 +59,8 @@ def test_the_arm_brings_the_target_before_the_camera(experiment, scheme, interac
 
 
 def test_pictures_do_too(experiment):
-    result = run(experiment.with_(features="pictures"))
-    assert result.outcome == "converged" and result.verdict.reached
+    result = run(experiment.with_changes(features="images"))
+    assert result.outcome == "converged" and result.verdict.is_reached
 
 
 def test_a_target_in_the_hand_is_no_target_in_the_world(experiment):
@@ -68,5 +70,5 @@ def test_a_target_in_the_hand_is_no_target_in_the_world(experiment):
     a, b = arm.pose(np.zeros(4)), arm.pose(np.array([0.1, 0.0, 0.0, 0.5]))
     distance, angle = pose_difference(a, b)
     assert angle == pytest.approx(0.5) and distance > 0.05
-    x, _ = to_xyz_rpy(inverse(a))
+    x, _ = xyz_rpy_from_matrix(inverse(a))
     assert x[2] == pytest.approx(0.5)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_controller.features.base import wrap_together
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import SCHEMES, create_scheme
-from aras_visual_servo_controller.seeing.observation import Need
 
 CORNERS = [[-0.1, -0.1], [-0.1, 0.09], [0.1, 0.1], [0.07, -0.1]]
 PICTURED = {Need.IMAGE, Need.KERNEL}
@@ -22,7 +22,8 @@ def turned(scheme, angle, plant="free", corners=CORNERS, **options):
         "plant": plant, "features": "exact", "scheme": scheme, "gain": 2.0, "duration": 5.0,
         "camera": {"width": 640, "height": 480, "horizontal_fov": 1.2},
         "target": {"shape": corners}, "goal": {"pose": [0, 0, 0.6, np.pi, 0, 0]},
-        "start": {"pose": [0, 0, 0.6, np.pi, 0, angle]}, "options": {"hold": 0.5, **options},
+        "start": {"pose": [0, 0, 0.6, np.pi, 0, angle]},
+        "controller_parameters": {"hold": 0.5, **options},
     }))  # fmt: skip
 
 
@@ -46,15 +47,17 @@ def test_what_is_said_of_a_half_turn_is_true(scheme):
 @pytest.mark.parametrize("corners", [CORNERS, [[-0.1, -0.1], [-0.1, 0.1], [0.1, 0.1], [0.1, -0.1]]])
 def test_l_mean_says_so_where_it_loses_the_turn(corners):
     result = turned("numbered_points", np.pi, corners=corners, interaction="mean")
-    lost = result.outcome == "target_lost" and "L mean" not in result.remedy
-    assert result.verdict.reached or lost or "two_and_half_d" in result.remedy, result.outcome
+    lost = result.outcome == "target_lost" and "interaction to mean" not in result.remedy
+    assert result.verdict.is_reached or lost or "two_and_half_d" in result.remedy, result.outcome
 
 
 @pytest.mark.parametrize("angle", [3.0, 3.13, np.pi - 1e-6])
 def test_l_mean_turns_by_no_more_than_the_gain_asks(angle):
     result = turned("numbered_points", angle, interaction="mean")
     assert result.verdict.angle < 0.005, (result.outcome, result.reason)
-    assert max(np.linalg.norm(state.twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
+    assert (
+        max(np.linalg.norm(state.desired_twist[3:]) for state in result.states) < 2.0 * np.pi + 1e-6
+    )
 
 
 @pytest.mark.parametrize("period", [2.0 * np.pi, np.pi])

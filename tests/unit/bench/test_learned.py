@@ -3,14 +3,14 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.learning import learned
-from aras_visual_servo_bench.learning.learned import SAMPLER
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.learning.learned import TRAINING_STARTS
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_controller.errors import ConfigurationError
 
-SCHEME = "aras_visual_servo_bench.learning.learned:Learned"
+SCHEME = "aras_visual_servo_bench.learning.learned:LearnedScheme"
 
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
@@ -19,7 +19,7 @@ def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
         run(Experiment(plant="ideal", features="exact", scheme=SCHEME))
     (tmp_path / "bad.npz").write_text("no numbers")
     with pytest.raises(ConfigurationError, match="holds no network"):
-        learned.Network.load(tmp_path / "bad.npz")
+        learned.GoalPoseNetwork.load(tmp_path / "bad.npz")
 
 
 def test_a_network_learns_what_is_linear(tmp_path):
@@ -28,7 +28,7 @@ def test_a_network_learns_what_is_linear(tmp_path):
     turn = 0.4 * x[:, 3]
     y = np.column_stack([0.1 * x[:, 0], x[:, 1] - x[:, 2], x[:, 2], np.cos(turn), np.sin(turn)])
     np.savez(tmp_path / "w.npz", **learned.train(x, y))
-    network = learned.Network.load(tmp_path / "w.npz")
+    network = learned.GoalPoseNetwork.load(tmp_path / "w.npz")
     found = np.array([network(row) for row in x[:20]])
     wanted = np.column_stack([y[:20, :3], turn[:20]])
     assert np.abs(found - wanted).max() < 0.1
@@ -38,9 +38,9 @@ def test_unseen_starts_converge():
     hits = 0
     for seed in range(500, 505):
         experiment = Experiment(
-            plant="ideal", features="exact", goal="2016", start=SAMPLER, scheme=SCHEME,
+            plant="ideal", features="exact", goal="2016", start=TRAINING_STARTS, scheme=SCHEME,
             gain=2.0, duration=8.0, seed=seed, reached=(1e-3, 0.01),
-            options={"hold": 0.4},
+            controller_parameters={"hold": 0.4},
         )  # fmt: skip
-        hits += run(experiment).verdict.reached
+        hits += run(experiment).verdict.is_reached
     assert hits >= 4

@@ -6,28 +6,28 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.poses import exponential, inverse, logarithm
-from aras_visual_servo_bench.commands.running import study_file
+from aras_visual_servo_bench.cli.run import find_study_file
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.learning import learned_pictures
-from aras_visual_servo_bench.learning.learned_pictures import LearnedPose, PoseNetwork, inputs
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.learning import learned_pose
+from aras_visual_servo_bench.learning.learned_pose import LearnedPose, PoseNetwork, make_inputs
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Observation
+from aras_visual_servo_controller.observation.observation import Observation
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 
 def planned(seeds):
     """Runs of the protocol's learned case, clean."""
-    study = Study.from_yaml(study_file(Path("convergence_domain")))
+    study = Study.from_yaml(find_study_file(Path("convergence_domain")))
     names = [(case.names["scheme"], case.names["condition"]) for case in study.combinations]
     first = names.index(("learned pose", "clean")) * study.repeats
-    return (study.experiment_of(first + seed) for seed in sorted(seeds))
+    return (study.make_experiment(first + seed) for seed in sorted(seeds))
 
 
 def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
-    monkeypatch.setenv("ARAS_LEARNED_PICTURES_WEIGHTS", str(tmp_path / "none.npz"))
+    monkeypatch.setenv("ARAS_LEARNED_POSE_WEIGHTS", str(tmp_path / "none.npz"))
     with pytest.raises(ExperimentError, match="has no weights at .*none.npz: make it: python3 -m"):
         run(next(planned({0})))
     (tmp_path / "bad.npz").write_text("no numbers")
@@ -37,12 +37,12 @@ def test_without_weights_one_line_says_how_to_make_them(monkeypatch, tmp_path):
 
 def test_brightness_and_contrast_are_no_matter():
     grey = np.random.default_rng(0).integers(0, 120, (48, 64)).astype(np.uint8)
-    plain = inputs(grey)
-    assert plain.shape == (learned_pictures.ROWS * learned_pictures.COLUMNS,)
+    plain = make_inputs(grey)
+    assert plain.shape == (learned_pose.ROWS * learned_pose.COLUMNS,)
     assert plain.mean() == pytest.approx(0.0, abs=1e-12)
     assert plain.std() == pytest.approx(1.0)
-    assert np.abs(inputs((grey * 2 + 10).astype(np.uint8)) - plain).max() < 0.06
-    assert not inputs(np.full((48, 64), 90, np.uint8)).any()
+    assert np.abs(make_inputs((grey * 2 + 10).astype(np.uint8)) - plain).max() < 0.06
+    assert not make_inputs(np.full((48, 64), 90, np.uint8)).any()
 
 
 class Told:
@@ -70,7 +70,7 @@ def seen_at(feature, motion, pinhole):
 
 def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
     at_goal, now = np.array([0.02, -0.01, 0.0, 0.1, 0.05, -0.1]), [0.3, -0.2, 0.1, 0.4, -0.3, 0.7]
-    goal = Goal.teach(Composed(feature), seen_at(feature, at_goal, pinhole), depth=0.6)
+    goal = Goal.teach(FeatureScheme(feature), seen_at(feature, at_goal, pinhole), depth=0.6)
     feature.check(goal)
     assert feature.measure(seen_at(feature, at_goal, pinhole), goal).s == pytest.approx(np.zeros(6))
 
@@ -93,7 +93,7 @@ def test_s_and_its_rate_are_those_of_the_poses_that_it_tells(feature, pinhole):
 
 def test_a_goal_that_was_taught_for_others_is_refused(feature, pinhole):
     goal = Goal.teach(None, seen_at(feature, np.zeros(6), pinhole), depth=0.6)
-    with pytest.raises(ConfigurationError, match="holds no learned_pose: teach it anew"):
+    with pytest.raises(ConfigurationError, match="holds no learned_pose: teach it again"):
         feature.check(goal)
 
 

@@ -4,13 +4,13 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera.errors import ParameterError, VisionError
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.markers import DICTIONARIES, SEARCHED, MarkerChoice
+from aras_visual_servo_camera.markers import DICTIONARIES, SEARCHED_DICTIONARIES, MarkerChoice
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_camera.pipeline import Pipeline
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
@@ -25,7 +25,9 @@ def drawn(*markers, shape=(480, 640)):
     """An image with markers (written choice, side px, column, row), a white rim about each."""
     image = np.full(shape, 255, np.uint8)
     for choice, side, column, row in markers:
-        image[row : row + side, column : column + side] = MarkerChoice.read(choice).image(side)
+        image[row : row + side, column : column + side] = MarkerChoice.read(choice).draw_marker(
+            side
+        )
     return image
 
 
@@ -34,18 +36,18 @@ def test_markers_of_every_dictionary_are_found(name):
     side = 10 * DICTIONARIES[name]
     image = drawn((f"{name}:7", side, 200, 150))
     corners = np.array([(0, 0), (side, 0), (side, side), (0, side)]) + (199.5, 149.5)
-    searched = name in SEARCHED or not name.startswith(("DICT_4X4", "DICT_APRIL"))
+    searched = name in SEARCHED_DICTIONARIES or not name.startswith(("DICT_4X4", "DICT_APRIL"))
     for given in (f"{name}:7", name.removeprefix("DICT_").lower(), *(["", "7"] * searched)):
-        found = MarkerTracker(MarkerChoice.read(given)).look(image, CAMERA)
+        found = MarkerTracker(MarkerChoice.read(given)).track(image, CAMERA)
         assert found.marker.endswith(":7")
         assert np.abs(np.column_stack(CAMERA.project(*found.points.T)) - corners).max() < 0.05
-    assert MarkerTracker(MarkerChoice.read(name)).look(image, CAMERA).marker == f"{name}:7"
+    assert MarkerTracker(MarkerChoice.read(name)).track(image, CAMERA).marker == f"{name}:7"
 
 
 def test_a_chosen_marker_is_named_where_it_is_not_in_view():
     image = drawn((f"{APRIL}:5", 120, 100, 150), (f"{APRIL}:3", 120, 400, 150))
     for given in (f"{APRIL}:3", "3", "apriltag_36h11:3"):
-        found = MarkerTracker(MarkerChoice.read(given)).look(image, CAMERA)
+        found = MarkerTracker(MarkerChoice.read(given)).track(image, CAMERA)
         assert found.marker == f"{APRIL}:3" and found.points[:, 0].min() > 0.1
     with pytest.raises(VisionError, match=f"marker 4 of {APRIL} is not in view; .*11:3, .*11:5"):
         MarkerTracker(MarkerChoice.read(f"{APRIL}:4")).find(image)
@@ -54,7 +56,7 @@ def test_a_chosen_marker_is_named_where_it_is_not_in_view():
 @pytest.mark.parametrize(("given", "words"), [
     ("DICT_5X5_50:50", "number 50, must be at most 49 in DICT_5X5_50"),
     ("DICT_5X6_50:1", "dictionary 'DICT_5X6_50': did you mean .DICT_6X6_50."),
-    ("-1", "must be a number from 0 on"), ("5X5_50:x", "must be a number"),
+    ("-1", "must be a number of at least 0"), ("5X5_50:x", "must be a number"),
     ("99999", "at most 2319"),
     ({"dictionary": "5X5_50", "size": 0.1}, "key 'markers' of the board is missing"),
     ({"dictionary": "5X5_50", "size": -1, "markers": {1: [0, 0]}}, "marker.size is -1"),
@@ -91,11 +93,11 @@ def test_a_board_has_the_same_corners_whichever_of_its_markers_are_in_view():
              for i, n in enumerate(numbers)]  # fmt: skip
     corners = np.array([(0, 0), (200, 0), (200, 200), (0, 200)]) + (199.5, 119.5)
     for shown, apart in ((every, 0.05), (every[:1], 0.3), (every[1:3], 0.2), (every[2:], 0.2)):
-        found = tracker.look(drawn(*shown, (f"{names}:1", 80, 480, 350)), CAMERA)
+        found = tracker.track(drawn(*shown, (f"{names}:1", 80, 480, 350)), CAMERA)
         pixels = np.column_stack(CAMERA.project(*found.points.T))
         assert np.abs(pixels - corners).max() < apart
     with pytest.raises(VisionError, match="the board of markers 3, 8, 40, 99 .* not in view"):
-        tracker.look(drawn((f"{names}:1", 80, 480, 350)), CAMERA)
+        tracker.track(drawn((f"{names}:1", 80, 480, 350)), CAMERA)
 
 
 def test_corners_of_a_marker_err_as_its_rim_s_edges_scatter():
@@ -106,7 +108,7 @@ def test_corners_of_a_marker_err_as_its_rim_s_edges_scatter():
     points, spreads = [], []
     for _ in range(25):
         noisy = np.clip(0.8 * image + 20.0 + 8.0 * random.normal(size=image.shape), 0, 255)
-        found = tracker.look(noisy.astype(np.uint8), CAMERA)
+        found = tracker.track(noisy.astype(np.uint8), CAMERA)
         points.append(found.points.ravel())
         spreads.append(found.spread)
     told = np.sqrt(np.mean([np.diag(spread @ spread.T) for spread in spreads], axis=0))
@@ -120,7 +122,7 @@ def test_moments_are_of_the_chosen_marker():
     one, other = (f"{APRIL}:5", 120, 100, 150), (f"{APRIL}:0", 160, 400, 150)
 
     def measured(image, **given):
-        pipeline = Pipeline(VisionParameters.from_mapping(given).settings)
+        pipeline = Pipeline(VisionParameters.from_mapping(given).pipeline_settings)
         pipeline.set_camera(CAMERA)
         return pipeline.measure(Image(image, "mono8"))
 
@@ -141,7 +143,8 @@ def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
     cv2.imwrite(str(path), drawn((f"{APRIL}:5", 300, 100, 100), (f"{APRIL}:0", 300, 600, 100),
                                  shape=(500, 1000)))  # fmt: skip
     experiment = Experiment(
-        plant="free", features="pictures", options={"tracker": "marker"}, scheme="numbered_points",
+        plant="free", features="images", controller_parameters={"tracker": "marker"},
+        scheme="numbered_points",
         camera={"width": 640, "height": 480, "horizontal_fov": 1.05}, gain=2.0, duration=6.0,
         target={"shape": str(path), "size": [0.24, 0.12], **given},
         goal={"pose": [0, 0, 0.4, np.pi, 0, 0]},
@@ -157,7 +160,7 @@ def test_the_loop_keeps_to_its_marker(tmp_path, given, number):
 
 
 def test_the_target_marker_is_drawn_as_the_one_that_is_chosen():
-    keys = {"plant": "free", "features": "pictures", "scheme": "pose", "duration": 3.0, "gain": 3.0,
+    keys = {"plant": "free", "features": "images", "scheme": "pose", "duration": 3.0, "gain": 3.0,
             "goal": {"pose": [0, 0, 0.4, np.pi, 0, 0]},
             "start": {"pose": [0.02, -0.02, 0.45, 3.1, 0.05, 0.3]}}  # fmt: skip
     for given in ("6X6_250:17", "ARUCO_ORIGINAL:1023", "APRILTAG_16h5:29", 12):

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import PLANTS
+from aras_visual_servo_bench.experiment.experiment import PLANTS
 
 MEMORY = Path(__file__).resolve().parents[2] / "benchmarks" / "memory.py"
 

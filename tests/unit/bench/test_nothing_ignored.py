@@ -15,19 +15,19 @@ import pytest
 
 from aras_sim_bridge.camera.config import CameraConfig
 from aras_sim_bridge.camera.effects import EFFECTS, AutoExposure, Effects, SensorModel
-from aras_sim_bridge.camera.shaking import Shake
+from aras_sim_bridge.camera.vibration import Shake
 from aras_visual_servo_base.setting_values import merge
-from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
-from aras_visual_servo_bench.asked.experiment import PLANTS, Experiment, Ideal, SunSpec
-from aras_visual_servo_bench.asked.overrides import with_override
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
+from aras_visual_servo_bench.experiment.experiment import PLANTS, Experiment, IdealSpec, SunSpec
+from aras_visual_servo_bench.experiment.overrides import with_override
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
 from aras_visual_servo_controller.laws import LAWS
 
-BOTH, IMAGES, EXACT = ("exact", "pictures"), ("pictures",), ("exact",)
+BOTH, IMAGES, EXACT = ("exact", "images"), ("images",), ("exact",)
 ARMS, LOOPS, FLYING = ("bullet", "chain"), ("bullet", "chain", "free"), ("free", "ideal")
 GOAL, START = [0.0, 0.0, 0.82, 3.14159, 0.0, 0.3], [0.008, -0.006, 0.84, 3.14159, 0.0, 0.2]
 BASE = {
@@ -64,81 +64,152 @@ NOT_IDEAL = LOOPS
 SENSOR = {"gain": 0.05, "full_well": 5e3, "read_noise": 20.0}
 KEYS = {
     # -- the camera ----------------------------------------------------------------------------
-    "camera.width": Key(112), "camera.height": Key(84), "camera.horizontal_fov": Key(1.5),
-    "camera.update_rate": Key(20.0), "camera.lens": Key("equidistant"),
+    "camera.width": Key(112),
+    "camera.height": Key(84),
+    "camera.horizontal_fov": Key(1.5),
+    "camera.update_rate": Key(20.0),
+    "camera.lens": Key("equidistant"),
     "camera.camera_matrix": Key({"fx": 70.0, "fy": 60.0, "cx": 47.0, "cy": 35.0}),
     "camera.distortion_model": Key("equidistant"),
     "camera.distortion_coefficients": Key([-0.1, 0.01, 0.0, 0.0, 0.0]),
-    "camera.cutoff_angle": Key(0.7, FISHEYE, tried=IMAGES), "camera.legacy_camera_info": Key(True),
+    "camera.cutoff_angle": Key(0.7, FISHEYE, tried=IMAGES),
+    "camera.legacy_camera_info": Key(True),
     "camera.declared": Key([60.0, 0, 0, 0, 0, 0, 0, 0], {"camera": {"legacy_camera_info": True}}),
     "camera.format": Key("BAYER_RGGB8", **LIGHT),
     "camera.shake": Key({"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}),
-    "camera.latency": Key(0.05, plants=NOT_IDEAL), "camera.seed": Key(
-        7, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}}}),
+    "camera.latency": Key(0.05, plants=NOT_IDEAL),
+    "camera.seed": Key(7, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.002, 0.002]}}}),
     "camera.xyz": Key([0.0, 0.004, 0.0], plants=("bullet",), **LIGHT),
     "camera.rpy": Key([0.0, 0.01, 0.0], plants=("bullet",), **LIGHT),
     "camera.far": Key(0.24),
     "camera.near": Key(0.22, {"start": {"pose": [*START[:2], 0.8, *START[3:]]}}),
-    "camera.link": Key("wrist", plants=()), "camera.trigger_topic": Key("go", plants=()),
+    "camera.link": Key("wrist", plants=()),
+    "camera.trigger_topic": Key("go", plants=()),
     "camera.effects": Key({"drop_probability": 0.5}),
     # -- its effects ---------------------------------------------------------------------------
     "camera.effects.noise_mean": Key(-20.0, **LIGHT),
     "camera.effects.noise_stddev": Key(8.0, **LIGHT),
-    "camera.effects.shot_noise": Key(2.0, **LIGHT), "camera.effects.exposure": Key(0.8, **LIGHT),
-    "camera.effects.gain": Key(0.8, **LIGHT), "camera.effects.vignetting": Key(0.2, **LIGHT),
+    "camera.effects.shot_noise": Key(2.0, **LIGHT),
+    "camera.effects.exposure": Key(0.8, **LIGHT),
+    "camera.effects.gain": Key(0.8, **LIGHT),
+    "camera.effects.vignetting": Key(0.2, **LIGHT),
     "camera.effects.exposure_time": Key(0.02, plants=NOT_IDEAL, **LIGHT),
     "camera.effects.exposure_samples": Key(2, effects(exposure_time=0.03), NOT_IDEAL, IMAGES),
-    "camera.effects.drop_probability": Key(0.5), "camera.effects.sensor": Key(SENSOR, **LIGHT),
+    "camera.effects.drop_probability": Key(0.5),
+    "camera.effects.sensor": Key(SENSOR, **LIGHT),
     "camera.effects.auto_exposure": Key({"target": 120.0}, **LIGHT),
     "camera.effects.further": Key({"defocus": {"stddev": 2.0}}, **LIGHT),
-    **{f"camera.effects.further.{name}.{one.name}": Key(
-        3.0, effects(further={name: {one.name: 1.5}}), PLANTS, IMAGES)
-       for name in EFFECTS for one in EFFECTS.parameters(name)},
+    **{
+        f"camera.effects.further.{name}.{one.name}": Key(
+            3.0, effects(further={name: {one.name: 1.5}}), PLANTS, IMAGES
+        )
+        for name in EFFECTS
+        for one in EFFECTS.list_parameters(name)
+    },
     "camera.effects.row_time": Key(3e-4, plants=NOT_IDEAL),
     "camera.effects.rows_together": Key(24, effects(row_time=3e-4), NOT_IDEAL),
-    **{f"camera.effects.sensor.{name}": Key(value, effects(
-        sensor=SENSOR, exposure_time=0.01), NOT_IDEAL, IMAGES) for name, value in {
-            "gain": 0.04, "full_well": 4e3, "read_noise": 5.0, "dark_current": 5e4}.items()},
-    **{f"camera.effects.auto_exposure.{name}": Key(value, effects(exposure=0.8, auto_exposure={
-        "target": target, "speed": 0.2}), **LIGHT) for name, value, target in (
-            ("target", 140.0, 120.0), ("speed", 0.4, 120.0), ("least", 0.95, 60.0),
-            ("most", 1.005, 250.0))},
-    **{f"camera.shake.{name}": Key(value, {"camera": {"shake": {
-        "frequency": 7.0, "xyz": [0.002, 0.0, 0.0]}}}) for name, value in {
-            "frequency": 9.0, "xyz": [0.0, 0.002, 0.0], "rpy": [0.01, 0.0, 0.0],
-            "bandwidth": 4.0}.items()},
+    **{
+        f"camera.effects.sensor.{name}": Key(
+            value, effects(sensor=SENSOR, exposure_time=0.01), NOT_IDEAL, IMAGES
+        )
+        for name, value in {
+            "gain": 0.04,
+            "full_well": 4e3,
+            "read_noise": 5.0,
+            "dark_current": 5e4,
+        }.items()
+    },
+    **{
+        f"camera.effects.auto_exposure.{name}": Key(
+            value, effects(exposure=0.8, auto_exposure={"target": target, "speed": 0.2}), **LIGHT
+        )
+        for name, value, target in (
+            ("target", 140.0, 120.0),
+            ("speed", 0.4, 120.0),
+            ("least", 0.95, 60.0),
+            ("most", 1.005, 250.0),
+        )
+    },
+    **{
+        f"camera.shake.{name}": Key(
+            value, {"camera": {"shake": {"frequency": 7.0, "xyz": [0.002, 0.0, 0.0]}}}
+        )
+        for name, value in {
+            "frequency": 9.0,
+            "xyz": [0.0, 0.002, 0.0],
+            "rpy": [0.01, 0.0, 0.0],
+            "bandwidth": 4.0,
+        }.items()
+    },
     # -- what is believed of it ----------------------------------------------------------------
-    "believed.focal": Key(1.1), "believed.centre": Key([2.0, 1.0]),
-    "believed.distortion": Key([-0.1, 0.0, 0.0, 0.0, 0.0]),
-    "believed.xyz": Key([0.01, 0.0, 0.0]), "believed.rpy": Key([0.0, 0.0, 0.1]),
-    "believed.depth": Key(1.2),
+    "calibration_offset.focal": Key(1.1),
+    "calibration_offset.centre": Key([2.0, 1.0]),
+    "calibration_offset.distortion": Key([-0.1, 0.0, 0.0, 0.0, 0.0]),
+    "calibration_offset.xyz": Key([0.01, 0.0, 0.0]),
+    "calibration_offset.rpy": Key([0.0, 0.0, 0.1]),
+    "calibration_offset.depth": Key(1.2),
     # -- the target ----------------------------------------------------------------------------
     "target.shape": Key([[0.0, 0.0], [0.05, 0.0], [0.04, 0.03], [0.0, 0.05]]),
     "target.marker": Key(
-        "3", {"target": {"shape": "marker", "marker": "5"}, "duration": 0.06}, **LIGHT),
-    "target.size": Key([0.07, 0.07]), "target.pose": Key([0.01, 0.0, 0.591, 0.0, 0.0, 0.3]),
+        "3", {"target": {"shape": "marker", "marker": "5"}, "duration": 0.06}, **LIGHT
+    ),
+    "target.size": Key([0.07, 0.07]),
+    "target.pose": Key([0.01, 0.0, 0.591, 0.0, 0.0, 0.3]),
     "target.occluder": Key(COVER, **LIGHT),
-    "target.occluded": Key([[0.1, 0.2]], {"target": {"occluder": COVER}},
-                           **LIGHT),
-    "target.perturbed": Key(True, {"target": {"shape": "poster"}, "scheme": "luminance",
-                                   "camera": {"width": 48, "height": 36}}, **LIGHT),
-    **{f"target.motion.{name}": Key(value, {"target": {"motion": {
-        "velocity": [0.02, 0, 0, 0, 0, 0], "amplitude": [0.005, 0, 0], "frequency": 2.0,
-        "step": [0.001, 0.0, 0.0]}}}) for name, value in {
-            "velocity": [0, 0.02, 0, 0, 0, 0], "amplitude": [0, 0.005, 0], "frequency": 3.0,
-            "circle": 0.004, "step": [0, 0.002, 0], "hold": 0.05, "begin": 0.05,
-            "path": [[0.1, 0.005, 0.0, 0.0]]}.items()},
+    "target.occluded": Key([[0.1, 0.2]], {"target": {"occluder": COVER}}, **LIGHT),
+    "target.perturbed": Key(
+        True,
+        {
+            "target": {"shape": "poster"},
+            "scheme": "luminance",
+            "camera": {"width": 48, "height": 36},
+        },
+        **LIGHT,
+    ),
+    **{
+        f"target.motion.{name}": Key(
+            value,
+            {
+                "target": {
+                    "motion": {
+                        "velocity": [0.02, 0, 0, 0, 0, 0],
+                        "amplitude": [0.005, 0, 0],
+                        "frequency": 2.0,
+                        "step": [0.001, 0.0, 0.0],
+                    }
+                }
+            },
+        )
+        for name, value in {
+            "velocity": [0, 0.02, 0, 0, 0, 0],
+            "amplitude": [0, 0.005, 0],
+            "frequency": 3.0,
+            "circle": 0.004,
+            "step": [0, 0.002, 0],
+            "hold": 0.05,
+            "begin": 0.05,
+            "path": [[0.1, 0.005, 0.0, 0.0]],
+        }.items()
+    },
     # -- the experiment ------------------------------------------------------------------------
-    "lag": Key(0.1, plants=("chain", "free")), "delay": Key(0.06, plants=LOOPS),
+    "lag": Key(0.1, plants=("chain", "free")),
+    "delay": Key(0.06, plants=LOOPS),
     "friction": Key(False, plants=("bullet",)),
     "camera_xyz": Key([0.004, 0.003, 0.0], plants=ARMS),
     "camera_rpy": Key([0.0, 0.02, 0.0], plants=ARMS),
-    "noise": Key(6.0, **LIGHT), "jitter": Key(0.3, features=EXACT),
-    "commands": Key("images", plants=LOOPS), "start": Key({"pose": [0.0, 0.01, *START[2:]]}),
-    "goal": Key({"pose": [0.0, 0.01, *GOAL[2:]]}), "scheme": Key("pose"), "law": Key("pi"),
-    "gain": Key(3.0), "duration": Key(0.1), "reached": Key([1.0, 1.0]),
+    "noise": Key(6.0, **LIGHT),
+    "jitter": Key(0.3, features=EXACT),
+    "commands": Key("images", plants=LOOPS),
+    "start": Key({"pose": [0.0, 0.01, *START[2:]]}),
+    "goal": Key({"pose": [0.0, 0.01, *GOAL[2:]]}),
+    "scheme": Key("pose"),
+    "law": Key("pi"),
+    "gain": Key(3.0),
+    "duration": Key(0.1),
+    "reached": Key([1.0, 1.0]),
     "seed": Key(5, {"camera": {"effects": {"drop_probability": 0.5}}}),
-    "options": Key({"interaction": "desired"}), "features": Key("pictures", features=EXACT),
+    "controller_parameters": Key({"interaction": "desired"}),
+    "features": Key("images", features=EXACT),
     "sun": Key({"diffuse": 0.2}, plants=("bullet",), **LIGHT),
     "sun.diffuse": Key(0.2, plants=("bullet",), **LIGHT),
     "sun.direction": Key([0.5, 0.0, -0.5], plants=("bullet",), **LIGHT),
@@ -148,41 +219,71 @@ KEYS = {
     "target.box": Key({"size": [0.1, 0.1, 0.02]}, plants=("bullet",), tried=()),
     "camera": Key({"preset": "fisheye", "width": 96, "height": 72}),
     "plant": Key("free", plants=("bullet", "chain", "ideal")),
-    "traced": Key(True, plants=("bullet",)),
+    "record_peak_speeds": Key(True, plants=("bullet",)),
     "ideal": Key({"speed": [1e-3, 1e-3]}, plants=("ideal",)),
     "robot": Key({"camera_frame": "tool0"}, plants=ARMS, tried=()),  # test_robots has its keys
     # -- the laws' parameters ------------------------------------------------------------------
-    **{f"options.law_options.{one.name}": Key({"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7),
-                                              {"law": law, "gain": None})
-       for law in LAWS for one in LAWS.parameters(law) if one.name not in ("gain", "values")},
+    **{
+        f"controller_parameters.law_options.{one.name}": Key(
+            {"zero": 3.0, "bound": 1e-3}.get(one.name, 0.7), {"law": law, "gain": None}
+        )
+        for law in LAWS
+        for one in LAWS.list_parameters(law)
+        if one.name not in ("gain", "values")
+    },
 }
 # Keys that no run can be changed by, or that other tests change, and why.
 EXEMPT = {
     "CameraConfig": {
-        "name", "camera_name", "robot_namespace", "image_topic", "info_topic", "frame_name",
-        "optical_frame_name", "depth_topics",  # names on the graph
-        "hack_baseline", "rectification_matrix", "projection_matrix",  # figures of CameraInfo
-        "depth", "segmentation",  # delivered where somebody reads them
+        "name",
+        "camera_name",
+        "robot_namespace",
+        "image_topic",
+        "info_topic",
+        "frame_name",
+        "optical_frame_name",
+        "depth_topics",  # names on the graph
+        "hack_baseline",
+        "rectification_matrix",
+        "projection_matrix",  # figures of CameraInfo
+        "depth",
+        "segmentation",  # delivered where somebody reads them
         "shutter",  # of triggered cameras
     },
-    "Belief": {"hand_eye"},  # test_calibrated_places
-    "CameraSpec": {"model", "rate", "xyz", "rpy", "pose", "frame", "delay", "believed", "target",
-                   "target_frame", "hand_eye"},  # test_several_cameras, test_robots
+    "CalibrationOffset": {"hand_eye"},  # test_calibrated_places
+    "CameraSpec": {
+        "model",
+        "rate",
+        "xyz",
+        "rpy",
+        "pose",
+        "frame",
+        "delay",
+        "calibration_offset",
+        "target",
+        "target_frame",
+        "hand_eye",
+    },  # test_several_cameras, test_robots
     # Keys of motion are here; of meshes, and of links: test_links_as_targets.
     "TargetSpec": {"motion", "model", "link", "scale"},
     "BoxSpec": {"size", "mass", "friction"},  # of target.box
     "Experiment": {
-        "cameras", "target", "believed",  # their own keys are here
-        "world", "hand_eye",  # test_robots, test_worlds
-        "linger", "renderer",  # an end after convergence; all names mean one
+        "cameras",
+        "target",
+        "calibration_offset",  # their own keys are here
+        "world",
+        "hand_eye",  # test_robots, test_worlds
+        "time_after_convergence",
+        "renderer",  # an end after convergence; all names mean one
     },
-    "Ideal": {f.name for f in fields(Ideal)},  # test_ending
+    "IdealSpec": {f.name for f in fields(IdealSpec)},  # test_ending
 }
 PREFIXES = {
     CameraConfig: "camera.", Effects: "camera.effects.", SensorModel: "camera.effects.sensor.",
-    AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.", Belief: "believed.",
+    AutoExposure: "camera.effects.auto_exposure.", Shake: "camera.shake.",
+    CalibrationOffset: "calibration_offset.",
     CameraSpec: "cameras.a.", TargetSpec: "target.", Motion: "target.motion.",
-    BoxSpec: "target.box.", SunSpec: "sun.", Ideal: "ideal.", Experiment: "",
+    BoxSpec: "target.box.", SunSpec: "sun.", IdealSpec: "ideal.", Experiment: "",
 }  # fmt: skip
 
 
@@ -204,13 +305,20 @@ def _fingerprint(text):
         for part in (reading.image, reading.outline, reading.points):
             found.update(b"-" if part is None else np.ascontiguousarray(part).tobytes())
 
-    loop = Loop(experiment, assemble(experiment), watch=watch)
+    loop = Loop(experiment, assemble(experiment), on_frame=watch)
     try:
-        loop.to_end()
-        run = loop.result()
+        loop.run_to_end()
+        run = loop.make_run()
     finally:
         loop.close()
-    for part in (run.stamp, run.error, run.asked, run.pose, run.measured, run.commanded):
+    for part in (
+        run.stamp,
+        run.error,
+        run.desired_twist,
+        run.pose,
+        run.measured_positions,
+        run.joint_commands,
+    ):
         found.update(np.nan_to_num(np.asarray(part, float)).tobytes())
     found.update(f"{run.verdict} {run.outcome} {run.peak_speed}".encode())
     return found.hexdigest()
@@ -232,7 +340,7 @@ def test_a_key_acts_or_is_refused(key, plant, features):
     changed = with_override(values, key, one.value)
     if plant in one.plants and features in one.features:
         tried = one.tried
-        if plant == "bullet" and "pictures" in one.features and "pictures" in tried:
+        if plant == "bullet" and "images" in one.features and "images" in tried:
             tried = IMAGES  # its exact features are those of the other arm, and it is slow
         assert features not in tried or fingerprint(changed) != fingerprint(values)
         return

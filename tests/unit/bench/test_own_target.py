@@ -4,13 +4,18 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_base.settings import parameter
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.loop_settings import settings_of
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
-from aras_visual_servo_bench.targets.outlines import default_size, is_solid, shape_of, tracker_of
 from aras_visual_servo_bench.targets.shapes import SHAPES, FlatShape, OutlineShape, TargetShape
+from aras_visual_servo_bench.targets.target_factory import (
+    find_default_size,
+    find_tracker,
+    is_solid,
+    make_target,
+)
 
 
 class Kite(OutlineShape):
@@ -53,20 +58,20 @@ def test_a_target_of_one_s_own_is_servoed_to():
             target={"shape": shape, "size": [0.2, 0.2]}, goal={"pose": [0, 0, -0.6, 0, 0, 0]},
             start={"pose": [0.05, -0.04, -0.8, 0.1, -0.05, 0.3]},
         ))
-        assert result.converged and result.verdict.reached
+        assert result.converged and result.verdict.is_reached
     np.testing.assert_allclose(
-        shape_of(KITE, (0.1, 0.2)).vertices()[1], (0.01, -0.06, 0.0), atol=1e-12)
+        make_target(KITE, (0.1, 0.2)).vertices()[1], (0.01, -0.06, 0.0), atol=1e-12)
 
 
 def test_it_gets_its_parameters_and_its_tracker():
-    assert shape_of(BLOB, (0.3, 0.1), None, "7").corners[1:] == ((0.3, 0.0), (0.0, 7.0))
-    assert shape_of(BLOB).corners[1:] == ((0.2, 0.0), (0.0, 1.0))
-    assert tracker_of(BLOB) == "dots" and not is_solid(BLOB)
-    settings = settings_of(Experiment(plant="free", target={"shape": BLOB}))
+    assert make_target(BLOB, (0.3, 0.1), None, "7").corners[1:] == ((0.3, 0.0), (0.0, 7.0))
+    assert make_target(BLOB).corners[1:] == ((0.2, 0.0), (0.0, 1.0))
+    assert find_tracker(BLOB) == "dots" and not is_solid(BLOB)
+    settings = make_loop_settings(Experiment(plant="free", target={"shape": BLOB}))
     assert settings.tracker == "dots"
     marked = {"shape": BLOB, "marker": "5"}
-    experiment = Experiment(plant="free", features="pictures", target=marked)
-    assert experiment.target.placed.shape.corners[2] == (0.0, 5.0)
+    experiment = Experiment(plant="free", features="images", target=marked)
+    assert experiment.target.placed_target.shape.corners[2] == (0.0, 5.0)
 
 
 @pytest.mark.parametrize(("target", "why"), [
@@ -78,7 +83,7 @@ def test_it_gets_its_parameters_and_its_tracker():
 ])  # fmt: skip
 def test_a_wrong_name_is_told_before_anything_runs(target, why):
     with pytest.raises(ExperimentError, match=why):
-        Experiment(plant="free", features="pictures", target=target)
+        Experiment(plant="free", features="images", target=target)
 
 
 @pytest.mark.parametrize(("shape", "size", "why"), [
@@ -90,13 +95,13 @@ def test_a_wrong_name_is_told_before_anything_runs(target, why):
 ])  # fmt: skip
 def test_what_cannot_be_made_is_one_line(shape, size, why):
     with pytest.raises(ExperimentError, match=why):
-        shape_of(shape, size)
+        make_target(shape, size)
 
 
 def test_every_entry_declares_its_parameters():
     for name in SHAPES:
-        for one in SHAPES.parameters(name):
+        for one in SHAPES.list_parameters(name):
             assert one.name in ("size", "marker") and one.help, (name, one)
-        if any(one.name == "size" for one in SHAPES.parameters(name)):
-            shape_of(name, default_size(name))  # of as many lengths as it takes
-    assert default_size("a.svg") is default_size("b.stl") is None
+        if any(one.name == "size" for one in SHAPES.list_parameters(name)):
+            make_target(name, find_default_size(name))  # of as many lengths as it takes
+    assert find_default_size("a.svg") is find_default_size("b.stl") is None

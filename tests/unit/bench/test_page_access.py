@@ -14,8 +14,8 @@ OPEN = Access("0.0.0.0", 8090, TOKEN)
 
 @pytest.mark.parametrize("host", ["127.0.0.1:8090", "localhost:8090", "LocalHost:8090"])
 def test_this_machine_s_names_are_served(host):
-    assert HOME.refusal(TOKEN, host, None) == ""
-    assert HOME.refusal(TOKEN, host, f"http://{host}") == ""
+    assert HOME.refusal_reason(TOKEN, host, None) == ""
+    assert HOME.refusal_reason(TOKEN, host, f"http://{host}") == ""
 
 
 @pytest.mark.parametrize("host", [
@@ -26,7 +26,7 @@ def test_this_machine_s_names_are_served(host):
     "[127.0.0.1]:8090", "[localhost]:8090", "evil[localhost]:8090", "[localhost]evil:8090",
 ])  # fmt: skip
 def test_other_names_are_refused(host):
-    assert "not served under the name" in HOME.refusal(TOKEN, host, None)
+    assert "not served under the name" in HOME.refusal_reason(TOKEN, host, None)
 
 
 @pytest.mark.parametrize("origin", [
@@ -35,13 +35,13 @@ def test_other_names_are_refused(host):
     "ftp://127.0.0.1:8090", "127.0.0.1:8090", "http://[::1", "http://http://127.0.0.1:8090",
 ])  # fmt: skip
 def test_pages_of_other_origins_may_not_ask(origin):
-    assert "may not ask here" in HOME.refusal(TOKEN, "127.0.0.1:8090", origin)
+    assert "are not allowed" in HOME.refusal_reason(TOKEN, "127.0.0.1:8090", origin)
 
 
 @pytest.mark.parametrize("token", ["", *(TOKEN[:k] for k in range(1, len(TOKEN))), TOKEN + "x",
                                    TOKEN.lower(), "ä"])  # fmt: skip
 def test_the_whole_token_is_needed(token):
-    said = HOME.refusal(token, "127.0.0.1:8090", None)
+    said = HOME.refusal_reason(token, "127.0.0.1:8090", None)
     assert ("no token" if not token else "not this simulator's") in said
     assert TOKEN not in said
 
@@ -49,7 +49,7 @@ def test_the_whole_token_is_needed(token):
 @pytest.mark.parametrize("host", ["192.168.7.20:8090", "[fe80::1]:8090", "[::1]:8090",
                                   "[fe80::1%eth0]:8090", "localhost:8090"])
 def test_an_open_page_is_served_under_addresses(host):
-    assert OPEN.refusal(TOKEN, host, f"http://{host}") == ""
+    assert OPEN.refusal_reason(TOKEN, host, f"http://{host}") == ""
 
 
 @pytest.mark.parametrize("host", [
@@ -59,8 +59,8 @@ def test_an_open_page_is_served_under_addresses(host):
     "[fe80::1%]:8090", "192.168.7.20%eth0:8090", "0xc0.0xa8.1.1:8090", "3232235777:8090",
 ])  # fmt: skip
 def test_and_under_no_name_that_a_foreign_page_could_have(host):
-    assert "not served under" in OPEN.refusal(TOKEN, host, None)
-    assert "may not ask here" in OPEN.refusal(TOKEN, "localhost:8090", f"http://{host}")
+    assert "not served under" in OPEN.refusal_reason(TOKEN, host, None)
+    assert "are not allowed" in OPEN.refusal_reason(TOKEN, "localhost:8090", f"http://{host}")
 
 
 def test_of_any_names_an_open_page_takes_addresses_alone():
@@ -76,13 +76,16 @@ def test_of_any_names_an_open_page_takes_addresses_alone():
             wanted = ipaddress.ip_address(name).version == version
         except ValueError:
             wanted = False
-        assert (OPEN.refusal(TOKEN, host, f"http://{host}") == "") == wanted, host
+        assert (OPEN.refusal_reason(TOKEN, host, f"http://{host}") == "") == wanted, host
     for _ in range(200):
         four, six = (ipaddress.IPv4Address(chosen.getrandbits(32)),
                      ipaddress.IPv6Address(chosen.getrandbits(128)))  # fmt: skip
-        assert OPEN.refusal(TOKEN, f"{four}:8090", None) == ""
-        assert OPEN.refusal(TOKEN, f"[{six}]:8090", f"http://[{six.exploded.upper()}]:8090") == ""
-        assert OPEN.refusal(TOKEN, f"[{six}]:8091", None)
+        assert OPEN.refusal_reason(TOKEN, f"{four}:8090", None) == ""
+        assert (
+            OPEN.refusal_reason(TOKEN, f"[{six}]:8090", f"http://[{six.exploded.upper()}]:8090")
+            == ""
+        )
+        assert OPEN.refusal_reason(TOKEN, f"[{six}]:8091", None)
 
 
 @pytest.mark.parametrize(("host", "named"), [
@@ -91,16 +94,16 @@ def test_of_any_names_an_open_page_takes_addresses_alone():
 ])  # fmt: skip
 def test_the_address_that_is_printed_is_served_as_browsers_write_it(host, named):
     access = Access(host, 8090, TOKEN)
-    assert access.refusal(TOKEN, f"{named}:8090", f"http://{named}:8090") == ""
-    assert access.refusal(TOKEN, "10.0.0.6:8090", None)
-    assert access.refusal(TOKEN, "[2001:db8::8]:8090", None)
+    assert access.refusal_reason(TOKEN, f"{named}:8090", f"http://{named}:8090") == ""
+    assert access.refusal_reason(TOKEN, "10.0.0.6:8090", None)
+    assert access.refusal_reason(TOKEN, "[2001:db8::8]:8090", None)
 
 
 def test_without_a_port_it_is_80():
     web = Access("machine.lab", 80, TOKEN)
-    assert web.refusal(TOKEN, "machine.lab", "http://machine.lab") == ""
-    assert web.refusal(TOKEN, "machine.lab:80", "http://machine.lab:80") == ""
-    assert web.refusal(TOKEN, "machine.lab:0", None)
+    assert web.refusal_reason(TOKEN, "machine.lab", "http://machine.lab") == ""
+    assert web.refusal_reason(TOKEN, "machine.lab:80", "http://machine.lab:80") == ""
+    assert web.refusal_reason(TOKEN, "machine.lab:0", None)
 
 
 @pytest.mark.parametrize(("host", "address"), [
@@ -115,8 +118,10 @@ def test_the_address_to_open(host, address):
 @pytest.mark.parametrize("host", ["", "0.0.0.0", "::"])
 def test_listening_on_all_addresses_is_no_name(host):
     access = Access(host, 8090, TOKEN)
-    assert access.refusal(TOKEN, "192.168.7.20:8090", None) == ""
-    assert access.refusal(TOKEN, ":8090", None) and access.refusal(TOKEN, "lab:8090", None)
+    assert access.refusal_reason(TOKEN, "192.168.7.20:8090", None) == ""
+    assert access.refusal_reason(TOKEN, ":8090", None) and access.refusal_reason(
+        TOKEN, "lab:8090", None
+    )
 
 
 def test_tokens_are_not_to_be_guessed():

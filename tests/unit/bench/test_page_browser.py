@@ -40,7 +40,7 @@ def page(browser, server, host):
 
 def test_all_is_drawn(page, tmp_path):
     page.wait(f"({COLOURS.format('scene')}) > 40")
-    page.wait(f"({COLOURS.format('picture')}) > 2")
+    page.wait(f"({COLOURS.format('image')}) > 2")
     page.wait(f"({COLOURS.format('plot-error')}) > 4")
     picture = cv2.imdecode(np.frombuffer(page.screenshot(), np.uint8), cv2.IMREAD_COLOR)
     assert picture.shape == (900, 1440, 3)
@@ -53,10 +53,10 @@ def test_nothing_is_drawn_from_what_has_been_taken_away(page, host):
     for _ in range(3):
         host.move()
     page.js("""(() => { const scene = arasPage.scene; scene.draw();
-        for (const name of Object.keys(scene.lines)) scene._drop(name);
+        for (const name of Object.keys(scene.lines)) scene._removeLine(name);
         scene.gl.getError(); scene.draw(); })()""")
     assert page.js("arasPage.scene.gl.getError()") == 0
-    host.story.outline = 1.01 * host.story.outline
+    host.run_trace.outline = 1.01 * host.run_trace.outline
     page.call("Page.reload")  # what was taken away comes back
     page.wait("window.arasPage && arasPage.scene && arasPage.scene.meshes.length > 5")
     page.wait("arasPage.state.samples.length > 0")
@@ -77,12 +77,12 @@ def test_words_and_joints_are_shown(page, host):
     page.wait(f"[...document.querySelectorAll('.joint output')].at(-1).textContent === '{last}'")
     arm, shown = host.arm, page.js("[...document.querySelectorAll('.joint')].map((r) => "
                                    "[r.querySelector('output').textContent, r.title])")  # fmt: skip
-    assert {*arm.prismatic} == {True, False}
+    assert {*arm.is_prismatic} == {True, False}
     for q, low, high, slides, (value, title) in zip(
-        host.q, arm.lower, arm.upper, arm.prismatic, shown, strict=True
+        host.q, arm.lower, arm.upper, arm.is_prismatic, shown, strict=True
     ):
         assert value == (f"{q:.3f} m" if slides else f"{q * 180 / np.pi:.1f}°")
-        found = re.match(r"(\S+) (m|rad), 0.000/s, limits (\S+) to (\S+)$", title).groups()
+        found = re.match(r"(\S+) (m|rad), 0.000 \2/s, limits (\S+) to (\S+)$", title).groups()
         assert found[1] == ("m" if slides else "rad")
         assert [float(found[k]) for k in (0, 2, 3)] == pytest.approx([q, low, high], abs=6e-4)
 
@@ -98,12 +98,12 @@ def test_what_is_pressed_is_asked_for_and_answered(page, host):
     page.js("document.querySelector('[data-do=hold]').click()")
     page.wait("document.getElementById('answer').classList.contains('refused')")
     assert [request.do for request in host.asked] == ["start", "gain", "hold"]
-    assert host.asked[1].given == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
+    assert host.asked[1].arguments == {"name": "gain", "value": pytest.approx(2.0, rel=0.05)}
 
 
 @pytest.mark.parametrize("width", [1440, 390])
 def test_nothing_hinders_readers(page, width):
-    page.js("""arasPage.still = true;
+    page.js("""arasPage.isFrozen = true;
         for (const part of document.querySelectorAll("details")) part.open = true""")
     page.resize(width)
     try:
@@ -111,7 +111,7 @@ def test_nothing_hinders_readers(page, width):
         assert page.js("document.documentElement.scrollWidth") == width
     finally:
         page.resize(1440)
-        page.js("arasPage.still = false")
+        page.js("arasPage.isFrozen = false")
 
 
 @pytest.fixture
@@ -136,7 +136,7 @@ def test_what_is_carried_out_is_said_and_no_older_answer_stands_beside_it(page, 
     answer = "document.getElementById('answer').textContent"
     running = "document.getElementById('running').textContent"
     host.waited.clear()
-    state(recorded="one.bag")
+    state(last_bag="one.bag")
     assert page.js(f"{button('report')}.getAttribute('aria-disabled')") == "false"
     page.js(f"{button('hold')}.click()")
     page.wait(f"{answer} === 'no controller here'")
@@ -146,7 +146,7 @@ def test_what_is_carried_out_is_said_and_no_older_answer_stands_beside_it(page, 
     assert page.js(f"{button('report')}.getAttribute('aria-busy')") == "true"
     page.wait(REPORTS)
     page.js(f"{button('report')}.click()")  # once is enough
-    assert page.js(answer) == "that is being carried out"
+    assert page.js(answer) == "this request is in progress"
     page.js(f"{button('pause')}.click()")  # which lets the report end
     page.wait(f"{running} === '' && {answer}.startsWith('done: ')")
     assert page.js(f"{button('report')}.getAttribute('aria-busy')") == "false"
@@ -168,11 +168,11 @@ def test_an_error_of_driving_by_hand_ends_with_the_next_key(page, host):
     ("hold", {"controller": False}, "no controller runs: start the nodes with a scheme"),
     ("target", {}, "there are no targets to choose from"),
     ("teach", {}, "give the goal a name first"),
-    ("record", {"recording": "one.bag"}, "a bag is being recorded already"),
+    ("record", {"open_bag": "one.bag"}, "a bag is already being recorded"),
     ("stop_record", {}, "nothing is being recorded"),
     ("report", {}, "nothing has been recorded yet"),
-    ("report", {"recording": "two.bag", "recorded": "one.bag"},
-     "a bag is being recorded: stop that first"),
+    ("report", {"open_bag": "two.bag", "last_bag": "one.bag"},
+     "a bag is being recorded: stop the recording first"),
 ])  # fmt: skip
 def test_a_button_that_cannot_act_says_why(page, host, state, do, told, why):
     state(**told)
@@ -187,9 +187,9 @@ def test_a_button_that_cannot_act_says_why(page, host, state, do, told, why):
 
 
 def test_it_can_act_again_as_soon_as_what_hindered_it_is_over(page, state):
-    state(controller=False, recording="one.bag")
+    state(controller=False, open_bag="one.bag")
     assert page.js(f"[{button('start')}.title !== '', {button('stop_record')}.title]") == [True, ""]
-    state(controller=True, recording="one.bag", trouble="the disk is full")
+    state(controller=True, open_bag="one.bag", recording_error="the disk is full")
     assert page.js(f"[{button('start')}.title, {button('record')}.title]") == ["", ""]
     page.js("""(() => { const name = document.getElementById("teach-name"); name.value = "mine";
         name.dispatchEvent(new Event("input")); })()""")
@@ -198,29 +198,30 @@ def test_it_can_act_again_as_soon_as_what_hindered_it_is_over(page, state):
 
 
 def test_what_the_server_took_none_of_may_be_asked_again(page, monkeypatch):
-    monkeypatch.setattr(server_module, "ASKED", 0)
+    monkeypatch.setattr(server_module, "MAX_REQUESTS", 0)
     page.js(f"{button('reset')}.click()")
-    page.wait("document.getElementById('answer').textContent.includes('wait for them')")
+    page.wait("document.getElementById('answer').textContent.includes('wait for their answers')")
     assert page.js(f"{button('reset')}.getAttribute('aria-disabled')") == "false"
 
 
 def test_without_a_phase_it_is_said_what_is_missing(page, state):
-    words = "document.getElementById('words').textContent"
-    page.js("window.before = arasPage.state.told; arasPage.state.told = {}")
+    words = "document.getElementById('controller-message').textContent"
+    page.js("window.before = arasPage.state.controller; arasPage.state.controller = {}")
     said = page.js(f"{button('servo')}.click(); {words}")
     assert said == "the nodes are being started"
     page.wait(f"{button('servo')}.getAttribute('aria-busy') === 'false'")
     state(controller=False)
     assert page.js(words) == "no controller runs: start the nodes with a scheme"
     state(controller=True)
-    assert page.js(words) == "the controller runs and has told of no image yet"
-    page.js("arasPage.state.told = window.before")
+    assert page.js(words) == "the controller is running and has not processed an image yet"
+    page.js("arasPage.state.controller = window.before")
 
 
 @pytest.mark.parametrize("width", [320, 390, 820, 1080, 1081, 1440])
 def test_the_page_is_no_wider_than_the_screen(page, width):
     page.js("""document.querySelectorAll('details').forEach((d) => { d.open = true; });
-        document.getElementById("words").textContent = "a reason of many words, ".repeat(20)""")
+        document.getElementById("controller-message").textContent =
+            "a reason of many words, ".repeat(20)""")
     page.call("Emulation.setDeviceMetricsOverride", width=width, height=800, deviceScaleFactor=1,
               mobile=width < 800)  # fmt: skip
     page.js("new Promise((go) => setTimeout(go, 200))")  # curves follow their box
@@ -232,7 +233,7 @@ def test_the_page_is_no_wider_than_the_screen(page, width):
         assert page.js("document.documentElement.scrollWidth") <= width
         if width <= 1080:  # there is room for the whole reason
             assert page.js("((e) => e.scrollWidth - e.clientWidth)("
-                           "document.getElementById('words'))") <= 0  # fmt: skip
+                           "document.getElementById('controller-message'))") <= 0  # fmt: skip
         if (keep := os.environ.get("ARAS_SCREENSHOTS")) and width == 390:
             Path(keep, "page_390.png").write_bytes(page.screenshot())
     finally:
@@ -260,21 +261,21 @@ def test_what_may_be_chosen_shows_what_runs_until_another_is_chosen(page, host):
 def test_no_drawing_begins_before_the_last_is_there_and_none_without_a_change(page, host):
     page.js("""window.draws = 0; window.go = null; (() => { const scene = arasPage.scene;
         scene.draw = () => { window.draws += 1; };
-        scene._drawn = () => new Promise((go) => { window.go = go; }); })()""")
+        scene._waitForDraw = () => new Promise((go) => { window.go = go; }); })()""")
     host.move()
     page.wait("window.go !== null")
-    page.js("for (let i = 0; i < 50; i++) arasPage.scene.ask()")
+    page.js("for (let i = 0; i < 50; i++) arasPage.scene.requestDraw()")
     page.js("new Promise((go) => setTimeout(go, 300))")
     assert page.js("window.draws") == 1
     page.js("window.go()")
     page.wait("window.draws === 2")  # one for all that was asked for
-    page.js("delete arasPage.scene.draw; delete arasPage.scene._drawn; window.go()")
-    page.wait("!arasPage.scene.drawing")
+    page.js("delete arasPage.scene.draw; delete arasPage.scene._waitForDraw; window.go()")
+    page.wait("!arasPage.scene.isDrawing")
     assert page.js("""(() => { const scene = arasPage.scene; let asked = 0;
-        scene.ask = () => { asked += 1; };
-        scene.setJoints({...scene.drawn}); const still = asked;
-        scene.setJoints(Object.fromEntries(Object.entries(scene.drawn).map(([n, q]) =>
-            [n, q + 0.001]))); delete scene.ask; return [still, asked]; })()""") == [0, 1]
+        scene.requestDraw = () => { asked += 1; };
+        scene.setJoints({...scene.lastPositions}); const still = asked;
+        scene.setJoints(Object.fromEntries(Object.entries(scene.lastPositions).map(([n, q]) =>
+            [n, q + 0.001]))); delete scene.requestDraw; return [still, asked]; })()""") == [0, 1]
 
 
 PLOT = """import('/plots.js').then(async (m) => {{
@@ -303,8 +304,9 @@ def test_every_curve_has_its_name_however_small_the_plot(page):
 
 def test_what_has_another_unit_has_another_axis(page):
     """Errors in m and in rad on one axis would leave the smaller ones without a shape."""
-    assert page.js("""import('/plots.js').then((m) => [m.strips(["m", "m", "rad"], 3),
-        m.strips([], 2), m.strips(["a", "b", "c", "d"], 4), m.strips(["m"], 2)])""") == [
+    assert page.js("""import('/plots.js').then((m) => [m.groupByUnit(["m", "m", "rad"], 3),
+        m.groupByUnit([], 2), m.groupByUnit(["a", "b", "c", "d"], 4),
+        m.groupByUnit(["m"], 2)])""") == [
         [["m", [0, 1]], ["rad", [2]]], [["", [0, 1]]], [["", [0, 1, 2, 3]]], [["", [0, 1]]]]
     charts = page.js(PLOT.format(
         width=300, names=["xn", "alpha"], units=["m", "rad"],
@@ -316,7 +318,7 @@ def test_what_has_another_unit_has_another_axis(page):
     assert 0.0 < first[2] < 0.01 and 0.02 < first[3] < 0.05
     assert -1.8 < second[2] < -1.7 and -1.5 < second[3] < -1.4
     assert first[4] == [0.01, 0.02] and [first[5], second[5]] == [False, True]
-    page.wait("arasPage.state.told.units.join() === 'm,m,m,rad'")
+    page.wait("arasPage.state.controller.units.join() === 'm,m,m,rad'")
 
 
 def test_curves_scroll_with_the_newest_at_the_right(page):
@@ -352,7 +354,7 @@ def test_a_key_drives_the_camera_as_long_as_it_is_held(page, host):
     page.js("new Promise((go) => setTimeout(go, 350))")
     page.js('dispatchEvent(new KeyboardEvent("keyup", {key: "r"}))')
     page.js("new Promise((go) => setTimeout(go, 300))")
-    asked = [request.given for request in host.asked]
+    asked = [request.arguments for request in host.asked]
     assert len(asked) >= 3
     assert all(given["vz"] > 0.0 for given in asked[:-1])
     assert not any(asked[-1].values())
@@ -363,7 +365,7 @@ def test_a_second_browser_a_reload_and_a_closed_tab(browser, page, server, host)
     second.wait("window.arasPage && arasPage.state.samples.length >= 41")
     assert len(server.viewers) == 2
     host.move()
-    count = len(host.page.whole()["samples"])
+    count = len(host.page.make_full_message()["samples"])
     for tab in (page, second):
         tab.wait(f"arasPage.state.samples.length === {count}")
     page.call("Page.reload")
@@ -381,32 +383,32 @@ def test_a_second_browser_a_reload_and_a_closed_tab(browser, page, server, host)
 def test_a_page_that_is_there_before_the_robot_waits_for_it_without_a_word(browser, host, server):
     before = host.page.state
     host.page.state = {}
-    host.robot, plain = (lambda: None), host.robot
+    host.make_robot_model, plain = (lambda: None), host.make_robot_model
     try:
         tab = browser.open(server.access.address)
         tab.wait("window.arasPage && document.getElementById('link').textContent === 'connected'")
         host.move()
         tab.wait("document.getElementById('time').textContent !== '–'")
-        hidden = "document.getElementById('trouble').hidden"
+        hidden = "document.getElementById('error').hidden"
         assert tab.js(hidden) and not tab.js("arasPage.scene.meshes.length")
     finally:
-        del host.robot
+        del host.make_robot_model
         host.page.state = before
-    assert host.robot == plain
+    assert host.make_robot_model == plain
     tab.wait("arasPage.scene.meshes.length > 5")
     assert tab.js(hidden)
     tab.close()
 
 
 def test_a_page_too_many_says_why_and_comes_in_when_one_is_closed(browser, server, monkeypatch):
-    monkeypatch.setattr(server_module, "VIEWERS", 0)
+    monkeypatch.setattr(server_module, "MAX_VIEWERS", 0)
     tab = browser.open(server.access.address)
-    tab.wait("window.arasPage && document.getElementById('trouble').textContent.includes("
+    tab.wait("window.arasPage && document.getElementById('error').textContent.includes("
              "'no more pages')")
-    assert not tab.js("document.getElementById('trouble').hidden")
+    assert not tab.js("document.getElementById('error').hidden")
     monkeypatch.undo()
     tab.wait("document.getElementById('link').textContent === 'connected'")
-    assert tab.js("document.getElementById('trouble').hidden")
+    assert tab.js("document.getElementById('error').hidden")
     tab.close()
 
 
@@ -436,7 +438,7 @@ def test_a_simulator_started_again_is_found_again(browser, host, server):
     again = serve(host, "127.0.0.1", port, token, lambda _: None)
     tab = browser.open(again.access.address)
     tab.wait("window.arasPage && document.getElementById('link').textContent === 'connected'")
-    tab.js(f"arasPage.state.values.recorded = 'one.bag'; {button('report')}.click()")
+    tab.js(f"arasPage.state.values.last_bag = 'one.bag'; {button('report')}.click()")
     tab.wait(REPORTS)
     again.close()
     tab.wait("document.getElementById('link').textContent === 'no connection'")

@@ -4,12 +4,12 @@ import json
 
 import pytest
 
-from aras_visual_servo_bench.web.live.outbox import AHEAD, Outbox, merged
-from aras_visual_servo_bench.web.live.page import KEPT
+from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED, Outbox, merge_updates
+from aras_visual_servo_bench.web.live.page import MAX_SAMPLES
 
 
 def news(stamp, **more):
-    return {"kind": "news", "stamp": stamp, **more}
+    return {"kind": "update", "stamp": stamp, **more}
 
 
 @pytest.fixture
@@ -24,79 +24,81 @@ def outbox(sent):
 
 def test_who_keeps_up_is_told_everything_at_once(outbox, sent):
     for i in range(20):
-        outbox.news(news(i))
-        outbox.picture(bytes([i]))
+        outbox.send_update(news(i))
+        outbox.send_image(bytes([i]))
         assert sent == [news(i), bytes([i])]
         sent.clear()
-        outbox.seen()
-        outbox.seen()
+        outbox.acknowledge()
+        outbox.acknowledge()
 
 
 def test_the_text_that_is_there_already_is_not_made_again(sent):
-    Outbox(sent.append).news(news(1.0), "as it is")
+    Outbox(sent.append).send_update(news(1.0), "as it is")
     assert sent == ["as it is"]
 
 
 def test_who_is_slow_gets_the_last_of_everything_in_one(outbox, sent):
-    for i in range(AHEAD):
-        outbox.news(news(i))
-    outbox.news(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
-    outbox.news(news(11, shapes={"path": 1, "goal": 1}))
-    outbox.news(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
-    outbox.picture(b"first")
-    outbox.picture(b"last")
-    assert sent == [news(i) for i in range(AHEAD)]
+    for i in range(MAX_UNACKNOWLEDGED):
+        outbox.send_update(news(i))
+    outbox.send_update(news(10, told={"phase": "holding"}, samples=[[1.0]], names=["xn"]))
+    outbox.send_update(news(11, shapes={"path": 1, "goal": 1}))
+    outbox.send_update(news(12, shapes={"path": None}, samples=[[2.0]], names=["xn"]))
+    outbox.send_image(b"first")
+    outbox.send_image(b"last")
+    assert sent == [news(i) for i in range(MAX_UNACKNOWLEDGED)]
     sent.clear()
-    outbox.seen()
+    outbox.acknowledge()
     assert sent == [news(12, told={"phase": "holding"}, samples=[[1.0], [2.0]], names=["xn"],
                          shapes={"path": None, "goal": 1})]  # fmt: skip
-    outbox.seen()
+    outbox.acknowledge()
     assert sent[1:] == [b"last"]
-    outbox.seen()
+    outbox.acknowledge()
     assert len(sent) == 2
-    outbox.news(news(13))
+    outbox.send_update(news(13))
     assert sent[2:] == [news(13)]
 
 
 def test_seen_more_often_than_sent_allows_no_more(outbox, sent):
     for _ in range(10):
-        outbox.seen()
+        outbox.acknowledge()
     for i in range(10):
-        outbox.news(news(i))
-    assert len(sent) == AHEAD
+        outbox.send_update(news(i))
+    assert len(sent) == MAX_UNACKNOWLEDGED
 
 
 def test_three_are_sent_before_the_first_has_been_seen(outbox, sent):
     for i in range(5):
-        outbox.picture(bytes([i]))
+        outbox.send_image(bytes([i]))
     assert sent == [bytes([i]) for i in range(3)]
-    outbox.seen()
+    outbox.acknowledge()
     assert sent[3:] == [bytes([4])]
 
 
 def test_plots_that_begin_anew_forget_what_was_before(outbox, sent):
-    both = merged(news(1, samples=[[5.0], [6.0]]), news(2, samples=[["clear"], [0.1]]))
+    both = merge_updates(news(1, samples=[[5.0], [6.0]]), news(2, samples=[["clear"], [0.1]]))
     assert both["samples"] == [["clear"], [0.1]]
-    assert merged(both, news(3, samples=[[0.2]]))["samples"] == [["clear"], [0.1], [0.2]]
+    assert merge_updates(both, news(3, samples=[[0.2]]))["samples"] == [["clear"], [0.1], [0.2]]
 
 
 def test_everything_and_then_some_is_everything():
-    whole = {"kind": "whole", "stamp": 1.0, "samples": [], "shapes": {"path": 1}}
-    assert merged(whole, news(2.0, samples=[[1.0]])) == {
-        "kind": "whole", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
+    whole = {"kind": "full", "stamp": 1.0, "samples": [], "shapes": {"path": 1}}
+    assert merge_updates(whole, news(2.0, samples=[[1.0]])) == {
+        "kind": "full", "stamp": 2.0, "samples": [[1.0]], "shapes": {"path": 1}}
 
 
 def test_as_many_samples_as_a_plot_holds_are_all_kept():
-    rows = [[float(i)] for i in range(KEPT + 1)]
-    for count, first in ((KEPT, [0.0]), (KEPT + 1, ["clear"])):
-        both = merged(news(1, samples=rows[:450]), news(2, samples=rows[450:count]))["samples"]
-        assert both[0] == first and both[-KEPT:] == rows[count - KEPT:count]
+    rows = [[float(i)] for i in range(MAX_SAMPLES + 1)]
+    for count, first in ((MAX_SAMPLES, [0.0]), (MAX_SAMPLES + 1, ["clear"])):
+        both = merge_updates(news(1, samples=rows[:450]), news(2, samples=rows[450:count]))[
+            "samples"
+        ]
+        assert both[0] == first and both[-MAX_SAMPLES:] == rows[count - MAX_SAMPLES:count]
 
 
 def test_who_never_looks_fills_no_memory(outbox, sent):
-    for i in range(3 * KEPT):
-        outbox.news(news(i, samples=[[float(i)]]))
-    outbox.seen()
+    for i in range(3 * MAX_SAMPLES):
+        outbox.send_update(news(i, samples=[[float(i)]]))
+    outbox.acknowledge()
     rows = sent[-1]["samples"]
-    assert rows[0] == ["clear"] and len(rows) == KEPT + 1
-    assert rows[-1] == [3.0 * KEPT - 1.0]
+    assert rows[0] == ["clear"] and len(rows) == MAX_SAMPLES + 1
+    assert rows[-1] == [3.0 * MAX_SAMPLES - 1.0]

@@ -11,12 +11,12 @@ import pytest
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.live import page
 from aras_visual_servo_bench.web.live.requests import (
-    CHOSEN,
+    CHOICE_FIELDS,
     REQUESTS,
     read_request,
 )
-from aras_visual_servo_bench.web.messages import LARGEST, read_message
-from aras_visual_servo_controller.hands.teleop import CAMERA_KEYS
+from aras_visual_servo_bench.web.messages import MAX_BYTES, read_message
+from aras_visual_servo_controller.teleop.keyboard import CAMERA_KEYS
 
 AXES = ("vx", "vy", "vz", "wx", "wy", "wz")
 CHOICES = {"schemes": ["moments"], "laws": ["pi"], "starts": ["2016"], "goals": ["auto"],
@@ -30,10 +30,10 @@ def ask(do, **given):
 def test_a_request_is_read_as_it_was_sent():
     request = ask("servo", scheme="moments", law="pi", start="2016", goal="auto")
     assert request.do == "servo"
-    assert request.given == {"scheme": "moments", "law": "pi", "start": "2016", "goal": "auto"}
-    assert ask("jog", wz=-0.5).given == {
+    assert request.arguments == {"scheme": "moments", "law": "pi", "start": "2016", "goal": "auto"}
+    assert ask("jog", wz=-0.5).arguments == {
         "vx": 0.0, "vy": 0.0, "vz": 0.0, "wx": 0.0, "wy": 0.0, "wz": -0.5}
-    assert ask("step", steps=5).given == {"steps": 5}
+    assert ask("step", steps=5).arguments == {"steps": 5}
 
 
 @pytest.mark.parametrize(("do", "given", "why"), [
@@ -75,9 +75,10 @@ def test_a_request_is_read_as_it_was_sent():
      "known are auto"),
     ("camera", {"preset": "../wide"}, "camera: preset is '../wide': did you mean 'wide'?"),
     ("target", {"name": "poster"}, "target: name is 'poster': known are none"),
-    ("teach", {"name": "../mine"}, "teach: name is '../mine', must be letters, digits, - and _"),
+    ("teach", {"name": "../mine"},
+     "teach: name is '../mine', must be 1 to 40 letters, digits, - or _"),
     ("teach", {"name": ""}, "letters, digits"),
-    ("teach", {"name": "a" * 41}, "40 at most"),
+    ("teach", {"name": "a" * 41}, "must be 1 to 40"),
     ("teach", {"name": "a\n"}, "letters, digits"),
 ])  # fmt: skip
 def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
@@ -97,7 +98,7 @@ def test_what_is_wrong_is_refused_with_the_reason(do, given, why):
       for sign in (-1, 1)),
 ])  # fmt: skip
 def test_what_is_just_within_its_bounds_is_taken(do, given):
-    assert {key: vars(ask(do, **given))["given"][key] for key in given} == given
+    assert {key: vars(ask(do, **given))["arguments"][key] for key in given} == given
 
 
 def test_a_request_of_4096_characters_is_read():
@@ -108,13 +109,13 @@ def test_a_request_of_4096_characters_is_read():
 
 
 def test_a_long_request_is_not_read_at_all():
-    with pytest.raises(RefusedError, match=f"at most {LARGEST} characters"):
-        read_message(json.dumps({"do": "start"}) + " " * LARGEST, REQUESTS)
+    with pytest.raises(RefusedError, match=f"at most {MAX_BYTES} characters"):
+        read_message(json.dumps({"do": "start"}) + " " * MAX_BYTES, REQUESTS)
 
 
 @pytest.mark.parametrize("text", [
     "", "start", "[]", '"start"', "{}", '{"do": 1}', "[" * 4000, b"\x00", b'{"do": "start"}',
-    '{"do": "start", "x": "' + "a" * LARGEST + '"}',
+    '{"do": "start", "x": "' + "a" * MAX_BYTES + '"}',
 ])  # fmt: skip
 def test_what_is_no_request_is_refused(text):
     with pytest.raises(RefusedError):
@@ -122,7 +123,7 @@ def test_what_is_no_request_is_refused(text):
 
 
 def test_every_choice_is_a_field_of_a_request():
-    for do, chosen in CHOSEN.items():
+    for do, chosen in CHOICE_FIELDS.items():
         assert set(chosen) <= {field.name for field in fields(REQUESTS[do])}
 
 

@@ -23,16 +23,16 @@ from tornado.websocket import WebSocketClosedError, websocket_connect
 
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_bench.drawing.parts import parts
+from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.ros.keeping import Keeping
+from aras_visual_servo_bench.ros.session_files import SessionFiles
 from aras_visual_servo_bench.web.access import Access
 from aras_visual_servo_bench.web.live import server as server_module
-from aras_visual_servo_bench.web.live.outbox import AHEAD
-from aras_visual_servo_bench.web.live.page import KEPT, Page
-from aras_visual_servo_bench.web.live.robot_model import robot_model
-from aras_visual_servo_bench.web.live.server import Server, Viewer, serve
-from aras_visual_servo_bench.web.server import PortTakenError, bound
+from aras_visual_servo_bench.web.live.outbox import MAX_UNACKNOWLEDGED
+from aras_visual_servo_bench.web.live.page import MAX_SAMPLES, Page
+from aras_visual_servo_bench.web.live.robot_model import make_robot_model
+from aras_visual_servo_bench.web.live.server import LiveServer, Viewer, serve
+from aras_visual_servo_bench.web.server import PortTakenError, bind_free_port
 
 SAMPLE = told(error=(0.1, -0.2))
 
@@ -82,7 +82,7 @@ def test_nothing_is_told_without_the_token(server, path, caplog):
     status, text, headers = get(server, f"{path}?token={server.access.token}", Host="evil.example")
     assert status == 403 and "not served under" in text
     status, text, _ = get(server, f"{path}?token={server.access.token}", Origin="http://evil.test")
-    assert status == 403 and "may not ask here" in text
+    assert status == 403 and "are not allowed" in text
     assert get(server, f"{path}?token=%ff")[0] == 400
     assert not [entry for entry in caplog.records if entry.name.startswith("tornado")]
 
@@ -109,7 +109,7 @@ def test_whoever_has_it_gets_the_page_and_nothing_that_lets_others_in(server):
 ])  # fmt: skip
 def test_a_name_that_no_report_has_is_answered_by_one_clear_line(server, host, tmp_path, path,
                                                                  monkeypatch):  # fmt: skip
-    monkeypatch.setattr(host, "file", Keeping(tmp_path).file)
+    monkeypatch.setattr(host, "find_file", SessionFiles(tmp_path).find_file)
     status, text, _ = get(server, f"{path}?token={server.access.token}")
     assert 400 <= status < 500
     assert text.startswith(("There is n", "<html><title>400: Bad Request"))
@@ -119,7 +119,7 @@ def test_a_report_is_a_page_with_scripts_and_pictures_of_its_own(server, host, t
                                                                  monkeypatch):  # fmt: skip
     report = tmp_path / "report.html"
     report.write_text("<title>run \u2116 3</title>", encoding="utf-8")
-    monkeypatch.setattr(host, "file", {"run/report.html": report}.get)
+    monkeypatch.setattr(host, "find_file", {"run/report.html": report}.get)
     status, text, headers = get(server, f"/report/run/report.html?token={server.access.token}")
     assert (status, text) == (200, "<title>run \u2116 3</title>")
     rules = dict(rule.split(" ", 1) for rule in headers["Content-Security-Policy"].split("; "))
@@ -162,7 +162,7 @@ def test_the_robot_is_told_once_there_is_one(server, host, monkeypatch):
     status, text, headers = get(server, path)
     assert status == 200 and json.loads(text)["name"] == "aras_visual_servo"
     assert headers["Content-Type"] == "application/json"
-    monkeypatch.setattr(host, "robot", lambda: None)
+    monkeypatch.setattr(host, "make_robot_model", lambda: None)
     assert get(server, path)[:2] == (404, "There is no robot yet.\n")
 
 
@@ -170,14 +170,14 @@ def test_requests_are_answered_and_wrong_ones_refused_with_the_reason(server, ho
     host.asked.clear()
     sent = ['{"do": "start"}', '{"do": "step", "steps": -1}', "nonsense", '{"do": "hold"}']
     heard, told = talk(server, *sent, answers=4)
-    by_text = {answer["text"]: answer["done"] for answer in heard}
+    by_text = {answer["text"]: answer["ok"] for answer in heard}
     assert by_text == {
         "done: start": True, "step: steps is -1, must be >= 1": False,
-        "a request is a JSON object": False, "no controller here": False,
+        "a request must be a JSON object": False, "no controller here": False,
     }  # fmt: skip
     assert sorted(request.do for request in host.asked) == ["hold", "start"]
     assert sorted(str(answer["do"]) for answer in heard) == ["None", "hold", "start", "step"]
-    assert told[0]["kind"] == "whole"
+    assert told[0]["kind"] == "full"
     assert told[0]["limits"]["names"] == list(host.arm.names)
 
 
@@ -215,8 +215,8 @@ def test_of_nine_requests_at_a_time_one_is_refused(server, host):
 
     host.waited.clear()
     first, *others = asyncio.run(run())
-    assert first == {"kind": "answer", "do": None, "done": False,
-                     "text": "8 requests are being carried out: wait for them"}  # fmt: skip
+    assert first == {"kind": "answer", "do": None, "ok": False,
+                     "text": "8 requests are in progress: wait for their answers"}  # fmt: skip
     assert [other["text"] for other in others] == ["done: report"] * 8
 
 
@@ -245,34 +245,34 @@ def test_whoever_leaves_two_megabytes_unread_hears_no_more_and_whoever_is_gone_i
     stream = viewer.ws_connection.stream
     for unread in (0, 2_000_000, 2_000_001):
         stream._write_buffer = bytes(unread)
-        Viewer.tell(viewer, "text")
+        Viewer.send(viewer, "text")
     stream._write_buffer = b""
-    Viewer.tell(viewer, b"picture")
+    Viewer.send(viewer, b"picture")
     viewer.write_message.side_effect = WebSocketClosedError
-    viewer.server.went.assert_not_called()
-    Viewer.tell(viewer, "more")
-    viewer.server.went.assert_called_once_with(viewer)
+    viewer.server.remove_viewer.assert_not_called()
+    Viewer.send(viewer, "more")
+    viewer.server.remove_viewer.assert_called_once_with(viewer)
     viewer.ws_connection = None
-    Viewer.tell(viewer, "nobody")
+    Viewer.send(viewer, "nobody")
     assert viewer.write_message.mock_calls == [
         call("text", binary=False), call("text", binary=False), call(b"picture", binary=True),
         call("more", binary=False)]  # fmt: skip
 
 
 def test_news_come_15_times_and_pictures_10_times_a_second_to_one_who_is_there(server):
-    assert server._tick.callback_time == pytest.approx(1000.0 / 15.0)
-    assert server._pictures.callback_time == pytest.approx(100.0)
+    assert server._update_timer.callback_time == pytest.approx(1000.0 / 15.0)
+    assert server._image_timer.callback_time == pytest.approx(100.0)
     assert server._server.request_callback.settings["websocket_ping_interval"] == 10.0
 
 
 def test_a_page_without_its_curves_is_no_page(host, monkeypatch):
-    monkeypatch.setattr(server_module, "uplot", Mock(side_effect=BenchError("no uPlot")))
+    monkeypatch.setattr(server_module, "read_uplot", Mock(side_effect=BenchError("no uPlot")))
     with pytest.raises(BenchError, match="no uPlot"):
-        Server(host, Access(), [])
+        LiveServer(host, Access(), [])
 
 
 def test_a_server_that_does_not_begin_or_end_is_not_waited_for_for_ever(host):
-    waiting = Server(host, Access(), [])
+    waiting = LiveServer(host, Access(), [])
     waiting._ready, waiting._thread, waiting._loop = Mock(), Mock(), Mock()
     waiting.start()
     waiting.close()
@@ -282,7 +282,7 @@ def test_a_server_that_does_not_begin_or_end_is_not_waited_for_for_ever(host):
 
 def test_a_server_is_ready_as_soon_as_it_serves_and_takes_nobody_while_it_ends(server, host):
     assert server._ready.is_set()
-    ending = Server(host, Access(), [])
+    ending = LiveServer(host, Access(), [])
     ending._server, ending._loop = Mock(), Mock()
     ending._stop()
     ending._server.stop.assert_called_once_with()
@@ -303,9 +303,9 @@ def test_one_viewer_goes_and_the_other_is_told_all_the_same(server, host):
         first.close()
         while host.viewers[-1:] != [1]:
             await asyncio.sleep(0.02)
-        for _ in range(4 * AHEAD):
+        for _ in range(4 * MAX_UNACKNOWLEDGED):
             assert await asyncio.wait_for(second.read_message(), 20) is not None
-            await second.write_message("seen")
+            await second.write_message("ack")
         second.close()
 
     host.viewers.clear()
@@ -346,7 +346,7 @@ def test_an_end_is_told_to_the_viewers_and_leaves_nothing_open(host):
 
 def test_a_fault_of_ours_is_said_and_closes_nothing(server):
     heard, _ = talk(server, '{"do": "reset"}', '{"do": "start"}', answers=2)
-    assert {answer["text"]: answer["done"] for answer in heard} == {
+    assert {answer["text"]: answer["ok"] for answer in heard} == {
         "reset failed: ZeroDivisionError: a fault": False, "done: start": True}
 
 
@@ -374,7 +374,7 @@ def test_viewers_are_counted_and_nothing_is_worked_out_without_them(server, host
             break
         socket.create_connection(("127.0.0.1", server.access.port)).close()
     assert host.viewers == [1, 0]
-    assert not server._tick.is_running() and not server._pictures.is_running()
+    assert not server._update_timer.is_running() and not server._image_timer.is_running()
 
 
 def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, host):
@@ -386,12 +386,12 @@ def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, ho
         with contextlib.suppress(asyncio.TimeoutError):
             while True:
                 heard.append(await asyncio.wait_for(viewer.read_message(), 2.0))
-        count = len(host.page.whole()["samples"])
+        count = len(host.page.make_full_message()["samples"])
         for _ in range(5):
             host.move()
         await asyncio.sleep(0.5)
-        for _ in range(AHEAD):
-            await viewer.write_message("seen")
+        for _ in range(MAX_UNACKNOWLEDGED):
+            await viewer.write_message("ack")
         last = json.loads(await asyncio.wait_for(viewer.read_message(), 20))
         picture = await asyncio.wait_for(viewer.read_message(), 20)
         # Asking is answered however much is unseen.
@@ -402,7 +402,7 @@ def test_who_has_not_seen_the_last_is_told_no_more_and_then_all_of_it(server, ho
         return heard, count, last, picture
 
     heard, count, last, picture = asyncio.run(run())
-    assert len(heard) == AHEAD and count
+    assert len(heard) == MAX_UNACKNOWLEDGED and count
     assert len(last["samples"]) == 5 and "camera picture" in last["shapes"]
     assert picture.startswith(b"\xff\xd8")
 
@@ -412,21 +412,21 @@ def test_a_taken_port_is_said_and_the_next_one_is_taken():
         other.bind(("127.0.0.1", 0))
         other.listen()
         port = other.getsockname()[1]
-        sockets, word = bound("127.0.0.1", port)
+        sockets, word = bind_free_port("127.0.0.1", port)
         assert word == f"port {port} is taken"
         assert port < sockets[0].getsockname()[1] <= port + 20
         for found in sockets:
             found.close()
     with pytest.raises(PortTakenError, match="cannot listen on 192.0.2.1"):
-        bound("192.0.2.1", port)
-    sockets, word = bound("127.0.0.1", port)
+        bind_free_port("192.0.2.1", port)
+    sockets, word = bind_free_port("127.0.0.1", port)
     assert word == "" and sockets[0].getsockname()[1] == port
     for found in sockets:
         found.close()
     with socket.socket() as last:
         last.bind(("127.0.0.1", 65535))
         with pytest.raises(PortTakenError, match="no free port from 65535 to 65535 on"):
-            bound("127.0.0.1", 65535)
+            bind_free_port("127.0.0.1", 65535)
 
 
 def test_twenty_ports_are_tried(monkeypatch):
@@ -437,118 +437,120 @@ def test_twenty_ports_are_tried(monkeypatch):
         raise OSError((errno.EADDRINUSE, errno.EACCES)[port % 2], "taken")
 
     monkeypatch.setattr("tornado.netutil.bind_sockets", taken)
-    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: give"):
-        bound("10.0.0.5", 8080)
+    with pytest.raises(PortTakenError, match="no free port from 8080 to 8099 on 10.0.0.5: use"):
+        bind_free_port("10.0.0.5", 8080)
     assert tried == [(port, "10.0.0.5") for port in range(8080, 8100)]
 
 
 def test_numbers_are_told_with_as_many_places_as_are_seen(host, monkeypatch):
     page, third = Page(), 1.0 / 3.0
-    page.robot(["J1"], [-third], [third], [np.inf], [True])
-    page.sample(told(third, error=(third, -third), asked=(third,) * 6), [third])
-    monkeypatch.setattr(host.story, "factor", third)
-    found = page.news(host.story, [third], [third], third)
+    page.set_robot(["J1"], [-third], [third], [np.inf], [True])
+    page.add_sample(told(third, error=(third, -third), asked=(third,) * 6), [third])
+    monkeypatch.setattr(host.run_trace, "factor", third)
+    found = page.make_update(host.run_trace, [third], [third], third)
     assert found["limits"] == {"names": ["J1"], "lower": [-0.333333], "upper": [0.333333],
                                "velocity": [None], "prismatic": [True]}  # fmt: skip
     assert found["samples"] == [[0.3333, [0.333333, -0.333333], [0.333333] * 6, [0.0] * 6,
                                  [0.333333]]]  # fmt: skip
-    assert (found["stamp"], found["factor"]) == (0.333, 0.333)
-    assert (found["joints"], found["speeds"]) == ([0.333333], [0.3333])
+    assert (found["stamp"], found["real_time_factor"]) == (0.333, 0.333)
+    assert (found["joints"], found["velocities"]) == ([0.333333], [0.3333])
 
 
 def test_a_stamp_that_is_a_second_older_is_still_of_the_run():
     page = Page()
     for stamp, count in ((5.0, 1), (4.0, 2), (2.9, 1), (1.95, 2), (0.9, 1)):
-        page.sample(replace(SAMPLE, stamp=stamp), [])
-        assert len(page.whole()["samples"]) == count, stamp
+        page.add_sample(replace(SAMPLE, stamp=stamp), [])
+        assert len(page.make_full_message()["samples"]) == count, stamp
 
 
 def test_half_a_minute_of_samples_is_kept_and_told():
     page = Page()
     for count in range(1, 902):
-        page.sample(replace(SAMPLE, stamp=count / 30), [])
+        page.add_sample(replace(SAMPLE, stamp=count / 30), [])
         if count == 900:
-            fetched = page.news(None, [], [], 0.0)["samples"]
-            assert fetched == page.whole()["samples"] and len(fetched) == 900
-    assert len(page.whole()["samples"]) == 900
+            fetched = page.make_update(None, [], [], 0.0)["samples"]
+            assert fetched == page.make_full_message()["samples"] and len(fetched) == 900
+    assert len(page.make_full_message()["samples"]) == 900
     for count in range(901, 1801):  # more than that at a time is nobody's
-        page.sample(replace(SAMPLE, stamp=count / 30), [])
-    assert "samples" not in page.news(None, [], [], 0.0)
+        page.add_sample(replace(SAMPLE, stamp=count / 30), [])
+    assert "samples" not in page.make_update(None, [], [], 0.0)
 
 
 def test_each_thing_is_told_once(host):
     page = Page()
-    page.robot(["J1"], [-np.inf], [1.0], [2.0], [False])
-    page.sample(SAMPLE, [0.5])
-    first = page.news(host.story, [0.5], [0.0], 1.00049)
+    page.set_robot(["J1"], [-np.inf], [1.0], [2.0], [False])
+    page.add_sample(SAMPLE, [0.5])
+    first = page.make_update(host.run_trace, [0.5], [0.0], 1.00049)
     assert first["stamp"] == 1.0  # in milliseconds
     assert first["limits"]["lower"] == [None]
     assert first["samples"] == [[1.0, [0.1, -0.2], [0.0] * 6, [0.0] * 6, [0.5]]]
-    assert first["told"]["phase"] == host.story.told.phase
-    assert (first["factor"], first["choices"], first["state"]) == (1.0, page.choices, page.state)
-    again = page.news(host.story, [0.5], [0.0], 1.1)
-    assert set(again) == {"kind", "stamp", "joints", "speeds", "factor"}
-    page.choices, page.state, host.story.factor = {"goals": ["auto"]}, {"robot": 1}, None
-    changed = page.news(host.story, [0.5], [0.0], 1.15)
-    host.story.factor = 1.0
+    assert first["controller"]["phase"] == host.run_trace.state.phase
+    assert first["real_time_factor"] == 1.0
+    assert (first["choices"], first["state"]) == (page.choices, page.state)
+    again = page.make_update(host.run_trace, [0.5], [0.0], 1.1)
+    assert set(again) == {"kind", "stamp", "joints", "velocities", "real_time_factor"}
+    page.choices, page.state, host.run_trace.factor = {"goals": ["auto"]}, {"robot": 1}, None
+    changed = page.make_update(host.run_trace, [0.5], [0.0], 1.15)
+    host.run_trace.factor = 1.0
     assert (changed["choices"], changed["state"]) == ({"goals": ["auto"]}, {"robot": 1})
-    assert changed["factor"] is None
+    assert changed["real_time_factor"] is None
     host.move()
-    moved = page.news(host.story, [0.5], [0.0], 1.2)
+    moved = page.make_update(host.run_trace, [0.5], [0.0], 1.2)
     assert "camera picture" in moved["shapes"] and "desired camera picture" not in moved["shapes"]
-    whole = page.whole()
-    assert whole["samples"] == first["samples"] and whole["told"] == first["told"]
+    whole = page.make_full_message()
+    assert whole["samples"] == first["samples"] and whole["controller"] == first["controller"]
     assert whole["shapes"]["camera picture"] == moved["shapes"]["camera picture"]
     json.dumps(whole, allow_nan=False)
 
 
 def test_what_is_no_more_is_taken_away_from_those_who_saw_it(host, monkeypatch):
     page = Page()
-    page.news(host.story, [], [], 1.0)
-    gone = {s.name for s in host.story.shapes() if s.name.startswith("trajectory")}
+    page.make_update(host.run_trace, [], [], 1.0)
+    gone = {s.name for s in host.run_trace.make_shapes() if s.name.startswith("trajectory")}
     assert gone == {"trajectory centre"}
-    host.story.clear()
-    told = page.news(host.story, [], [], 1.1)
+    host.run_trace.clear()
+    told = page.make_update(host.run_trace, [], [], 1.1)
     assert told["shapes"]["trajectory centre"] is None
-    assert "trajectory centre" not in page.whole()["shapes"]
-    assert "shapes" not in page.news(host.story, [], [], 1.2)
+    assert "trajectory centre" not in page.make_full_message()["shapes"]
+    assert "shapes" not in page.make_update(host.run_trace, [], [], 1.2)
     host.move()
     with monkeypatch.context() as away:
-        away.setattr(host.story, "goal", None)
-        assert page.news(host.story, [], [], 1.3)["shapes"]["desired x"] is None
-    assert page.news(host.story, [], [], 1.4)["shapes"]["desired x"]  # the same as before
+        away.setattr(host.run_trace, "goal", None)
+        assert page.make_update(host.run_trace, [], [], 1.3)["shapes"]["desired x"] is None
+    # the same as before
+    assert page.make_update(host.run_trace, [], [], 1.4)["shapes"]["desired x"]
 
 
 def test_other_features_or_a_clock_that_went_back_begin_the_plots_anew(host):
     page = Page()
-    page.sample(SAMPLE, [])
-    page.sample(told(1.5, names=("x0",), error=(float("nan"),)), [])
-    assert page.news(None, [], [], 0.0)["samples"] == [["clear"], [1.5, [None], [0.0] * 6,
+    page.add_sample(SAMPLE, [])
+    page.add_sample(told(1.5, names=("x0",), error=(float("nan"),)), [])
+    assert page.make_update(None, [], [], 0.0)["samples"] == [["clear"], [1.5, [None], [0.0] * 6,
                                                                    [0.0] * 6, []]]  # fmt: skip
-    page.sample(told(0.1, names=("x0",), error=(1.0,)), [])
-    assert len(page.whole()["samples"]) == 1
+    page.add_sample(told(0.1, names=("x0",), error=(1.0,)), [])
+    assert len(page.make_full_message()["samples"]) == 1
 
 
 def test_what_nobody_fetches_does_not_grow(host):
     page = Page()
-    for i in range(5 * KEPT):
-        page.sample(replace(SAMPLE, stamp=i / 30), [])
-    assert len(page.whole()["samples"]) == KEPT
-    assert len(page.news(None, [], [], 0.0)["samples"]) <= KEPT
+    for i in range(5 * MAX_SAMPLES):
+        page.add_sample(replace(SAMPLE, stamp=i / 30), [])
+    assert len(page.make_full_message()["samples"]) == MAX_SAMPLES
+    assert len(page.make_update(None, [], [], 0.0)["samples"]) <= MAX_SAMPLES
 
 
 def test_entities_of_a_description_are_refused(robot):
     laughs = "<!DOCTYPE r [<!ENTITY a 'ha'><!ENTITY b '&a;&a;'>]><robot name='&b;'/>"
     with pytest.raises(DescriptionError, match="entity declarations are refused"):
-        next(parts(parse_urdf(robot.urdf, robot.packages.find), laughs))
+        next(collect_visuals(parse_urdf(robot.urdf, robot.packages.find), laughs))
 
 
 def test_the_robots_model_is_the_descriptions(robot, host, monkeypatch):
-    model = robot_model(robot.urdf, robot.packages.find)
+    model = make_robot_model(robot.urdf, robot.packages.find)
     with monkeypatch.context() as small:
-        small.setattr("aras_visual_servo_bench.web.live.robot_model.LARGEST", 10)
-        with pytest.raises(DescriptionError, match="triangles; a page draws 10"):
-            robot_model(robot.urdf, robot.packages.find)
+        small.setattr("aras_visual_servo_bench.web.live.robot_model.MAX_TRIANGLES", 10)
+        with pytest.raises(DescriptionError, match="triangles; the page draws at most 10"):
+            make_robot_model(robot.urdf, robot.packages.find)
     assert model["name"] == "aras_visual_servo"
     assert {j["name"] for j in model["joints"]} >= set(host.arm.names)
     assert model["links"]["slider"][0]["colour"] == [0.792, 0.82, 0.933, 1.0]

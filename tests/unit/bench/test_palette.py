@@ -7,28 +7,28 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.pictures import palette, style
-from aras_visual_servo_bench.pictures.palette import (
+from aras_visual_servo_bench.plots import palette, style
+from aras_visual_servo_bench.plots.palette import (
     LIVE,
     REPORT,
     REPORT_DARK,
-    contrast,
-    letters_on,
-    rgb,
+    choose_text_colour,
+    contrast_ratio,
+    to_rgb,
 )
 from aras_visual_servo_camera import overlay
 
 BENCH = Path(palette.__file__).parents[1]
 WHITE = "#ffffff"
 PAIRS = [
-    *((letters, ground) for letters in (palette.INK, palette.SOFT, palette.GOOD, palette.BAD,
+    *((letters, ground) for letters in (palette.INK, palette.SOFT_INK, palette.GOOD, palette.BAD,
                                         palette.WARN) for ground in (WHITE, palette.GROUND)),
     *((report[letters], report[ground]) for report in (REPORT, REPORT_DARK)
       for letters, grounds in (
           ("badge", ("good", "bad", "warn", "soft")), ("ink", ("bad-ground", "warn-ground")),
           *((name, ("box", "ground")) for name in ("ink", "soft", "good", "bad", "warn", "mark")),
       ) for ground in grounds),
-    *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "words", "address", "red")
+    *((LIVE[name], LIVE[ground]) for name in ("text", "quiet", "label", "message", "address", "red")
       for ground in ("back", "box")),
     *((LIVE["text"], LIVE[ground]) for ground in ("line", "well", "button", "over", "active",
                                                   "good", "wait", "bad")),
@@ -38,28 +38,28 @@ PAIRS = [
 
 @pytest.mark.parametrize(("letters", "ground"), PAIRS)
 def test_letters_stand_out_from_what_is_behind_them(letters, ground):
-    assert contrast(rgb(letters), rgb(ground)) >= 4.5
+    assert contrast_ratio(to_rgb(letters), to_rgb(ground)) >= 4.5
 
 
 def test_contrast_is_that_of_wcag():
-    assert contrast(rgb("#000000"), rgb(WHITE)) == pytest.approx(21.0)
-    assert contrast(rgb("#0000ff"), rgb(WHITE)) == pytest.approx(8.59, abs=0.01)
-    assert contrast(rgb("#777777"), rgb(WHITE)) == pytest.approx(4.48, abs=0.01)
-    assert rgb("#3366ff") == (0.2, 0.4, 1.0)
+    assert contrast_ratio(to_rgb("#000000"), to_rgb(WHITE)) == pytest.approx(21.0)
+    assert contrast_ratio(to_rgb("#0000ff"), to_rgb(WHITE)) == pytest.approx(8.59, abs=0.01)
+    assert contrast_ratio(to_rgb("#777777"), to_rgb(WHITE)) == pytest.approx(4.48, abs=0.01)
+    assert to_rgb("#3366ff") == (0.2, 0.4, 1.0)
 
 
 @pytest.mark.parametrize("name", ["viridis", "RdBu_r"])
 def test_letters_on_a_map_can_be_read_on_each_of_its_colours(name):
     for colour in plt.get_cmap(name)(np.linspace(0.0, 1.0, 101)):
-        assert contrast(rgb(letters_on(colour)), colour) >= 4.5
+        assert contrast_ratio(to_rgb(choose_text_colour(colour)), colour) >= 4.5
 
 
 def test_the_goal_is_the_overlays_blue():
-    assert tuple(round(255 * part) for part in rgb(LIVE["goal"])) == overlay._BLUE
+    assert tuple(round(255 * part) for part in to_rgb(LIVE["goal"])) == overlay._BLUE
 
 
 @pytest.mark.parametrize("path", [
-    path for folder in ("pictures", "drawing", "web")
+    path for folder in ("images", "drawing", "web")
     for path in (BENCH / folder).rglob("*")
     if path.suffix in (".py", ".js", ".css", ".html") and path.name != "palette.py"
 ], ids=lambda path: path.name)  # fmt: skip
@@ -86,13 +86,13 @@ def test_what_the_page_asks_for_is_in_the_palette():
 @pytest.mark.parametrize("paper", [False, True])
 def test_panels_have_the_margins_that_are_asked_for(paper):
     part = 0.66 if paper else 1.0
-    margins = style.Margins(0.5, 0.3, 0.4, 0.2, above=0.6, beside=0.7)
-    with style.look(paper):
-        figure, axes = style.panels(3, 1.5, 2, wide=True, margins=margins)
+    margins = style.Margins(0.5, 0.3, 0.4, 0.2, row_gap=0.6, column_gap=0.7)
+    with style.apply_style(paper):
+        figure, axes = style.make_axes(3, 1.5, 2, is_wide=True, margins=margins)
         assert len(axes) == 3
         assert [axis.get_visible() for axis in figure.axes] == [True, True, True, False]
         width, height = figure.get_size_inches()
-        assert width == style.figure_width(wide=True)
+        assert width == style.find_figure_width(is_wide=True)
         left, right = axes[0].get_position(), axes[1].get_position()
         below = axes[2].get_position()
         found = (
@@ -101,6 +101,6 @@ def test_panels_have_the_margins_that_are_asked_for(paper):
         )  # fmt: skip
         assert found == pytest.approx([part * inches for inches in margins])
         assert left.height * height == pytest.approx(part * 1.5)
-        figure, axes = style.panels(4, 2.0, 3, width=3.8)
+        figure, axes = style.make_axes(4, 2.0, 3, width=3.8)
         assert figure.get_size_inches() == pytest.approx((11.4, 4.0)) and len(axes) == 4
     plt.close("all")

@@ -6,9 +6,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 EXAMPLE = Path(__file__).resolve().parents[3] / "docs" / "examples" / "pick_and_place.py"
@@ -29,15 +29,15 @@ def robot(example, tmp_path_factory):
 
 def test_a_goal_is_shown_by_an_arm_that_stands_where_it_is_asked_for(example, robot):
     """Its picture came 34 ms after the start, when the arm had sagged by 2.2 mm."""
-    result = run(example.experiment(robot, 1).with_(linger=0.2))
-    assert result.converged and result.verdict.reached
+    result = run(example.experiment(robot, 1).with_changes(time_after_convergence=0.2))
+    assert result.converged and result.verdict.is_reached
     assert result.verdict.distance < 1e-4
 
 
 def test_a_hand_that_is_taken_for_the_target_is_told(example, robot):
     """The loop said converged 52 mm off: the finger, which never moves in the picture, was it."""
-    wide = example.experiment(robot, 0).with_(camera={"horizontal_fov": 2.0})
-    with pytest.raises(ExperimentError, match="is not where the target is: something else of its"):
+    wide = example.experiment(robot, 0).with_changes(camera={"horizontal_fov": 2.0})
+    with pytest.raises(ExperimentError, match="is not at the target's pose: another object of"):
         assemble(wide)
 
 
@@ -74,5 +74,5 @@ def test_the_box_is_loose_and_the_target_lies_on_it():
     {"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
 ])
 def test_a_box_is_refused_where_it_could_not_be_loose(target):
-    with pytest.raises(ExperimentError, match=r"target\.box is for a target of its own"):
+    with pytest.raises(ExperimentError, match=r"target\.box is for a target with a shape"):
         Experiment(target={**target, "box": {"size": [0.1, 0.1, 0.1]}})

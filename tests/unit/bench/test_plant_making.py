@@ -7,66 +7,68 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera.config import seed_of
+from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.effects import Effects
-from aras_sim_bridge.camera.shaking import Vibration
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked import cameras
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_sim_bridge.camera.vibration import Vibration
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment import cameras
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants import JointReading, ideal
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.plants.sight import capture
-from aras_visual_servo_bench.setup import assembly, bullet_setup
+from aras_visual_servo_bench.plants.imaging import capture
+from aras_visual_servo_bench.setup import assembly, dynamic_arm_setup
 from aras_visual_servo_bench.setup.assembly import make_plant
-from aras_visual_servo_bench.setup.bullet_setup import (
-    carried_targets,
-    make_bullet_arm,
+from aras_visual_servo_bench.setup.dynamic_arm_setup import (
+    find_mounted_targets,
+    make_dynamic_arm,
     take_first_images,
 )
 from aras_visual_servo_bench.setup.goal_teaching import needs_images, teach_goal
+from aras_visual_servo_bench.setup.imaging_setup import make_imaging_settings
 from aras_visual_servo_bench.setup.read_context import read_context
-from aras_visual_servo_bench.setup.sights import make_sight
 from aras_visual_servo_bench.targets.textures import TexturedTarget
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.observation import Need
 
 EYE = {"width": 320, "height": 240, "update_rate": 20.0,
        "camera_matrix": {"fx": 300.0, "fy": 280.0, "cx": 166.0, "cy": 115.0}}  # fmt: skip
 FLAT = {"shape": "l_shape", "size": [0.08, 0.06], "pose": [0.0, 0.0, 0.591, 0.0, 0.0, 0.3]}
-ABOVE = transform((0.01, 0.02, 0.85), (np.pi - 0.1, 0.05, 0.2))
+ABOVE = matrix_from_xyz_rpy((0.01, 0.02, 0.85), (np.pi - 0.1, 0.05, 0.2))
 MOMENTS, NONE = frozenset({Need.MOMENTS}), frozenset()
 
 
 def context_of(needs=None, depth=False, label="", **keys):
     """What is read of an experiment; `needs` by the names of its cameras."""
     read = read_context(Experiment.from_mapping({"camera": EYE, "target": FLAT, **keys}))
-    needs = needs or {read.control.name: MOMENTS}
-    return dataclasses.replace(read, needs=needs, depth=depth, label=label)
+    needs = needs or {read.control_camera.name: MOMENTS}
+    return dataclasses.replace(read, needs=needs, has_depth=depth, labelled_link=label)
 
 
 def seen(context, exactly=False):
-    return make_sight(context, context.control, exactly)
+    return make_imaging_settings(context, context.control_camera, exactly)
 
 
 FREE = {"plant": "free"}
-DRAWN = {**FREE, "features": "pictures"}
+DRAWN = {**FREE, "features": "images"}
 
 
 def test_a_sight_has_what_is_needed_and_asked_for():
     for needs, asked, wanted in ((MOMENTS, False, False), (MOMENTS, True, True), (
             frozenset({Need.DEPTH}), False, True)):
-        assert seen(context_of({"camera": needs}, depth=asked, **FREE)).depth is wanted
+        assert seen(context_of({"camera": needs}, depth=asked, **FREE)).has_depth is wanted
     for needs, label, wanted in ((MOMENTS, "m", True), (MOMENTS, "", False), (
             frozenset({Need.IMAGE}), "m", False)):
-        assert seen(context_of({"camera": needs}, label=label, **FREE)).labelled is wanted
+        assert seen(context_of({"camera": needs}, label=label, **FREE)).has_labels is wanted
     found = seen(context_of(**FREE, jitter=0.3))
     assert (found.rate, found.name, found.jitter, found.effects) == (20.0, "camera", 0.3, Effects())
-    assert (found.place, len(found.parts), found.vibration, found.unbounded) == (
+    assert (found.placement, len(found.row_bands), found.vibration, found.is_unbounded) == (
         None, 1, None, False)
-    assert not found.pictures and found.camera.K[0] == 300.0 and found.occluder is None
+    assert not found.has_images and found.camera.K[0] == 300.0 and found.occluder is None
     ideal = {"plant": "ideal", "ideal": {"unbounded": True}}
-    assert seen(context_of(**ideal)).unbounded and not seen(context_of(plant="ideal")).unbounded
+    assert (
+        seen(context_of(**ideal)).is_unbounded and not seen(context_of(plant="ideal")).is_unbounded
+    )
 
 
 def test_a_goal_is_taught_without_noise():
@@ -78,9 +80,9 @@ def test_a_goal_is_taught_without_noise():
     made = context_of(**{**pictured, "camera": eye})
     run, taught = seen(made), seen(made, exactly=True)
     assert run.effects == dataclasses.replace(
-        cameras.config_of(eye).effects, noise_stddev=2.0) and run.pictures
-    assert taught.effects == Effects(rows_together=40) and taught.pictures
-    assert run.vibration is not None and taught.vibration is None and len(taught.parts) == 1
+        cameras.make_camera_config(eye).effects, noise_stddev=2.0) and run.has_images
+    assert taught.effects == Effects(rows_together=40) and taught.has_images
+    assert run.vibration is not None and taught.vibration is None and len(taught.row_bands) == 1
     quiet = seen(context_of(**DRAWN, camera=eye), exactly=True)  # also without noise of its own
     assert (quiet.effects, quiet.vibration) == (taught.effects, None)
     noisy = [
@@ -91,15 +93,15 @@ def test_a_goal_is_taught_without_noise():
     np.testing.assert_array_equal(*noisy[:2])
     assert (noisy[0] != noisy[2]).any() and noisy[0].shape == (240, 320)
     # Forty rows at once, each at the middle of its own.
-    opened = [p for p in run.parts if p.first == 0]
-    assert {(p.first, p.last) for p in run.parts} == {(k, k + 40) for k in range(0, 240, 40)}
+    opened = [p for p in run.row_bands if p.first == 0]
+    assert {(p.first, p.last) for p in run.row_bands} == {(k, k + 40) for k in range(0, 240, 40)}
     assert opened[2].offset_ns == round(1e9 * 1e-4 * (19.5 - 119.5)) and len(opened) == 5
     exact = context_of(**{**FREE, "jitter": 0.4})
     assert (seen(exact).jitter, seen(exact, True).jitter) == (0.4, 0.0)
     # A rendered goal is drawn only where the whole image counts.
     for needs, drawn in ((MOMENTS, False), (frozenset({Need.IMAGE}), True)):
-        assert seen(context_of({"camera": needs}), exactly=True).pictures is drawn
-    assert seen(context_of()).pictures
+        assert seen(context_of({"camera": needs}), exactly=True).has_images is drawn
+    assert seen(context_of()).has_images
 
 
 def test_noise_is_each_camera_s_and_each_seed_s():
@@ -107,11 +109,11 @@ def test_noise_is_each_camera_s_and_each_seed_s():
     found = {}
     for seed, own in ((1, {}), (2, {}), (1, {"seed": 77})):
         vibration = seen(context_of(**FREE, seed=seed, camera={**eye, **own})).vibration
-        found[seed, bool(own)] = vibration.at(10**9)
-    other = Vibration(cameras.config_of(eye).shake, seed_of(1, "camera"))
-    np.testing.assert_array_equal(found[1, False], other.at(10**9))
-    other = Vibration(cameras.config_of(eye).shake, 77)
-    np.testing.assert_array_equal(found[1, True], other.at(10**9))
+        found[seed, bool(own)] = vibration.compute_pose(10**9)
+    other = Vibration(cameras.make_camera_config(eye).shake, derive_seed(1, "camera"))
+    np.testing.assert_array_equal(found[1, False], other.compute_pose(10**9))
+    other = Vibration(cameras.make_camera_config(eye).shake, 77)
+    np.testing.assert_array_equal(found[1, True], other.compute_pose(10**9))
     assert not np.array_equal(found[1, False], found[2, False])
 
 
@@ -120,15 +122,15 @@ def test_what_covers_a_target_is_not_there_when_the_goal_is_taught():
     for times in (None, [[1.0, 2.0]]):
         made = context_of(**DRAWN, target={**FLAT, "occluder": cover, "occluded": times})
         kept = None if times is None else ((1.0, 2.0),)
-        assert (seen(made).occluder, seen(made).occluded) == (cover, kept)
-        assert seen(made, True).occluded == (None if times is None else ())
+        assert (seen(made).occluder, seen(made).occlusion_times) == (cover, kept)
+        assert seen(made, True).occlusion_times == (None if times is None else ())
     poster = {"shape": "poster", "size": [0.02, 0.01], "pose": FLAT["pose"], "perturbed": True}
     made = context_of(**DRAWN, target=poster, seed=3)
     assert seen(made, True).target is made.target
     other = seen(made).target
-    np.testing.assert_array_equal(other.shape.pixels, made.target.shape.perturbed(3).pixels)
+    np.testing.assert_array_equal(other.shape.pixels, made.target.shape.perturb(3).pixels)
     assert isinstance(other.shape, TexturedTarget) and other.pose is made.target.pose
-    with pytest.raises(ExperimentError, match="target 'l_shape' has no picture that could be pert"):
+    with pytest.raises(ExperimentError, match="target 'l_shape' has no texture that could be pert"):
         seen(context_of(**DRAWN, target={**FLAT, "perturbed": True}))
 
 
@@ -140,17 +142,17 @@ def test_a_camera_may_look_at_a_target_of_its_own():
     cover = {"occluder": ((-0.01, -0.02), (0.03, 0.04))}
     made = context_of({"left": MOMENTS}, **DRAWN, camera="original", cameras=TWO,
                  target={**FLAT, **cover})
-    assert [name for name in made.eyes if made.has_own_target(name)] == ["right"]
-    assert made.target_spec("right").shape == "square"
-    assert made.target_spec("left").shape == "l_shape"
+    assert [name for name in made.cameras if made.has_own_target(name)] == ["right"]
+    assert made.find_target_spec("right").shape == "square"
+    assert made.find_target_spec("left").shape == "l_shape"
     np.testing.assert_allclose(
-        made.targets["right"].pose, transform(OWN["pose"][:3], OWN["pose"][3:]))
+        made.targets["right"].pose, matrix_from_xyz_rpy(OWN["pose"][:3], OWN["pose"][3:]))
     assert made.targets["left"] is made.target
-    left, right = (make_sight(made, eye) for eye in made.eyes.values())
+    left, right = (make_imaging_settings(made, eye) for eye in made.cameras.values())
     assert (left.name, right.name) == ("left", "right")
     assert left.occluder is not None and right.occluder is None
     assert right.target.shape is made.targets["right"].shape
-    np.testing.assert_allclose(right.place.pose[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
+    np.testing.assert_allclose(right.placement.pose[:3, 3], [0.1, 0.0, 0.0], atol=1e-12)
 
 
 # -- what it is made of --------------------------------------------------------------------------
@@ -160,8 +162,8 @@ def test_a_camera_may_look_at_a_target_of_its_own():
 def built(monkeypatch):
     """What plants would have been made of, by their kinds."""
     found = {}
-    for place, kind in ((bullet_setup, "BulletArm"), (assembly, "FreeCamera"),
-                        (assembly, "KinematicChain"), (ideal, "IdealCamera")):
+    for place, kind in ((dynamic_arm_setup, "DynamicArm"), (assembly, "FreeCamera"),
+                        (assembly, "KinematicArm"), (ideal, "IdealCamera")):
         monkeypatch.setattr(place, kind, lambda *a, kind=kind, **k: found.update(
             {kind: (a, k)}) or kind)
     return found
@@ -172,13 +174,13 @@ START = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
 
 def test_the_bullet_arm_is_given_all_that_was_asked(built):
     made = context_of({"left": frozenset({Need.DEPTH, Need.MOMENTS})}, label="target", cameras=TWO,
-                 camera="original", seed=4, noise=1.5, traced=True, renderer="exact",
+                 camera="original", seed=4, noise=1.5, record_peak_speeds=True, renderer="exact",
                  sun={"exposure": "gazebo", "diffuse": 0.5},
                  target={**FLAT, "occluder": ((0, 0), (0.01, 0.02)), "occluded": [[0.1, 0.2]]})
-    arm = made.robot.arm("left")
-    assert make_plant(made, arm, START) == "BulletArm"
+    arm = made.robot.make_arm("left")
+    assert make_plant(made, arm, START) == "DynamicArm"
     (robot, settings, joints, seed, renderer, traced, shown, sights, world, name, others, exposure,
-     label, followed), _ = built["BulletArm"]
+     label, followed), _ = built["DynamicArm"]
     assert robot is made.robot and joints == dict(zip(arm.names, START.tolist(), strict=True))
     assert (seed, renderer, traced, name, exposure, label) == (
         4, "exact", True, "left", "gazebo", "target")
@@ -186,12 +188,12 @@ def test_the_bullet_arm_is_given_all_that_was_asked(built):
                         "segmentation": True}
     assert others == {"right": {**EYE, "effects": {"noise_stddev": 1.5}}}
     assert sights == () and followed is None and world.lights[0].diffuse[0] == 0.5
-    assert [(one.name, one.times) for one in shown] == [
+    assert [(one.name, one.visible_times) for one in shown] == [
         ("target_of_right", None), ("target", None), ("occluder", ((0.1, 0.2),))]
-    assert shown[2].lies_at == (0.0, 0.0, 5e-4) and shown[1].placed is made.target
-    np.testing.assert_allclose(shown[0].placed.pose, made.targets["right"].pose)
-    make_bullet_arm(made, START, exactly=True)
-    (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["BulletArm"]
+    assert shown[2].offset == (0.0, 0.0, 5e-4) and shown[1].target is made.target
+    np.testing.assert_allclose(shown[0].target.pose, made.targets["right"].pose)
+    make_dynamic_arm(made, START, is_teaching=True)
+    (_, settings, *_, shown, _, _, _, others, _, _, _), _ = built["DynamicArm"]
     assert settings == {**EYE, "effects": {}, "depth": True, "segmentation": True}
     assert [one.name for one in shown] == ["target_of_right", "target"]
 
@@ -201,12 +203,12 @@ def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
         **EYE, "effects": {"drop_probability": 0.1, "row_time": 1e-5},
         "shake": {"xyz": [1e-3, 0, 0], "frequency": 9.0}})
     make_plant(made, made.arm, START)
-    (_, settings, *_, sights, _, name, others, _, label, _), _ = built["BulletArm"]
+    (_, settings, *_, sights, _, name, others, _, label, _), _ = built["DynamicArm"]
     assert (name, others, label) == ("", {}, "") and [one.name for one in sights] == ["camera"]
     assert settings["depth"] is True and "segmentation" not in settings
     assert settings["effects"]["drop_probability"] == 0.1 and "shake" in settings
-    make_bullet_arm(made, START, exactly=True)
-    _, settings, *_ = built["BulletArm"][0]
+    make_dynamic_arm(made, START, is_teaching=True)
+    _, settings, *_ = built["DynamicArm"][0]
     assert settings["effects"] == {"row_time": 1e-5} and "shake" not in settings
 
 
@@ -218,43 +220,47 @@ def test_one_camera_is_the_robot_s_own_and_exact_features_are_seen(built):
 def test_what_the_robot_or_the_world_brings_is_not_put_there(built, target, more, shown):
     made = context_of(target=target, **more)
     make_plant(made, made.arm, START)
-    found = built["BulletArm"][0][6]
-    assert [(one.name, one.lies_at) for one in found] == shown
+    found = built["DynamicArm"][0][6]
+    assert [(one.name, one.offset) for one in found] == shown
     if target["shape"] == "aras":
         assert found[0].urdf.name == "aras.urdf"
 
 
 def test_other_plants_have_their_lag_seed_and_cameras(built):
-    for plant, kind in (("free", "FreeCamera"), ("chain", "KinematicChain")):
+    for plant, kind in (("free", "FreeCamera"), ("chain", "KinematicArm")):
         made = context_of({"left": MOMENTS}, plant=plant, cameras=TWO, camera="original", lag=0.07,
                      seed=6)
         assert make_plant(made, "arm", "start") == kind
         (arm, start, sight), more = built[kind]
         assert (arm, start, sight.name) == ("arm", "start", "left")
         assert (more["lag"], more["seed"]) == (0.07, 6)
-        assert [one.name for one in more["others"]] == ["right"]
+        assert [one.name for one in more["other_imaging"]] == ["right"]
     believed = {"xyz": [0.01, 0.02, 0.03], "rpy": [0.1, 0.2, 0.3]}
-    made = context_of(plant="ideal", believed=believed, seed=8)
+    made = context_of(plant="ideal", calibration_offset=believed, seed=8)
     make_plant(made, FreeBody(ABOVE), np.zeros(6))
     (arm, body, start, sight, seed), _ = built["IdealCamera"]
-    np.testing.assert_allclose(body.pose(np.zeros(6)), ABOVE @ transform(*believed.values()))
+    np.testing.assert_allclose(
+        body.pose(np.zeros(6)), ABOVE @ matrix_from_xyz_rpy(*believed.values())
+    )
     assert (sight.name, seed) == ("camera", 8) and arm.origin is not ABOVE
 
 
 def test_targets_that_the_arm_carries_are_put_onto_its_links():
     frame = {"target_frame": "hand"}
     given = {"plant": "bullet", "target": FLAT, "robot": frame}
-    found = carried_targets(Experiment.from_mapping(given))
+    found = find_mounted_targets(Experiment.from_mapping(given))
     assert list(found) == ["target"] and found["target"].link == "hand"
-    np.testing.assert_allclose(found["target"].pose, transform(FLAT["pose"][:3], FLAT["pose"][3:]))
+    np.testing.assert_allclose(
+        found["target"].pose, matrix_from_xyz_rpy(FLAT["pose"][:3], FLAT["pose"][3:])
+    )
     assert found["target"].urdf.suffix == ".urdf"
     eyes = {"a": {}, "b": {"target": OWN, "target_frame": "wrist"}, "c": {"target": OWN}}
-    found = carried_targets(Experiment.from_mapping({**given, "cameras": eyes}))
+    found = find_mounted_targets(Experiment.from_mapping({**given, "cameras": eyes}))
     assert {name: one.link for name, one in found.items()} == {
         "target": "hand", "target_of_b": "wrist", "target_of_c": "hand"}
     for changed in ({"plant": "chain"}, {"robot": {}}, {"target": {"shape": "aras"}},
                     {"target": {"shape": ((0, 0), (1, 0), (0, 1))}}):
-        assert carried_targets(Experiment.from_mapping({**given, **changed})) == {}
+        assert find_mounted_targets(Experiment.from_mapping({**given, **changed})) == {}
 
 
 class Filmed:
@@ -280,17 +286,17 @@ def test_a_goal_is_shown_by_the_first_picture_of_each_camera_that_is_read(monkey
     made = context_of({"left": MOMENTS, "right": MOMENTS}, cameras={**TWO, "other": {"model": EYE}},
                  camera="original")
     plants = []
-    monkeypatch.setattr(bullet_setup, "BulletArm",
+    monkeypatch.setattr(dynamic_arm_setup, "DynamicArm",
                         lambda *a, **k: plants.append(Filmed(*a, **k)) or plants[-1])
     Filmed.times = (("left", 0), ("other", 0), ("right", 750_000_000))
-    joints = dict(zip(made.robot.arm("left").names, START.tolist(), strict=True))
+    joints = dict(zip(made.robot.make_arm("left").names, START.tolist(), strict=True))
     found = take_first_images(made, START)
     assert {name: one.stamp_ns for name, one in found.items()} == {
         "left": 250_000_000, "right": 750_000_000}
     assert plants[0].given[2] == joints
     assert plants[0].told == [{"gravity": (0.0, 0.0, 0.0)}, *[1_000_000_000] * 3, "closed"]
     Filmed.times = (("left", 0), ("right", 1_250_000_000))
-    with pytest.raises(ExperimentError, match="delivers no picture within 1 s to teach the goal"):
+    with pytest.raises(ExperimentError, match="delivers no image within 1 s to teach it with"):
         take_first_images(made, START)
     assert plants[1].told.count(1_000_000_000) == 4 and plants[1].told[-1] == "closed"
 
@@ -307,28 +313,28 @@ JOINTS = {"a": 0.1, "b": 0.2}
 
 def taught(context, mounting=None, shift=(0.0, 0.0), size=1.0, image=True):
     """The goal by an image in which the target is off its place, px, or larger; or by none."""
-    eye, target, images = context.control, context.target, {}
+    eye, target, images = context.control_camera, context.target, {}
     if image:
-        outline = target.shape.outline(target.seen_from(ABOVE))
+        outline = target.shape.outline(target.target_T_camera(ABOVE))
         middle = outline.mean(axis=0)
         off = np.array(shift) / [300.0, 280.0]
-        drawn = cameras.draw(middle + size * (outline - middle) + off, eye.true)
-        images = {"camera": Frame(0, drawn, "mono8", labelled=255 - drawn)}
+        drawn = cameras.draw_outline(middle + size * (outline - middle) + off, eye.true_camera)
+        images = {"camera": Frame(0, drawn, "mono8", target_mask=255 - drawn)}
     mounting = np.eye(4) if mounting is None else mounting
     return teach_goal(context, ABOVE, {"camera": mounting}, {}, images, "home", JOINTS)
 
 
 def test_a_goal_holds_what_is_seen_there_as_it_is_believed():
-    off = transform((0.01, -0.02, 0.0), (0.0, 0.05, 0.1))
+    off = matrix_from_xyz_rpy((0.01, -0.02, 0.0), (0.0, 0.05, 0.1))
     found = views(MOMENTS, plant="chain", features="exact")
     goal = taught(found, off, image=False)
     assert (goal.name, goal.joints) == ("home", JOINTS)
     np.testing.assert_allclose(goal.world_T_camera, ABOVE @ off, atol=1e-12)
     target = found.target
-    at = target.seen_from(ABOVE @ off)
+    at = target.target_T_camera(ABOVE @ off)
     assert goal.depth == pytest.approx(target.shape.depth(at))
     np.testing.assert_allclose(goal.plane, target.shape.plane(at), atol=1e-12)
-    x, y = target.shape.outline(target.seen_from(ABOVE)).T
+    x, y = target.shape.outline(target.target_T_camera(ABOVE)).T
     area = 0.5 * abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
     assert goal.moments.m00 == pytest.approx(area)
 
@@ -348,8 +354,9 @@ def test_what_a_picture_teaches_is_taught_by_one(needs, keys, shown):
 
 
 @pytest.mark.parametrize(("shift", "why"), [
-    ((9.0, 0.0), ""), ((-9.0, 9.0), ""), ((60.0, 0.0), "is not where the target is"),
-    ((-60.0, 0.0), "is not where"), ((0.0, 60.0), "is not where"), ((0.0, -60.0), "is not where")])
+    ((9.0, 0.0), ""), ((-9.0, 9.0), ""), ((60.0, 0.0), "is not at the"),
+    ((-60.0, 0.0), "is not at the"), ((0.0, 60.0), "is not at the"),
+    ((0.0, -60.0), "is not at the")])
 def test_something_else_of_the_target_s_colour_is_told(shift, why):
     found = views(MOMENTS, label="target")
     if not why:
@@ -364,9 +371,10 @@ def test_a_described_target_has_the_size_of_its_corners():
     for size in (1.04, 0.96):  # 8 % of the area
         taught(found, size=size)
     for size, told in ((1.06, "1.12"), (0.94, "0.88")):
-        with pytest.raises(ExperimentError, match=f"target is {told} times as large in the pict"):
+        with pytest.raises(ExperimentError, match=f"target in the image is {told} times that of"):
             taught(found, size=size)
-    seen_larger = views(MOMENTS, target=BENT, believed={"focal": 0.8})  # and so are its corners
+    # and so are its corners
+    seen_larger = views(MOMENTS, target=BENT, calibration_offset={"focal": 0.8})
     taught(seen_larger)
     other = views(MOMENTS, label="target")  # it is not described
     taught(other, size=1.06)

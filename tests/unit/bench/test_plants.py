@@ -8,22 +8,22 @@ import pytest
 from scipy.linalg import expm
 
 from aras_sim_bridge.camera.effects import Effects
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, skew, transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, matrix_from_xyz_rpy, skew
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants import JointReading
-from aras_visual_servo_bench.plants.bullet_arm import BulletArm
+from aras_visual_servo_bench.plants.dynamic_arm import DynamicArm
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.plants.ideal import ExactResolver, IdealCamera
-from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicChain
-from aras_visual_servo_bench.plants.sight import Sight, capture
-from aras_visual_servo_bench.running.loop import Loop, run
+from aras_visual_servo_bench.plants.ideal import ExactIK, IdealCamera
+from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
+from aras_visual_servo_bench.plants.kinematic import FreeCamera, KinematicArm
+from aras_visual_servo_bench.runner.loop import Loop, run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.polygons import find_crossing
-from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.kinematics.task import Task
+from aras_visual_servo_controller.observation.frame import Frame
 
 START = np.array([0.1, 0.0, 0.17, -0.09, -0.09, 0.3])
 SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.02)))
@@ -33,7 +33,7 @@ SQUARE = PolygonTarget(((-0.02, -0.02), (0.02, -0.02), (0.02, 0.02), (-0.02, 0.0
 def sight(pinhole):
     table = np.eye(4)
     table[2, 3] = 0.59
-    return Sight(pinhole, PlacedTarget(SQUARE, table))
+    return ImagingSettings(pinhole, PlacedTarget(SQUARE, table))
 
 
 def until(plant, time_ns):
@@ -44,9 +44,9 @@ def until(plant, time_ns):
 
 
 def bullet(robot, preset, **options):
-    joints = dict(zip(robot.arm().names, START, strict=True))
+    joints = dict(zip(robot.make_arm().names, START, strict=True))
     camera = {**preset, **options.pop("camera", {})}
-    return BulletArm(robot, camera, joints, **options)
+    return DynamicArm(robot, camera, joints, **options)
 
 
 def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
@@ -63,45 +63,51 @@ def test_the_simulated_arm_measures_when_a_graph_does(robot, preset):
 
 
 def test_the_simulated_arm_is_spawned_at_its_start_and_moves_as_told(robot, preset, arm):
-    plant = bullet(robot, preset, traced=True)
+    plant = bullet(robot, preset, record_peak_speeds=True)
     try:
-        np.testing.assert_allclose(plant.joints()[0], START, atol=1e-5)
-        np.testing.assert_allclose(plant.pose(), arm.pose(plant.joints()[0]), atol=1e-9)
-        np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
+        np.testing.assert_allclose(plant.read_joints()[0], START, atol=1e-5)
+        np.testing.assert_allclose(plant.read_pose(), arm.pose(plant.read_joints()[0]), atol=1e-9)
+        np.testing.assert_allclose(
+            plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9
+        )
         goal = START + [0.0, 0.0, 0.0, 0.0, 0.0, -0.2]  # one way alone, but for some swinging
         plant.command("position", goal)
         until(plant, 1_000_000_000)
-        q, _ = plant.joints()
+        q, _ = plant.read_joints()
         np.testing.assert_allclose(q, goal, atol=2e-2)
         assert q[5] - START[5] < -0.18
         # The pose is the physics', equal to the kinematics at the true joints.
-        np.testing.assert_allclose(plant.pose(), arm.pose(q), atol=1e-6)
+        np.testing.assert_allclose(plant.read_pose(), arm.pose(q), atol=1e-6)
         assert 1.0 < plant.peak_speed[5] < 20.0
-        with pytest.raises(ExperimentError, match="take position commands, not velocity"):
+        with pytest.raises(ExperimentError, match="accept position commands, not velocity"):
             plant.command("velocity", goal)
     finally:
         plant.close()
 
 
 def test_a_moved_camera_is_moved_in_the_physics_and_can_be_believed_elsewhere(preset):
-    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
     moved = Robot(RobotSpec(), xyz=(0.0, 0.03, 0.0), rpy=(0.0, 0.17, 0.0))
     plant = bullet(moved, preset)
     try:
-        np.testing.assert_allclose(plant.pose(), moved.arm().pose(plant.joints()[0]), atol=1e-9)
-        np.testing.assert_allclose(plant.poses([plant.joints()[0]])[0], plant.pose(), atol=1e-9)
+        np.testing.assert_allclose(
+            plant.read_pose(), moved.make_arm().pose(plant.read_joints()[0]), atol=1e-9
+        )
+        np.testing.assert_allclose(
+            plant.compute_rest_poses([plant.read_joints()[0]])[0], plant.read_pose(), atol=1e-9
+        )
     finally:
         plant.close()
     shipped = Robot(RobotSpec())
-    assert np.linalg.norm(moved.arm().pose(START) - shipped.arm().pose(START)) > 0.1
+    assert np.linalg.norm(moved.make_arm().pose(START) - shipped.make_arm().pose(START)) > 0.1
     # y left is -x right, and a pitch about y one of the other sign about x.
-    believed = shipped.believed_arm((-0.03, 0.0, 0.0), (-0.17, 0.0, 0.0))
-    np.testing.assert_allclose(believed.pose(START), moved.arm().pose(START), atol=1e-12)
+    believed = shipped.make_calibrated_arm((-0.03, 0.0, 0.0), (-0.17, 0.0, 0.0))
+    np.testing.assert_allclose(believed.pose(START), moved.make_arm().pose(START), atol=1e-12)
 
 
 def test_impossible_robots_are_refused_in_one_line(robot, preset):
-    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
     cases = {
         "no file": {"urdf": "/nowhere/arm.urdf"},
@@ -120,10 +126,12 @@ def test_impossible_robots_are_refused_in_one_line(robot, preset):
 
 
 def test_friction_can_be_taken_out(robot):
-    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
-    rough = [joint.friction for joint in robot.description().joints.values()]
-    smooth = [j.friction for j in Robot(RobotSpec(), friction=False).description().joints.values()]
+    rough = [joint.friction for joint in robot.parse_description().joints.values()]
+    smooth = [
+        j.friction for j in Robot(RobotSpec(), friction=False).parse_description().joints.values()
+    ]
     assert max(rough) > 0.0 and max(smooth) == 0.0
 
 
@@ -135,35 +143,35 @@ def test_a_constant_twist_is_integrated_exactly_over_any_steps(arm, sight):
         camera.command("velocity", twist)
         for k in range(steps):
             until(camera, round((k + 1) * 1e9 / steps))
-        ends.append(camera.pose())
+        ends.append(camera.read_pose())
     np.testing.assert_allclose(ends[0], origin @ exponential(twist), atol=1e-12)
     np.testing.assert_allclose(ends[0], ends[1], atol=1e-12)
 
 
 @pytest.mark.parametrize("lag", [0.0, 0.08])
 def test_a_free_camera_is_where_its_coordinates_are_whatever_it_is_told(sight, lag):
-    body = FreeBody(transform((0.3, -0.2, 0.9), (2.9, 0.2, 0.4)))
+    body = FreeBody(matrix_from_xyz_rpy((0.3, -0.2, 0.9), (2.9, 0.2, 0.4)))
     begin = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3])
     camera = FreeCamera(body, begin, sight, joint_rate=500.0, lag=lag)
-    np.testing.assert_allclose(camera.pose(), body.pose(begin))
+    np.testing.assert_allclose(camera.read_pose(), body.pose(begin))
     goal = np.array([0.05, 0.04, -0.02, -0.3, 0.1, 0.6])
     h = 3e-3
     rest = np.exp(-h / lag) if lag else 0.0
     for kind, values in (("position", goal), ("velocity", goal[::-1]), ("position", begin)):
-        asked = body.jacobian(camera.joints()[0]) @ values
+        asked = body.jacobian(camera.read_joints()[0]) @ values
         camera.command(kind, values)
         for _ in range(5):
-            before, (q, rates) = camera.pose(), camera.joints()
+            before, (q, rates) = camera.read_pose(), camera.read_joints()
             twist = body.jacobian(q) @ rates
             until(camera, camera.time_ns + round(1e9 * h))
-            now, rates = camera.joints()
-            np.testing.assert_allclose(camera.pose(), body.pose(now), atol=1e-12)
+            now, rates = camera.read_joints()
+            np.testing.assert_allclose(camera.read_pose(), body.pose(now), atol=1e-12)
             if kind == "position":
                 np.testing.assert_allclose(now, values + rest * (q - values), atol=1e-12)
                 continue
             np.testing.assert_allclose(
                 body.jacobian(now) @ rates, asked + rest * (twist - asked), atol=1e-9)
-            moved = logarithm(inverse(before) @ camera.pose())
+            moved = logarithm(inverse(before) @ camera.read_pose())
             behind = (twist - asked) * lag * (1.0 - rest)
             np.testing.assert_allclose(moved, asked * h + behind, atol=1e-7)
 
@@ -171,7 +179,7 @@ def test_a_free_camera_is_where_its_coordinates_are_whatever_it_is_told(sight, l
 @pytest.mark.parametrize("mounted", [False, True])
 @pytest.mark.parametrize("angle", [0.0, 1e-9, 1e-3, 0.3, 1.5, 3.1, 6.0])
 def test_a_free_bodys_jacobian_is_exact_at_any_turn(arm, angle, mounted):
-    mounting = transform((0.02, -0.01, 0.03), (0.3, -0.4, 0.9)) if mounted else None
+    mounting = matrix_from_xyz_rpy((0.02, -0.01, 0.03), (0.3, -0.4, 0.9)) if mounted else None
     body = FreeBody(arm.pose(START), mounting)
     move, axis = np.array([0.1, -0.2, 0.05]), np.array([0.48, -0.36, 0.8])
     turned = skew(angle * axis)
@@ -196,34 +204,34 @@ def test_a_free_bodys_jacobian_is_that_of_its_pose(arm):
 
 
 def test_a_free_body_answers_what_an_arm_does():
-    origin, mounting = transform((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), transform(
+    origin, mounting = matrix_from_xyz_rpy((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), matrix_from_xyz_rpy(
         (0.02, -0.01, 0.03), (0.1, -0.1, 0.3))
     q, body = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), FreeBody(origin, mounting)
     assert len(body) == 6 and body.names == ("x", "y", "z", "rx", "ry", "rz")
     assert np.isinf(body.upper).all() and (body.lower == -body.upper).all()
     assert np.isinf(body.velocity).all() and np.isinf(body.effort).all()
-    assert body.prismatic.tolist() == [True] * 3 + [False] * 3
-    pose, jacobian = body.view(q)
+    assert body.is_prismatic.tolist() == [True] * 3 + [False] * 3
+    pose, jacobian = body.pose_and_jacobian(q)
     np.testing.assert_allclose(pose, origin @ exponential(q) @ mounting, atol=1e-12)
     np.testing.assert_array_equal(jacobian, body.jacobian(q))
-    np.testing.assert_allclose(body.inverse(pose, np.ones(6), 0.1), q, atol=1e-12)
+    np.testing.assert_allclose(body.inverse_kinematics(pose, np.ones(6), 0.1), q, atol=1e-12)
     places, axes = body.joint_frames(q)
     assert not places.any() and axes.tolist() == [*np.eye(3).tolist(), *np.eye(3).tolist()]
     for speed in ((), np.arange(6.0)):
-        sample = body.sample(("a",), q.tolist(), speed, 2.5)
+        sample = body.read_joints(("a",), q.tolist(), speed, 2.5)
         np.testing.assert_array_equal(sample.positions, q)
         np.testing.assert_array_equal(sample.velocities, np.arange(6.0) if len(speed) else 0 * q)
         assert (sample.stamp, sample.names) == (2.5, body.names)
     for bad in ((q * np.nan, q), (q, np.full(6, np.inf))):
         with pytest.raises(MeasurementError, match="a coordinate of the free camera is not finite"):
-            body.sample(body.names, *bad)
+            body.read_joints(body.names, *bad)
     body.check(q)
 
 
 def test_what_a_plant_cannot_take_is_said_with_numbers(arm, sight):
-    chain = KinematicChain(arm, START, sight)
+    chain = KinematicArm(arm, START, sight)
     for kind, values, why in (
-            ("effort", START, "this plant takes position or velocity commands, not effort"),
+            ("effort", START, "this plant accepts position or velocity commands, not effort"),
             ("position", START[:5], "a command of 6 finite numbers is needed, got "),
             ("velocity", np.full(6, np.inf), "a command of 6 finite numbers is needed, got ")):
         with pytest.raises(ExperimentError) as told:
@@ -233,57 +241,57 @@ def test_what_a_plant_cannot_take_is_said_with_numbers(arm, sight):
 
 def test_joint_states_and_images_come_at_their_rates(arm, sight):
     """And time goes to where it is asked for, where nothing comes before."""
-    plant = KinematicChain(arm, START, dataclasses.replace(sight, rate=8.0), joint_rate=4.0)
+    plant = KinematicArm(arm, START, dataclasses.replace(sight, rate=8.0), joint_rate=4.0)
     assert plant.advance(500_000) == [] and plant.time_ns == 500_000
     stamps = [(type(r).__name__, r.stamp_ns) for r in until(plant, 520_000_000)]
     joints = [("JointReading", 1_000_000 + k * 250_000_000) for k in range(3)]
     images = [("Frame", k * 125_000_000) for k in range(1, 5)]
     assert sorted(stamps, key=lambda one: one[1]) == sorted(joints + images, key=lambda o: o[1])
     assert stamps == sorted(stamps, key=lambda one: one[1])
-    np.testing.assert_array_equal(plant.poses(np.array([START, START + 0.01])),
+    np.testing.assert_array_equal(plant.compute_rest_poses(np.array([START, START + 0.01])),
                                   [arm.pose(START), arm.pose(START + 0.01)])
-    np.testing.assert_array_equal(plant.places(START[None]), arm.places(START[None]))
+    np.testing.assert_array_equal(plant.joint_origins(START[None]), arm.joint_origins(START[None]))
     free = FreeCamera(FreeBody(np.eye(4)), np.zeros(6), sight)
-    assert free.places(np.zeros((2, 6))).shape == (2, 0, 3)
-    assert free.poses(np.zeros((0, 6))).shape == (0, 4, 4)
-    pose = free.at_rest()
+    assert free.joint_origins(np.zeros((2, 6))).shape == (2, 0, 3)
+    assert free.compute_rest_poses(np.zeros((0, 6))).shape == (0, 4, 4)
+    pose = free.read_rest_pose()
     pose[0, 3] = 9.0
-    assert free.at_rest()[0, 3] == 0.0
-    q, _ = free.joints()
+    assert free.read_rest_pose()[0, 3] == 0.0
+    q, _ = free.read_joints()
     q[0] = 9.0
-    assert free.joints()[0][0] == 0.0
+    assert free.read_joints()[0][0] == 0.0
 
 
 def test_a_chain_lags_as_its_time_constant_says_and_stops_at_its_limits(arm, sight):
     for steps in (1, 10):
-        chain = KinematicChain(arm, START, sight, joint_rate=0.1, lag=0.05)
+        chain = KinematicArm(arm, START, sight, joint_rate=0.1, lag=0.05)
         goal = START + 0.01
         chain.command("position", goal)
         for k in range(steps):
             until(chain, round((k + 1) * 1e8 / steps))
-        np.testing.assert_allclose(goal - chain.joints()[0], 0.01 * np.exp(-2.0), rtol=1e-9)
+        np.testing.assert_allclose(goal - chain.read_joints()[0], 0.01 * np.exp(-2.0), rtol=1e-9)
     chain.command("velocity", np.full(6, 50.0))
     until(chain, 2_000_000_000)
-    assert (chain.joints()[0] <= arm.upper).all()
-    assert chain.joints()[0][0] == arm.upper[0] and chain.joints()[1][0] == 0.0
+    assert (chain.read_joints()[0] <= arm.upper).all()
+    assert chain.read_joints()[0][0] == arm.upper[0] and chain.read_joints()[1][0] == 0.0
     chain.command("velocity", np.full(6, -50.0))
     until(chain, 4_000_000_000)
-    assert (chain.joints()[0] >= arm.lower).all()
+    assert (chain.read_joints()[0] >= arm.lower).all()
     chain.command("position", np.full(6, 100.0))
     until(chain, 6_000_000_000)
-    assert (chain.joints()[0] <= arm.upper).all()
+    assert (chain.read_joints()[0] <= arm.upper).all()
 
 
 def test_velocity_lags_too(arm, sight):
-    chain = KinematicChain(arm, START, sight, joint_rate=0.1, lag=0.05)
+    chain = KinematicArm(arm, START, sight, joint_rate=0.1, lag=0.05)
     chain.command("velocity", np.full(6, 0.1))
     until(chain, 100_000_000)
     moved = 0.1 * (0.1 - 0.05 * (1.0 - np.exp(-2.0)))
-    np.testing.assert_allclose(chain.joints()[0] - START, moved, rtol=1e-9)
+    np.testing.assert_allclose(chain.read_joints()[0] - START, moved, rtol=1e-9)
 
 
 def test_a_chain_measures_at_the_phase_of_the_simulated_arm(arm, sight):
-    readings = until(KinematicChain(arm, START, sight), 101_000_000)
+    readings = until(KinematicArm(arm, START, sight), 101_000_000)
     joints = [r.stamp_ns for r in readings if isinstance(r, JointReading)]
     pictures = [r.stamp_ns for r in readings if isinstance(r, Frame)]
     assert joints[:3] == [1_000_000, 11_000_000, 21_000_000]
@@ -299,9 +307,9 @@ def test_a_camera_without_its_target_in_view_sees_nothing(arm, sight, pinhole):
     assert capture(sight, aside, 0, random).outline is None
     behind = goal @ np.diag([1.0, -1.0, -1.0, 1.0])
     assert capture(sight, behind, 0, random).outline is None
-    drawn = dataclasses.replace(sight, pictures=True, depth=True)
+    drawn = dataclasses.replace(sight, has_images=True, has_depth=True)
     reading = capture(drawn, goal, 0, random)
-    assert reading.image.min() == 0 and reading.pictured
+    assert reading.image.min() == 0 and reading.has_image
     assert reading.depth[120, 160] == pytest.approx(goal[2, 3] - 0.59, abs=1e-3)
     assert capture(drawn, behind, 0, random).image.min() == 255
 
@@ -310,13 +318,13 @@ def test_noise_is_the_seeds(arm, sight):
     pose = arm.pose(np.zeros(6))
     for noisy in (
         dataclasses.replace(sight, jitter=0.5),
-        dataclasses.replace(sight, pictures=True, effects=Effects(noise_stddev=5.0)),
+        dataclasses.replace(sight, has_images=True, effects=Effects(noise_stddev=5.0)),
     ):
         def seen(seed, noisy=noisy):
             reading = capture(
                 dataclasses.replace(noisy, seed=seed), pose, 0, np.random.default_rng(seed)
             )
-            return reading.image if reading.pictured else reading.outline
+            return reading.image if reading.has_image else reading.outline
 
         np.testing.assert_array_equal(seen(1), seen(1))
         assert not np.array_equal(seen(1), seen(2))
@@ -337,7 +345,7 @@ def test_the_noise_of_an_outline_lets_no_edges_cross(arm, sight):
 
 def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step_after():
     loop = Loop(Experiment(), assemble(Experiment()))
-    loop.plant._answers = None  # all joint states are delivered
+    loop.plant._compiled_controller = None  # all joint states are delivered
     heard = {}
     advance = loop.plant.advance
 
@@ -350,22 +358,22 @@ def test_joints_and_true_poses_are_those_of_the_joint_states_and_not_of_the_step
 
     loop.plant.advance = listened
     for _ in range(10):
-        loop.to_image()
-    result, end = loop.result(), loop.plant.pose()
+        loop.run_to_image()
+    result, end = loop.make_run(), loop.plant.read_pose()
     loop.close()
     assert list(heard) == result.joint_stamp.tolist()
-    for told, measured in zip(heard.values(), result.measured, strict=True):
+    for told, measured in zip(heard.values(), result.measured_positions, strict=True):
         assert [told[name] for name in result.joint_names] == measured.tolist()
     arm = loop.plant._arm
-    for q, pose in zip(result.measured, result.true_pose, strict=True):
+    for q, pose in zip(result.measured_positions, result.true_pose, strict=True):
         np.testing.assert_allclose(pose, arm.pose(q), atol=1e-9)
     # The physics has gone a step on since the last of them, and the verdict is of that.
-    assert np.abs(end - arm.pose(result.measured[-1])).max() > 1e-7
+    assert np.abs(end - arm.pose(result.measured_positions[-1])).max() > 1e-7
 
 
 # -- the ideal camera ------------------------------------------------------------------------------
 
-ORIGIN, MOUNTING = transform((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), transform(
+ORIGIN, MOUNTING = matrix_from_xyz_rpy((0.1, 0.2, 0.9), (2.9, 0.2, 0.4)), matrix_from_xyz_rpy(
     (0.02, -0.01, 0.03), (0.1, -0.1, 0.3))
 Q, TWIST = np.array([0.02, -0.01, 0.03, 0.1, -0.2, 0.3]), np.array([0.1, -0.3, 0.2, 0.4, 0.5, -0.6])
 
@@ -383,28 +391,28 @@ def test_the_ideal_camera_flies_an_exact_motion_an_image(sight):
     joints, seen = plant.advance(10**9)
     assert plant.time_ns == joints.stamp_ns == seen.stamp_ns == 125_000_000
     pose = body.pose(Q) @ MOUNTING @ exponential(0.125 * TWIST) @ inverse(MOUNTING)
-    np.testing.assert_allclose(plant.pose(), pose, atol=1e-12)
-    q, rate = plant.joints()
+    np.testing.assert_allclose(plant.read_pose(), pose, atol=1e-12)
+    q, rate = plant.read_joints()
     np.testing.assert_allclose(body.pose(q), pose, atol=1e-12)
     np.testing.assert_allclose(believed.jacobian(q) @ rate, TWIST, atol=1e-12)
     plant.command("twist", np.zeros(6))
     assert plant.advance(10**9)[0].stamp_ns == 250_000_000
-    np.testing.assert_array_equal(plant.pose(), plant.at_rest())
-    np.testing.assert_allclose(plant.pose(), pose, atol=1e-12)
+    np.testing.assert_array_equal(plant.read_pose(), plant.read_rest_pose())
+    np.testing.assert_allclose(plant.read_pose(), pose, atol=1e-12)
 
 
 @pytest.mark.parametrize(("speed", "slowed"), [(None, 1.0), ((0.1, 1.0), 3.0), ((1.0, 0.2), 3.0),
                                                ((0.9, 0.9), 1.0)])
 def test_an_exact_resolver_reaches_with_the_next_image_what_the_twist_reaches(speed, slowed):
     body = FreeBody(ORIGIN, MOUNTING)
-    found = ExactResolver(body, 20.0, speed).resolve(Q, Task.of_twist(TWIST), 9.0)
+    found = ExactIK(body, 20.0, speed).solve(Q, Task.from_twist(TWIST), 9.0)
     reached = body.pose(Q) @ exponential(TWIST / slowed / 20.0)
     np.testing.assert_allclose(body.pose(Q + found.velocities / 20.0), reached, atol=1e-12)
     np.testing.assert_array_equal(found.primary, found.velocities)
-    np.testing.assert_allclose([found.twist, found.asked], [TWIST / slowed] * 2)
-    assert not found.lost.any() and found.scale == 1.0 and found.lasts == np.inf
+    np.testing.assert_allclose([found.achieved_twist, found.desired_twist], [TWIST / slowed] * 2)
+    assert not found.infeasible_twist.any() and found.scale == 1.0 and found.reuse_time == np.inf
     assert np.isinf(found.margins).all() and found.modelled.all()
-    assert (found.stopped, found.slowing, found.reasons) == ((), "", ())
+    assert (found.stopped_joints, found.limiting_joint, found.reasons) == ((), "", ())
     np.testing.assert_allclose(found.jacobian, body.jacobian(Q))
     np.testing.assert_array_equal(found.L, np.eye(6))
 
@@ -414,7 +422,7 @@ def test_an_exact_resolver_reaches_with_the_next_image_what_the_twist_reaches(sp
 
 def test_the_truth_of_the_arm_s_features_comes_without_pictures():
     """At the stamps of the pictures, of what they show, and the loop comes as near as it can."""
-    exact, seen = (run(Experiment(duration=0.4, features=kind)) for kind in ("exact", "pictures"))
+    exact, seen = (run(Experiment(duration=0.4, features=kind)) for kind in ("exact", "images"))
     assert exact.stamp == pytest.approx(seen.stamp, abs=1e-9)
     np.testing.assert_allclose(exact.features[0], seen.features[0], atol=3e-4)
     whole = run(Experiment(features="exact", scheme="points"))
@@ -434,14 +442,16 @@ def test_an_exposure_between_two_steps_is_seen_from_between_their_poses():
     plant, found = parts.plant, []
 
     def pose(time):
-        return parts.goal_pose @ transform((0.02, 0.2 * time, -0.1 * time), (0.0, 0.0, 2.0 * time))
+        return parts.goal_pose @ matrix_from_xyz_rpy(
+            (0.02, 0.2 * time, -0.1 * time), (0.0, 0.0, 2.0 * time)
+        )
 
-    plant.at_rest = lambda: pose(plant.time_ns * 1e-9)
+    plant.read_rest_pose = lambda: pose(plant.time_ns * 1e-9)
     with contextlib.closing(plant):
         while len(found) < 4:
             found += [r for r in plant.advance(10**9) if isinstance(r, Frame)]
     for k, reading in enumerate(found, 1):
         assert reading.stamp == pytest.approx(k / 30.0, abs=1e-9)
-        seen_from = parts.target.seen_from(pose(k / 30.0), k / 30.0)
+        seen_from = parts.target.target_T_camera(pose(k / 30.0), k / 30.0)
         exact = np.column_stack(plant.camera.project(*parts.target.shape.points(seen_from).T))
         assert np.abs(reading.points - exact).max() < 1e-4

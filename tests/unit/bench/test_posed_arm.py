@@ -5,10 +5,10 @@ import pytest
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.description.world_file import WorldFile
-from aras_visual_servo_base.poses import relative, transform
-from aras_visual_servo_bench.plants.posed_arm import PosedArm
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, relative_pose
+from aras_visual_servo_bench.plants.static_arm import StaticArm
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
-from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_bench.targets.target_factory import make_target
 
 BODY = ('<inertial><mass value="1"/><inertia ixx="0.01" iyy="0.01" izz="0.01" ixy="0" ixz="0" '
         'iyz="0"/></inertial>')
@@ -20,7 +20,7 @@ BLOCK = parse_urdf(
     '<box size="0.4 0.4 1"/></geometry></collision><visual><origin xyz="0.55 0.25 0.7"/><geometry>'
     '<box size="0.4 0.4 0.01"/></geometry></visual></link></robot>')
 FLAT = PolygonTarget(((-0.1, -0.05), (0.3, -0.05), (0.3, 0.15), (-0.1, 0.15)))
-AT = transform((0.5, 0.2, 0.6), (0.0, 0.0, 0.0))  # x 0.4 to 0.8, y 0.15 to 0.35
+AT = matrix_from_xyz_rpy((0.5, 0.2, 0.6), (0.0, 0.0, 0.0))  # x 0.4 to 0.8, y 0.15 to 0.35
 
 
 def slides():
@@ -36,7 +36,7 @@ def slides():
 @pytest.fixture(scope="module")
 def arm():
     around = WorldFile(ground_plane=True, models=(BLOCK,))
-    return PosedArm(slides(), around=around, target=PlacedTarget(FLAT, AT))
+    return StaticArm(slides(), surroundings=around, target=PlacedTarget(FLAT, AT))
 
 
 def placed(x, y, z):
@@ -52,26 +52,32 @@ def placed(x, y, z):
     ((0.3, 0.2, 0.0491), (0, 0, -1), "ground_plane"), ((1.7509, 0.1, 0.5), (1, 0, 0), "block"),
 ])  # fmt: skip
 def test_what_it_runs_into_is_said_from_a_millimetre_on(arm, free, way, other):
-    assert arm.touched(placed(*free)) == ""
+    assert arm.find_collision(placed(*free)) == ""
     hit = np.array(free) + 2e-4 * np.array(way)
-    assert arm.touched(placed(*hit)) == f"its link 'z_l' is in '{other}'"
+    assert arm.find_collision(placed(*hit)) == f"its link 'z_l' is in '{other}'"
 
 
 def test_a_solid_is_run_into_as_it_is_and_what_is_not_there_is_not():
-    solid = PlacedTarget(shape_of("cylinder", (0.2, 0.2, 0.3)), transform((0, 0, 1), (0, 0.2, 0)))
-    alone = PosedArm(slides(), target=solid)
-    assert alone.touched(placed(0.0, 0.0, 1.1)) and not alone.touched(placed(0.14, 0.14, 1.0))
-    assert not alone.touched(placed(0.3, 0.2, 0.0))  # no ground
-    sky = PosedArm(slides(), around=WorldFile(ground_plane=False))
-    assert not sky.touched(placed(0.3, 0.2, 0.0)) and not sky.touched(placed(2.0, 0.0, 0.5))
+    solid = PlacedTarget(
+        make_target("cylinder", (0.2, 0.2, 0.3)), matrix_from_xyz_rpy((0, 0, 1), (0, 0.2, 0))
+    )
+    alone = StaticArm(slides(), target=solid)
+    assert alone.find_collision(placed(0.0, 0.0, 1.1)) and not alone.find_collision(
+        placed(0.14, 0.14, 1.0)
+    )
+    assert not alone.find_collision(placed(0.3, 0.2, 0.0))  # no ground
+    sky = StaticArm(slides(), surroundings=WorldFile(ground_plane=False))
+    assert not sky.find_collision(placed(0.3, 0.2, 0.0)) and not sky.find_collision(
+        placed(2.0, 0.0, 0.5)
+    )
 
 
 def test_it_hides_the_share_that_the_shadow_of_its_plate_covers(arm):
     """The plate is 0.1 m wide, the eye 0.5 m above the target and askew beside it; what else is
     seen of the world, a sheet between them, hides nothing."""
-    eye = transform((0.45, 0.3, 1.1), (np.pi - 0.3, 0.1, 0.4))
+    eye = matrix_from_xyz_rpy((0.45, 0.3, 1.1), (np.pi - 0.3, 0.1, 0.4))
     top, low = 0.9, 0.89  # of the plate, m; the eye sees its top and two of its sides
-    part = arm.hidden(placed(0.5, 0.27, top + 0.025), eye, FLAT, AT)
+    part = arm.compute_occlusion(placed(0.5, 0.27, top + 0.025), eye, FLAT, AT)
     corners = [np.array([0.45, 0.3]) + (np.array([x, y]) - [0.45, 0.3]) * 0.5 / (1.1 - z)
                for z in (top, low) for x in (0.45, 0.55) for y in (0.22, 0.32)]
     low_x, low_y = np.maximum(np.min(corners, axis=0), [0.4, 0.15])
@@ -85,38 +91,47 @@ def test_it_hides_the_share_that_the_shadow_of_its_plate_covers(arm):
         return abs(x @ np.roll(y, -1) - y @ np.roll(x, -1))
 
     assert 0.2 < part == pytest.approx(area(flat) / area(whole), abs=0.05)
-    behind = transform((0.45, 0.3, 1.1), (0.0, 0.0, 0.0))
-    assert arm.hidden(placed(0.5, 0.27, 0.9), behind, FLAT, AT) == 0.0
+    behind = matrix_from_xyz_rpy((0.45, 0.3, 1.1), (0.0, 0.0, 0.0))
+    assert arm.compute_occlusion(placed(0.5, 0.27, 0.9), behind, FLAT, AT) == 0.0
 
 
 def test_the_whole_target_counts_to_its_rim(arm):
     """The plate's shadow ends 10 mm within the target's rim, on either side of it in turn."""
-    eye, rim = transform((0.6, 0.25, 1.6), (np.pi, 0.0, 0.0)), 0.01
+    eye, rim = matrix_from_xyz_rpy((0.6, 0.25, 1.6), (np.pi, 0.0, 0.0)), 0.01
     for x in (0.4 + rim, 0.8 - rim):
         edge = 0.6 + (x - 0.6) * 0.6  # of the plate's top, 0.6 m before the eye
         middle = edge + np.sign(x - 0.6) * 0.05
-        part = arm.hidden(placed(middle, 0.25, 1.0 + 0.025), eye, FLAT, AT)
+        part = arm.compute_occlusion(placed(middle, 0.25, 1.0 + 0.025), eye, FLAT, AT)
         assert 0.01 < part < 0.05
 
 
 @pytest.mark.parametrize(("height", "hides"), [(0.0045, False), (0.0055, True)])
 def test_what_lies_within_five_millimetres_of_the_target_is_the_target(arm, height, hides):
-    eye = transform((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))
-    part = arm.hidden(placed(0.6, 0.25, 0.6 + height + 0.025), eye, FLAT, AT)
+    eye = matrix_from_xyz_rpy((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))
+    part = arm.compute_occlusion(placed(0.6, 0.25, 0.6 + height + 0.025), eye, FLAT, AT)
     assert (part > 0.05) is hides
 
 
 @pytest.mark.parametrize(("before", "near", "hides"), [
     (0.085, None, False), (0.105, None, True), (0.105, 0.13, False), (0.05, 0.01, True)])
 def test_what_is_nearer_than_the_camera_sees_is_not_drawn(arm, before, near, hides):
-    eye = transform((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))
-    part = arm.hidden(placed(0.6, 0.25, 1.1 - before + 0.025), eye, FLAT, AT, near)
+    eye = matrix_from_xyz_rpy((0.6, 0.25, 1.1), (np.pi, 0.0, 0.0))
+    part = arm.compute_occlusion(placed(0.6, 0.25, 1.1 - before + 0.025), eye, FLAT, AT, near)
     assert (part > 0.3) is hides
 
 
 def test_a_target_that_the_arm_carries_is_seen_where_it_is():
-    carrying = PosedArm(slides(), "x_l")
-    eye, link = transform((0.6, 0.25, 1.1), (np.pi, 0.1, 0.3)), transform((0.5, 0, 0), (0, 0, 0))
+    carrying = StaticArm(slides(), "x_l")
+    eye, link = (
+        matrix_from_xyz_rpy((0.6, 0.25, 1.1), (np.pi, 0.1, 0.3)),
+        matrix_from_xyz_rpy((0.5, 0, 0), (0, 0, 0)),
+    )
     joints = placed(0.5, 0.22, 0.9)
-    part = carrying.hidden(joints, relative(link, eye), FLAT, relative(link, AT))
-    assert 0.1 < part == pytest.approx(PosedArm(slides()).hidden(joints, eye, FLAT, AT), abs=1e-9)
+    part = carrying.compute_occlusion(
+        joints, relative_pose(link, eye), FLAT, relative_pose(link, AT)
+    )
+    assert (
+        0.1
+        < part
+        == pytest.approx(StaticArm(slides()).compute_occlusion(joints, eye, FLAT, AT), abs=1e-9)
+    )

@@ -5,12 +5,12 @@ import logging
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import relative, transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.robots import Robot
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, relative_pose
 from aras_visual_servo_bench.errors import log_once
-from aras_visual_servo_bench.plants.posed_arm import PosedArm
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.robots import Robot
+from aras_visual_servo_bench.plants.static_arm import StaticArm
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
 
@@ -94,39 +94,43 @@ def test_the_first_posture_is_taken_where_it_hides_nothing(experiment):
     """The plate is on the other side: nothing is looked for beyond what was found before."""
     for goal in ({"pose": [0.06, 0.01, 0.25, *DOWN]}, {"pose": [0.07, -0.02, 0.3, *DOWN]}):
         found = of(experiment(goal=goal, start=goal)).postures
-        pose = transform(goal["pose"][:3], goal["pose"][3:])
-        plain = found.arm.inverse(pose, np.zeros(5))
-        np.testing.assert_array_equal(found.at(pose), plain)
-        np.testing.assert_array_equal(found.start(pose, None), plain)
+        pose = matrix_from_xyz_rpy(goal["pose"][:3], goal["pose"][3:])
+        plain = found.arm.inverse_kinematics(pose, np.zeros(5))
+        np.testing.assert_array_equal(found.find_joints(pose), plain)
+        np.testing.assert_array_equal(found.find_start_joints(pose, None), plain)
 
 
 def test_a_posture_that_hides_nothing_is_preferred(experiment):
     parts = of(experiment())
-    pose, found = transform(GOAL["pose"][:3], DOWN), parts.postures
-    first = found.arm.inverse(pose, np.zeros(5))
-    assert found.hidden(first) > 0.95
-    chosen = found.at(pose)
-    assert found.hidden(chosen) == 0.0 and not parts.notes
+    pose, found = matrix_from_xyz_rpy(GOAL["pose"][:3], DOWN), parts.postures
+    first = found.arm.inverse_kinematics(pose, np.zeros(5))
+    assert found.compute_occlusion(first) > 0.95
+    chosen = found.find_joints(pose)
+    assert found.compute_occlusion(chosen) == 0.0 and not parts.notes
     np.testing.assert_allclose(found.arm.pose(chosen), pose, atol=1e-8)
-    begun = found.start(transform(START["pose"][:3], START["pose"][3:]), chosen)
+    begun = found.find_start_joints(
+        matrix_from_xyz_rpy(START["pose"][:3], START["pose"][3:]), chosen
+    )
     assert abs(begun[3] - chosen[3]) < 0.5  # it comes to the goal as it began
     np.testing.assert_array_equal(parts.plant.joint_names, JOINTS)
 
 
 def test_the_arm_servoes_there_and_sees(experiment):
     result = run(experiment())
-    assert result.converged and result.verdict.reached and not result.notes
+    assert result.converged and result.verdict.is_reached and not result.notes
 
 
 @pytest.mark.parametrize("keys", [{"plant": "chain"}, {"features": "exact"}])
 def test_where_the_arm_is_not_drawn_postures_are_as_before(experiment, keys):
     found = of(experiment(**keys)).postures
-    pose = transform(GOAL["pose"][:3], DOWN)
-    np.testing.assert_array_equal(found.at(pose), found.arm.inverse(pose, np.zeros(5)))
+    pose = matrix_from_xyz_rpy(GOAL["pose"][:3], DOWN)
+    np.testing.assert_array_equal(
+        found.find_joints(pose), found.arm.inverse_kinematics(pose, np.zeros(5))
+    )
 
 
 def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
-    pose = transform((-0.012, 0.01, 0.25), DOWN)
+    pose = matrix_from_xyz_rpy((-0.012, 0.01, 0.25), DOWN)
     asked = experiment(
         turn=0.3, scheme="moments", goal={"pose": [-0.012, 0.01, 0.25, *DOWN]}
     )  # fmt: skip
@@ -136,9 +140,11 @@ def test_where_every_posture_hides_it_one_line_says_so(experiment, caplog):
     told = [r.getMessage() for r in caplog.records if "hides" in r.getMessage()]
     assert told == [note, at_start] and "at the goal" in note and "at the start" in at_start
     part = float(note.split("hides ")[1].split(" %")[0]) / 100
-    chosen = parts.postures.at(pose)
-    assert part == pytest.approx(parts.postures.hidden(chosen), abs=0.006)
-    others = [parts.postures.hidden([*chosen[:3], q, -q]) for q in np.linspace(-0.3, 0.3, 7)]
+    chosen = parts.postures.find_joints(pose)
+    assert part == pytest.approx(parts.postures.compute_occlusion(chosen), abs=0.006)
+    others = [
+        parts.postures.compute_occlusion([*chosen[:3], q, -q]) for q in np.linspace(-0.3, 0.3, 7)
+    ]
     assert 0.3 < part < min(others) + 0.03 < max(others)
 
 
@@ -147,8 +153,8 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
         result = run(experiment(plant="chain"))
     assert result.converged
     (note,) = result.notes
-    assert "hides" in note and "chain sees through it" in note and note in caplog.messages
-    hidden = of(experiment(plant="chain")).postures.hidden(result.measured[-1])
+    assert "hides" in note and "arm is transparent" in note and note in caplog.messages
+    hidden = of(experiment(plant="chain")).postures.compute_occlusion(result.measured_positions[-1])
     assert float(note.split("hides ")[1].split(" %")[0]) == pytest.approx(100 * hidden, abs=1.0)
     assert not run(experiment(plant="chain", duration=0.1)).notes  # it has not converged
     aside = {"pose": [0.06, 0.01, 0.25, *DOWN]}
@@ -158,19 +164,20 @@ def test_what_the_chain_sees_through_is_said(experiment, caplog):
 
 
 @pytest.mark.parametrize("pose", [
-    transform((0.0, 0.0, 0.25), DOWN), transform((0.005, 0.03, 0.3), (np.pi - 0.2, 0.15, 0.7)),
+    matrix_from_xyz_rpy((0.0, 0.0, 0.25), DOWN),
+    matrix_from_xyz_rpy((0.005, 0.03, 0.3), (np.pi - 0.2, 0.15, 0.7)),
 ])  # fmt: skip
 def test_a_part_is_the_share_of_the_views_area(experiment, pose):
     """The plate's edge, along y through the axis, cuts the target where a ray over it meets it."""
-    drawn = PosedArm(Robot(experiment().robot).description())
+    drawn = StaticArm(Robot(experiment().robot).parse_description())
     square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
     joints = dict(zip(JOINTS, (0.0, 0.0, 0.25, 0.0, 0.0), strict=True))
     x, _, z = pose[:3, 3]
     edge = x - x * z / (z - 0.172)  # the plate's upper edge is at x = 0, z = 0.172
-    part = drawn.hidden(joints, pose, square, np.eye(4))
+    part = drawn.compute_occlusion(joints, pose, square, np.eye(4))
     rim = np.array([(edge, -0.03, 0), (0.05, -0.03, 0), (0.05, 0.03, 0), (edge, 0.03, 0)])
     assert part == pytest.approx(area(rim, pose) / area(square.vertices(), pose), abs=0.02)
-    assert drawn.hidden({**joints, "fan": 3.0}, pose, square, np.eye(4)) < 0.6
+    assert drawn.compute_occlusion({**joints, "fan": 3.0}, pose, square, np.eye(4)) < 0.6
 
 
 def area(corners, pose):
@@ -180,14 +187,18 @@ def area(corners, pose):
 
 
 def test_a_target_that_the_arm_carries_is_seen_in_its_frame(experiment):
-    robot = Robot(experiment().robot).description()
+    robot = Robot(experiment().robot).parse_description()
     joints = dict(zip(JOINTS, (0.03, -0.02, 0.25, 0.4, -0.7), strict=True))
-    pose, placed = transform((0.04, 0.0, 0.26), DOWN), transform((0.0, 0.03, 0.0), (0.1, 0.0, 0.3))
+    pose, placed = (
+        matrix_from_xyz_rpy((0.04, 0.0, 0.26), DOWN),
+        matrix_from_xyz_rpy((0.0, 0.03, 0.0), (0.1, 0.0, 0.3)),
+    )
     square = PolygonTarget(((-0.03, -0.03), (0.05, -0.03), (0.05, 0.03), (-0.03, 0.03)))
-    world_T_link = transform((0.03, -0.02, 0.25), (0.0, 0.0, 0.4))
-    carried = (relative(world_T_link, pose), square, relative(world_T_link, placed))
-    part = PosedArm(robot, "fan_link").hidden(joints, *carried)
-    standing = PosedArm(robot)
+    world_T_link = matrix_from_xyz_rpy((0.03, -0.02, 0.25), (0.0, 0.0, 0.4))
+    carried = (relative_pose(world_T_link, pose), square, relative_pose(world_T_link, placed))
+    part = StaticArm(robot, "fan_link").compute_occlusion(joints, *carried)
+    standing = StaticArm(robot)
     assert 0.2 < part < 0.95
-    assert part == pytest.approx(standing.hidden(joints, pose, square, placed), abs=0.01)
-    assert standing.hidden(joints, pose, square, placed, near=0.15) == 0.0  # nothing so near
+    assert part == pytest.approx(standing.compute_occlusion(joints, pose, square, placed), abs=0.01)
+    # nothing so near
+    assert standing.compute_occlusion(joints, pose, square, placed, near=0.15) == 0.0

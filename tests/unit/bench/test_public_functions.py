@@ -35,7 +35,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The folder of a study that was carried out."""
     path = tmp_path_factory.mktemp("study") / "mine"
     results = run_study(STUDY, path)
-    assert results.column("gain") == [1.0, 1.0, 2.0, 2.0] and results.name == "mine"
+    assert results.read_column("gain") == [1.0, 1.0, 2.0, 2.0] and results.name == "mine"
     return path
 
 
@@ -44,7 +44,7 @@ def test_a_study_that_is_done_is_read_and_another_is_refused(folder: Path) -> No
     again = run_study(Study.from_mapping(STUDY), folder)
     assert again.table.num_rows == 4
     assert parts == {path: path.stat().st_mtime_ns for path in (folder / "parts").iterdir()}
-    with pytest.raises(BenchError, match="holds another study: repeats was 2, is 3"):
+    with pytest.raises(BenchError, match="has another study: repeats was 2, is 3"):
         run_study({**STUDY, "repeats": 3}, folder)
     with pytest.raises(BenchError, match="did you mean 'repeats'"):
         run_study({**STUDY, "repeat": 3}, folder)
@@ -57,7 +57,9 @@ def test_what_is_missing_of_a_study_is_run(folder: Path, tmp_path: Path) -> None
     part.unlink()
     results = run_study(STUDY, tmp_path / "again")
     assert part.read_bytes() == kept
-    assert np.array_equal(results.numbers("final_distance"), whole.numbers("final_distance"))
+    assert np.array_equal(
+        results.read_numbers("final_distance"), whole.read_numbers("final_distance")
+    )
 
 
 def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:
@@ -65,7 +67,7 @@ def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:
     assert found.experiment.gain == 2.0 and found.name == "mine:2"
     alone = run(found.experiment)
     assert np.array_equal(found.error, alone.error, equal_nan=True)
-    assert len(found.images.pictures) == len(found.stamp) and not alone.images.pictures
+    assert len(found.control_record.images) == len(found.stamp) and not alone.control_record.images
     with pytest.raises(BenchError, match="there is no run 4: .* has runs 0 to 3"):
         load_run(f"{folder}:4")
 
@@ -76,7 +78,7 @@ def test_an_experiment_is_loaded_by_its_file(tmp_path: Path) -> None:
     found, same = load_run(file), run_with_images({**QUICK, "gain": 2.0}, "one")
     assert found.name == same.name == "one"
     assert np.array_equal(found.error, same.error, equal_nan=True)
-    for wrong, said in (("two.yaml", "there is no file"), ("", "holds no run.bag")):
+    for wrong, said in (("two.yaml", "there is no file"), ("", "has no run.bag")):
         with pytest.raises(BenchError, match=said):
             load_run(tmp_path / wrong)
 
@@ -124,7 +126,7 @@ def test_a_mesh_is_found_beside_its_description(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize(("text", "said"), [
     (None, "description .*x.urdf cannot be read"), ("", "the description is empty"),
-    ("<mujoco/>", "the root element is <mujoco>; <robot> .URDF. or <sdf> is needed"),
+    ("<mujoco/>", "the root element is <mujoco>; it must be <robot> .URDF. or <sdf>"),
     ("<robot name='r'/>", "description .*x.urdf: "),
 ])  # fmt: skip
 def test_what_is_no_description_is_refused(tmp_path: Path, text: str | None, said: str) -> None:

@@ -4,19 +4,19 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.starts import RelativeStart
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.starts import RelativeStart
 from aras_visual_servo_bench.setup.assembly import assemble
 
-GOAL = transform((0.1, -0.2, 0.9), (np.pi - 0.1, 0.2, 0.4))
-TARGET = transform((0.3, 0.1, 0.2), (0.1, -0.2, 0.5))
+GOAL = matrix_from_xyz_rpy((0.1, -0.2, 0.9), (np.pi - 0.1, 0.2, 0.4))
+TARGET = matrix_from_xyz_rpy((0.3, 0.1, 0.2), (0.1, -0.2, 0.5))
 
 
 def posed(start, seed=0):
-    x = start.pose(GOAL, TARGET, seed)
-    return transform(x[:3], x[3:])
+    x = start.compute_pose(GOAL, TARGET, seed)
+    return matrix_from_xyz_rpy(x[:3], x[3:])
 
 
 def turned(rotation):
@@ -85,7 +85,9 @@ def test_an_experiment_starts_about_its_goal_s_pose():
     start = RelativeStart("plane", angle=25.0, scatter=(0.01, 1.0))
     asked = Experiment(plant="free", goal={"pose": goal}, start=start, seed=9,
                        target={"shape": "square", "pose": target})  # fmt: skip
-    assert asked.placed.start.pose == start.pose(GOAL, TARGET, 9)
-    assert asked.placed.placed == asked.placed
-    with pytest.raises(ExperimentError, match="start.kind 'back' is relative to the goal: give it"):
+    assert asked.with_absolute_start.start.pose == start.compute_pose(GOAL, TARGET, 9)
+    assert asked.with_absolute_start.with_absolute_start == asked.with_absolute_start
+    with pytest.raises(
+        ExperimentError, match="start.kind 'back' is relative to the goal: give the goal"
+    ):
         assemble(Experiment(start=RelativeStart("back")))

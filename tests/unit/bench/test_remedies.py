@@ -5,11 +5,11 @@ import pickle
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study.remedies import apply_remedy
-from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_to
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies.remedies import apply_remedy
+from aras_visual_servo_controller.records.remedy import Change, Remedy, multiply, remove, set_value
 
 CORNERS = [[-0.05, -0.04], [0.05, -0.05], [0.04, 0.05], [-0.03, 0.03]]
 BASE = {
@@ -17,7 +17,7 @@ BASE = {
     "target": {"shape": CORNERS, "motion": {"velocity": [0.003, 0, 0, 0, 0, 0]}},
     "goal": {"pose": [0, 0, 0.4, 3.04, 0.15, 0]},
     "start": {"pose": [0.03, -0.04, 0.45, 3.1, 0, 0.2]},
-    "believed": {"depth": 1.2},
+    "calibration_offset": {"depth": 1.2},
 }  # fmt: skip
 
 
@@ -28,12 +28,15 @@ def changed(*changes, **keys):
 
 
 def test_a_remedy_is_its_sentence_and_keeps_its_changes():
-    made = Remedy("lower the gain", multiply("gain", 0.1234), set_to("interaction", "mean"))
+    made = Remedy("lower the gain", multiply("gain", 0.1234), set_value("interaction", "mean"))
     assert made == "lower the gain: multiply gain by 0.12 and set interaction to mean"
     assert made.changes == (Change("gain", "multiply", 0.12), Change("interaction", "set", "mean"))
     again = pickle.loads(pickle.dumps(made))
     assert again == made and again.changes == made.changes
-    assert str(Remedy("", remove("believed"))) == "remove believed" and not Remedy()
+    assert (
+        str(Remedy("", remove("calibration_offset"))) == "remove calibration_offset"
+        and not Remedy()
+    )
     assert str(multiply("start", 0.5)) == "multiply the start's offset from the goal by 0.5"
     with pytest.raises(ValueError, match="operation 'add' is none of set, multiply, remove"):
         Change("gain", "add", 1.0)
@@ -41,10 +44,10 @@ def test_a_remedy_is_its_sentence_and_keeps_its_changes():
 
 def test_changes_set_multiply_and_remove_keys_of_the_experiment_and_of_the_controller():
     keys = changed(multiply("gain", 0.5), multiply("duration", 2.0), remove("target.motion"),
-                   remove("believed"), set_to("interaction", "mean"))  # fmt: skip
+                   remove("calibration_offset"), set_value("interaction", "mean"))  # fmt: skip
     assert (keys["gain"], keys["duration"]) == (1.0, 16.0)
-    assert "motion" not in keys["target"] and "believed" not in keys
-    assert keys["options"] == {"interaction": "mean"}
+    assert "motion" not in keys["target"] and "calibration_offset" not in keys
+    assert keys["controller_parameters"] == {"interaction": "mean"}
     plain = Experiment.from_mapping({**BASE, "gain": None})
     assert apply_remedy(plain, Remedy("", multiply("gain", 0.5))).gain == 2.5  # of the default
 
@@ -57,14 +60,20 @@ def test_a_target_grows_and_a_start_comes_nearer():
                                atol=1e-3)  # fmt: skip
     drawn = changed(multiply("start", 0.5), start={"height": [0.3, 0.5], "side": 0.04, "turn": 0.8})
     assert drawn["start"] == {"height": [0.35, 0.45], "side": 0.02, "turn": 0.4}
-    arm = {"plant": "chain", "goal": "2016", "start": "2015", "target": {}, "believed": {}}
+    arm = {
+        "plant": "chain",
+        "goal": "2016",
+        "start": "2015",
+        "target": {},
+        "calibration_offset": {},
+    }
     assert len(changed(multiply("start", 0.5), **arm)["start"]) == 6
 
 
 @pytest.mark.parametrize(("change", "why"), [
     ((), "changes no setting"),
     ((remove("target.occluder"),), "target.occluder is not set"),
-    ((set_to("warp", 1),), "no key 'warp'"),
+    ((set_value("warp", 1),), "no key 'warp'"),
     ((multiply("scheme", 2.0),), "scheme is 'points': it cannot be multiplied"),
     ((multiply("goal", 0.5),), "reaches every pose"),
 ])  # fmt: skip
@@ -80,12 +89,13 @@ def test_of_several_changes_those_that_apply_are_made():
 
 @pytest.mark.parametrize(("keys", "outcome"), [
     ({}, "target_moves"),
-    ({"target": {"shape": CORNERS}, "believed": {"rpy": [0, 0, 2.5]}}, "wrong_camera_model"),
+    ({"target": {"shape": CORNERS}, "calibration_offset": {"rpy": [0, 0, 2.5]}},
+        "wrong_camera_model"),
     ({"target": {"shape": CORNERS}, "gain": 0.2, "duration": 3.0}, "timed_out"),
     ({"target": {"shape": CORNERS}, "delay": 0.3, "gain": 5.0}, "gain_too_high"),
 ])  # fmt: skip
 def test_the_remedy_of_a_run_that_fails_helps(keys, outcome):
-    experiment = Experiment.from_mapping({**BASE, "believed": {}, **keys})
+    experiment = Experiment.from_mapping({**BASE, "calibration_offset": {}, **keys})
     failed = run(experiment)
     assert failed.outcome == outcome, failed.reason
     assert run(apply_remedy(experiment, failed.remedy)).outcome.startswith("converged")

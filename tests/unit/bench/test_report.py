@@ -17,24 +17,28 @@ import matplotlib.pyplot as plt
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.commands import analyzing, main
+from aras_visual_servo_bench.cli import analyze, main
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.numbers import metrics, summary
-from aras_visual_servo_bench.pictures import panels, style, views
-from aras_visual_servo_bench.pictures.over_time import looks
-from aras_visual_servo_bench.recording.from_loop import settings_of
-from aras_visual_servo_bench.recording.run import CameraRecord, settling
-from aras_visual_servo_bench.recording.tracks import milestones, nearest, tracks
-from aras_visual_servo_bench.study.replay import run_with_images, with_all_pictures
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics import metrics, summary
+from aras_visual_servo_bench.plots import panels, style, views
+from aras_visual_servo_bench.plots.time_plots import make_curve_styles
+from aras_visual_servo_bench.recording.image_tracks import (
+    compute_tracks,
+    find_milestones,
+    find_nearest,
+)
+from aras_visual_servo_bench.recording.run import CameraRecord, compute_settling_time
+from aras_visual_servo_bench.recording.run_recorder import describe_settings
+from aras_visual_servo_bench.studies.replay import run_with_all_images, run_with_images
 from aras_visual_servo_bench.web import SHARED
 from aras_visual_servo_bench.web.report import page, write
 from aras_visual_servo_bench.web.report import page as page_text
-from aras_visual_servo_bench.web.report.write import NAMES, PARTS, write_report
+from aras_visual_servo_bench.web.report.write import CHAPTER_NAMES, CHAPTERS, write_report
 
 SECONDS = 3.0
-FIGURES = {part.name: part.figure for row in PARTS for part in row}
-FEW = tuple((part,) for row in PARTS for part in row if part.name in ("features", "pose_errors"))
+FIGURES = {part.name: part.draw_figure for row in CHAPTERS for part in row}
+FEW = tuple((part,) for row in CHAPTERS for part in row if part.name in ("features", "pose_errors"))
 
 
 def simple(runs):
@@ -50,7 +54,9 @@ SIMPLE = tuple((write.Chapter(name, name, "", simple),) for name in "abc")
 @pytest.fixture(scope="module")
 def moments():
     """The paper's moments on an arm without dynamics, exactly seen."""
-    return run_with_images(Experiment(plant="chain", duration=SECONDS, linger=None), "moments")
+    return run_with_images(
+        Experiment(plant="chain", duration=SECONDS, time_after_convergence=None), "moments"
+    )
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +66,7 @@ def points():
         "plant": "free", "target": {"shape": "square", "size": [0.1, 0.1]},
         "scheme": "numbered_points", "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
         "goal": {"pose": [0.0, 0.0, 0.25, 3.14159, 0.0, 0.0]}, "duration": SECONDS,
-        "linger": None,
+        "time_after_convergence": None,
     }, "points")  # fmt: skip
 
 
@@ -72,12 +78,12 @@ def values(record):
 
 
 def test_the_numbers_are_those_of_the_studies():
-    experiment = Experiment(plant="chain", duration=1.0, linger=None)
-    run = with_all_pictures(experiment)
+    experiment = Experiment(plant="chain", duration=1.0, time_after_convergence=None)
+    run = run_with_all_images(experiment)
     found = values(run_with_images(experiment, "again"))
-    for name, metric in metrics.TABLE.items():
+    for name, metric in metrics.METRICS.items():
         assert found[name] == pytest.approx(metric.measure(run), abs=0.0, nan_ok=True), name
-    assert [stamp for stamp, _ in run.images.pictures] == run.stamp.tolist()
+    assert [stamp for stamp, _ in run.control_record.images] == run.stamp.tolist()
 
 
 def test_summary_says_how_it_ended_with_units_and_definitions(moments):
@@ -89,7 +95,7 @@ def test_summary_says_how_it_ended_with_units_and_definitions(moments):
     assert found["image_rate"].value == pytest.approx(30.0, abs=0.01)
     assert abs(found["images"].value - 30 * SECONDS) <= 2 and found["images_late"].value == 0
     assert all(q.text for q in found.values())
-    told = summary.mapping(moments, list(found.values()))
+    told = summary.make_mapping(moments, list(found.values()))
     assert json.loads(json.dumps(told)) == told and told["converged"] is True
     assert told["units"]["settled"] == "s" and set(told["definitions"]) == set(found)
 
@@ -97,15 +103,15 @@ def test_summary_says_how_it_ended_with_units_and_definitions(moments):
 def test_settling_time_wants_the_error_to_stay_small():
     stamp = np.arange(6.0)
     size = np.array([1.0, 0.01, 0.5, 0.01, 0.015, 0.0])
-    assert settling(stamp, size) == 3.0
-    assert settling(stamp, size[[0, 1, 1, 1, 1, 0]]) == np.inf
-    assert settling(stamp, np.zeros(6)) == 0.0
+    assert compute_settling_time(stamp, size) == 3.0
+    assert compute_settling_time(stamp, size[[0, 1, 1, 1, 1, 0]]) == np.inf
+    assert compute_settling_time(stamp, np.zeros(6)) == 0.0
 
 
 def test_condition_is_the_largest_over_the_smallest_singular_value_of_each_image():
     singular = np.array([[4.0, 2.0, np.nan], [9.0, 3.0, 1.0], [np.nan] * 3, [1.0, 0.0, np.nan]])
-    np.testing.assert_array_equal(metrics.condition(singular), [2.0, 9.0, np.nan, np.inf])
-    assert np.isnan(metrics.condition(np.zeros((3, 0)))).all()
+    np.testing.assert_array_equal(metrics.condition_number(singular), [2.0, 9.0, np.nan, np.inf])
+    assert np.isnan(metrics.condition_number(np.zeros((3, 0)))).all()
 
 
 def test_words_tell_a_failure_with_reason_and_remedy(moments):
@@ -113,109 +119,116 @@ def test_words_tell_a_failure_with_reason_and_remedy(moments):
         moments, states=tuple(replace(state, phase="servoing") for state in moments.states),
         outcome="target_lost", reason="over the left border", remedy="begin nearer",
     )  # fmt: skip
-    told = summary.told(lost, summary.summarise(lost))
+    told = summary.describe_run(lost, summary.summarise(lost))
     assert "NO: target_lost (over the left border)" in told and "begin nearer" in told
-    assert "yes, and held" in summary.told(moments, summary.summarise(moments))
+    assert "yes, and held" in summary.describe_run(moments, summary.summarise(moments))
     doubted = replace(moments, outcome="wrong_camera_model")
-    assert doubted.held  # it is held at the goal all the same
-    told = summary.told(doubted, summary.summarise(doubted))
+    assert doubted.is_held_at_goal  # it is held at the goal all the same
+    told = summary.describe_run(doubted, summary.summarise(doubted))
     assert "yes, and held; yet wrong_camera_model" in told
     noted = replace(moments, reason="as shown; yet", remedy="calibrate")
-    told = summary.told(noted, summary.summarise(noted))
+    told = summary.describe_run(noted, summary.summarise(noted))
     assert "yes, and held; as shown; yet\n" in told and "calibrate" in told
     blind = replace(
         moments, goal_pose=np.full((4, 4), np.nan),
-        verdict=replace(moments.verdict, word="", distance=np.nan, angle=np.nan),
+        verdict=replace(moments.verdict, name="", distance=np.nan, angle=np.nan),
     )  # fmt: skip
-    told = summary.told(blind, summary.summarise(blind))
+    told = summary.describe_run(blind, summary.summarise(blind))
     assert re.search(r"Camera off its goal by +unknown\n", told)
 
 
 def column(*numbers):
     return [summary.Quantity("settled", numbers[0], "s", "-", "smaller"),
             summary.Quantity("images", numbers[1], "", "-"),
-            summary.Quantity("overshoot", numbers[0], "", "-", "smaller", of_features=True),
+            summary.Quantity("overshoot", numbers[0], "", "-", "smaller", is_feature_based=True),
             ]  # fmt: skip
 
 
 def test_the_best_of_each_row_is_marked_once_it_differs_in_print(moments):
     columns = [column(1.0, 3), column(0.5, 9), column(0.50000001, 9)]
     runs = [moments] * 3
-    assert summary.best(runs, columns, "settled") == {1, 2}
-    assert summary.best(runs, columns, "images") == set()
-    assert summary.best(runs[1:], columns[1:], "settled") == set()
+    assert summary.find_best_runs(runs, columns, "settled") == {1, 2}
+    assert summary.find_best_runs(runs, columns, "images") == set()
+    assert summary.find_best_runs(runs[1:], columns[1:], "settled") == set()
     better = [[replace(q[0], better="greater")] for q in columns]
-    assert summary.best(runs, better, "settled") == {0}
-    assert summary.best([moments] * 4, [*columns, column(np.nan, 1)], "settled") == {1, 2}
+    assert summary.find_best_runs(runs, better, "settled") == {0}
+    assert summary.find_best_runs([moments] * 4, [*columns, column(np.nan, 1)], "settled") == {1, 2}
 
 
 def test_no_run_that_failed_is_best(moments):
     """A run that ended 82 mm off had a star for its overshoot."""
     columns = [column(0.1, 3), column(0.5, 9), column(0.7, 9)]
-    off = replace(moments, verdict=replace(moments.verdict, word="goal_missed", distance=0.082))
+    off = replace(moments, verdict=replace(moments.verdict, name="goal_missed", distance=0.082))
     lost = replace(moments, outcome="target_lost")
     for failed in (off, lost):
         for key in ("settled", "overshoot"):
-            assert summary.best([failed, moments, moments], columns, key) == {1}
-            assert summary.best([failed, moments, failed], columns, key) == set()
-    unknown = replace(moments, verdict=replace(moments.verdict, word=""))  # the goal's pose
-    assert summary.best([unknown, moments, off], columns, "settled") == {0}
+            assert summary.find_best_runs([failed, moments, moments], columns, key) == {1}
+            assert summary.find_best_runs([failed, moments, failed], columns, key) == set()
+    unknown = replace(moments, verdict=replace(moments.verdict, name=""))  # the goal's pose
+    assert summary.find_best_runs([unknown, moments, off], columns, "settled") == {0}
 
 
 def test_what_is_of_the_features_has_a_best_only_within_a_scheme(moments, points):
     columns = [column(0.1, 3), column(0.5, 9)]
-    assert moments.succeeded and points.succeeded
-    assert summary.best([moments, points], columns, "overshoot") == set()
-    assert summary.best([moments, points], columns, "settled") == {0}
-    assert summary.best([moments, moments], columns, "overshoot") == {0}
+    assert moments.is_success and points.is_success
+    assert summary.find_best_runs([moments, points], columns, "overshoot") == set()
+    assert summary.find_best_runs([moments, points], columns, "settled") == {0}
+    assert summary.find_best_runs([moments, moments], columns, "overshoot") == {0}
     other = replace(moments, states=tuple(replace(s, scheme="another") for s in moments.states))
-    assert summary.best([moments, other], columns, "overshoot") == set()
-    of_features = {q.key for q in summary.summarise(moments) if q.of_features}
+    assert summary.find_best_runs([moments, other], columns, "overshoot") == set()
+    of_features = {q.key for q in summary.summarise(moments) if q.is_feature_based}
     assert of_features == {"overshoot", "decay_rate", "error_settled", "condition_L",
                            "smallest_singular_value", "manipulability"}  # fmt: skip
 
 
 def test_a_row_of_the_comparison_is_in_one_notation():
     row = [summary.Quantity("a", value, "m", "-") for value in (0.00141, 2.5e-5, np.nan)]
-    assert summary.shown([*row, None]) == ["0.00141", "0.000025", "–", "–"]
-    assert summary.shown([replace(row[0], value="word"), replace(row[0], value=7)]) == ["word", "7"]
+    assert summary.format_quantities([*row, None]) == ["0.00141", "0.000025", "–", "–"]
+    assert summary.format_quantities([replace(row[0], value="word"), replace(row[0], value=7)]) == [
+        "word",
+        "7",
+    ]
 
 
 # -- what happened in the image --------------------------------------------------------------
 
 
 def test_other_schemes_show_the_targets_corners_and_its_centre(moments):
-    found = tracks(moments)
-    assert not found.measured and found.names[-1] == "centre of gravity"
+    found = compute_tracks(moments)
+    assert not found.is_measured and found.names[-1] == "centre of gravity"
     assert len(found.names) == 9  # the two plates together have eight corners
     # The run ends at its goal: so do the corners and the centre.
     np.testing.assert_allclose(found.pixels[-1, :-1], found.desired[:-1], atol=0.2)
     np.testing.assert_allclose(found.pixels[-1, -1], found.desired[-1], atol=0.2)
     # A turn by a turn of the camera: pixels at the start are those of the start's pose.
-    rim = moments.outline(moments.pose[0], moments.began)
+    rim = moments.project_outline(moments.pose[0], moments.start_stamp)
     low, high = rim.min(axis=0), rim.max(axis=0)
     start = found.pixels[0]
     assert (start >= low - 0.5).all() and (start <= high + 0.5).all()
 
 
 def test_pictures_are_chosen_by_what_is_left_of_the_error(moments):
-    decision = moments.states[0].decision
+    decision = moments.states[0].scheme_output
     short = replace(moments, states=tuple(
-        replace(moments.states[0], stamp=float(stamp), decision=replace(decision, error=error))
+        replace(moments.states[0], stamp=float(stamp), scheme_output=replace(decision, error=error))
         for stamp, error in enumerate(np.outer([1.0, 0.9, 0.5, 0.15, 0.01, 0.01], [1, 0, 0, 0]))
     ))  # fmt: skip
-    assert milestones(short) == [0.0, 2.0, 3.0, 4.0, 5.0]
-    blind = tuple(replace(state, decision=None) for state in short.states)
-    assert milestones(replace(short, states=blind)) == [0.0, 5.0]
-    np.testing.assert_array_equal(nearest(np.array([0.0, 1.0, 4.0]), np.array([-1, 0.6, 2.4, 9])),
+    assert find_milestones(short) == [0.0, 2.0, 3.0, 4.0, 5.0]
+    blind = tuple(replace(state, scheme_output=None) for state in short.states)
+    assert find_milestones(replace(short, states=blind)) == [0.0, 5.0]
+    np.testing.assert_array_equal(find_nearest(np.array([0.0, 1.0, 4.0]),
+        np.array([-1, 0.6, 2.4, 9])),
                                   [0, 1, 1, 2])  # fmt: skip
 
 
 def test_the_straight_way_begins_and_ends_where_it_must():
-    from aras_visual_servo_base.poses import transform
+    from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
-    a, b = transform((0.1, 0.2, 0.5), (3.0, 0.1, 0.3)), transform((0.0, 0.0, 0.3), (3.1, 0.0, -0.4))
-    way = views.straight(a, b, 21)
+    a, b = (
+        matrix_from_xyz_rpy((0.1, 0.2, 0.5), (3.0, 0.1, 0.3)),
+        matrix_from_xyz_rpy((0.0, 0.0, 0.3), (3.1, 0.0, -0.4)),
+    )
+    way = views.interpolate_poses(a, b, 21)
     np.testing.assert_allclose(way[0], a, atol=1e-12)
     np.testing.assert_allclose(way[-1], b, atol=1e-9)
     np.testing.assert_allclose(way[10, :3, 3], 0.5 * (a[:3, 3] + b[:3, 3]))
@@ -227,7 +240,7 @@ def test_the_straight_way_begins_and_ends_where_it_must():
 
 
 def test_features_share_an_axis_with_those_of_their_unit(moments, points):
-    with style.look():
+    with style.apply_style():
         figure = FIGURES["feature_errors"]([moments])
         labels = [axis.get_ylabel() for axis in figure.axes]
         assert labels == ["error (m)", "error (rad)", "norm, relative"]
@@ -240,22 +253,22 @@ def test_features_share_an_axis_with_those_of_their_unit(moments, points):
 
 def test_a_curve_is_open_where_nothing_was_measured():
     time, values = np.r_[0.0:1.0:0.1, 4.0:4.5:0.1], np.arange(15.0)
-    at, shown = panels.Curve("", time, values).open()
+    at, shown = panels.Curve("", time, values).insert_gaps()
     assert np.isnan(shown[10]) and 0.9 < at[10] < 4.0 and (np.diff(at) > 0).all()
     np.testing.assert_array_equal(shown[np.isfinite(shown)], values)
     for whole in (np.arange(5.0), np.r_[0.0:1.0:0.1, 1.2], np.zeros(1)):  # slow, one lost, one
-        np.testing.assert_array_equal(panels.Curve("", whole, whole).open(), (whole, whole))
+        np.testing.assert_array_equal(panels.Curve("", whole, whole).insert_gaps(), (whole, whole))
     for step, longest in ((0.01, 0.3), (0.2, 1.0)):  # five steps, three tenths of a second at least
         for gap, opened in ((0.98 * longest, False), (1.02 * longest, True)):
             time = np.cumsum([0.0, step, step, gap, step, step])
-            assert np.isnan(panels.Curve("", time, time).open()[1]).any() == opened
+            assert np.isnan(panels.Curve("", time, time).insert_gaps()[1]).any() == opened
 
 
 def test_powers_of_ten_are_plain_letters():
-    with style.look():
-        _, (axis,) = style.panels(1, 1.5)
+    with style.apply_style():
+        _, (axis,) = style.make_axes(1, 1.5)
         axis.semilogy([0.0, 1.0], [1e-4, 1.0])
-        style.logarithmic(axis)
+        style.format_log_axis(axis)
         label = axis.yaxis.get_major_formatter()
         assert [label(value, 0) for value in (1e-4, 1.0, 1e12)] == ["10⁻⁴", "10⁰", "10¹²"]
         plt.close("all")
@@ -264,10 +277,10 @@ def test_powers_of_ten_are_plain_letters():
 @pytest.mark.parametrize("paper", [False, True])
 @pytest.mark.filterwarnings("error:Glyph")
 def test_both_looks_have_the_letters_of_a_logarithmic_axis(paper, tmp_path):
-    with style.look(paper):
-        figure, (axis,) = style.panels(1, 1.5)
+    with style.apply_style(paper):
+        figure, (axis,) = style.make_axes(1, 1.5)
         axis.semilogy([0.0, 1.0], [1e-4, 1.0])
-        style.logarithmic(axis)
+        style.format_log_axis(axis)
         figure.savefig(tmp_path / "x.pdf")
         plt.close("all")
 
@@ -277,35 +290,37 @@ def test_what_settled_is_marked_in_its_own_curve(moments):
     camera, errors = metrics.settled.measure(moments), metrics.error_settled.measure(moments)
     assert abs(camera - errors) > 0.01
     for draw, settled in ((FIGURES["pose_errors"], camera), (FIGURES["feature_errors"], errors)):
-        with style.look():
+        with style.apply_style():
             figure = draw([moments])
             said = [text.get_text() for axis in figure.axes for text in axis.texts]
         plt.close(figure)
         assert f"settled after {settled:.2f} s" in said
 
 
-@pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
 def test_every_figure_is_drawn_of_runs_of_unlike_schemes(draw, moments, points):
-    with style.look():
+    with style.apply_style():
         for records in ([points], [moments, points]):
             figure = draw(records)
             assert figure is None or all(a.has_data() for a in figure.axes if a.get_visible())
         plt.close("all")
 
 
-@pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
 def test_a_name_with_dollars_is_drawn_as_it_stands(draw, moments):
     name = r"$\input{x}$"
     names = tuple(f"{name}{i}" for i in range(len(moments.names)))
     states = tuple(
-        replace(state, decision=state.decision and replace(state.decision, names=names))
+        replace(
+            state, scheme_output=state.scheme_output and replace(state.scheme_output, names=names)
+        )
         for state in moments.states
     )
     joints = (name, *moments.joint_names[1:])
     hostile = replace(
         moments, name=name, states=states, joint_names=joints, units=("$x$", *moments.units[1:])
     )
-    with style.look():
+    with style.apply_style():
         figure = draw([hostile, replace(hostile, name="$^$")])
         if figure is not None:
             figure.draw_without_rendering()
@@ -320,15 +335,15 @@ def test_figures_beside_each_other_are_of_one_height_with_their_margins(moments)
         return high, boxes[0].x0, high * boxes[-1].y0, high * (1.0 - boxes[0].y1), \
             high * (boxes[0].y0 - boxes[1].y1)  # fmt: skip
 
-    with style.look():
+    with style.apply_style():
         errors, pose = FIGURES["feature_errors"]([moments]), FIGURES["pose_errors"]([moments])
-        image = views.image_trajectory([moments])
+        image = views.draw_image_trajectory([moments])
         tall, before, wide = measures(errors), measures(pose), image.get_size_inches().tolist()
         assert tall[0] > before[0]
-        style.level([errors, pose])
+        style.equalize_heights([errors, pose])
         assert measures(errors) == pytest.approx(tall)
         assert measures(pose) == pytest.approx((tall[0], *before[1:]))
-        style.level([image, errors])  # a picture keeps its shape
+        style.equalize_heights([image, errors])  # a picture keeps its shape
         assert image.get_size_inches().tolist() == wide
         plt.close("all")
 
@@ -350,27 +365,29 @@ def test_the_report_is_one_page_that_needs_nothing_else(moments, tmp_path, monke
     assert not re.findall(r'(?:src|href)="(?!data:|#)|@import|url\((?!data:)', page)
     assert set(re.findall(r"https?://[\w./-]+", page)) == {"https://github.com/leeoniya/uPlot"}
     assert "the bag was &lt;not&gt; closed" in page
-    parts = {part.name for row in PARTS for part in row if part.panels([moments])}
+    parts = {part.name for row in CHAPTERS for part in row if part.panels([moments])}
     assert parts == set(re.findall(r'<section id="(\w+)"[^>]*>.*\n<div class="panels">', page))
-    assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(NAMES)
-    np.testing.assert_allclose(told, np.linspace(0.0, 1.0, len(PARTS) + 3))
+    assert {path.stem for path in (tmp_path / "figures").iterdir()} == set(CHAPTER_NAMES)
+    np.testing.assert_allclose(told, np.linspace(0.0, 1.0, len(CHAPTERS) + 3))
     assert words[:2] == ["numbers", "page"] and words[-1] == "done"
-    assert words[2:-1] == [" and ".join(part.title.lower() for part in row) for row in PARTS]
-    assert len(set(written)) == len(written) == len(NAMES) + 5 and all(p.is_file() for p in written)
+    assert words[2:-1] == [" and ".join(part.title.lower() for part in row) for row in CHAPTERS]
+    assert len(set(written)) == len(written) == len(CHAPTER_NAMES) + 5 and all(
+        p.is_file() for p in written
+    )
     for row in (("feature_errors", "pose_errors"), ("conditioning", "timing")):
         drawn = [plt.imread(tmp_path / "figures" / f"{name}.png") for name in row]
         assert drawn[0].shape == drawn[1].shape  # they stand beside each other
     scripts = [path.read_text() for path in page_text.SCRIPTS]
     assert len(scripts) == 4 and all(text in page for text in scripts)
     assert (SHARED / "style.css").read_text() in page
-    for row in PARTS:
+    for row in CHAPTERS:
         for part in row:
             assert part.name not in parts or part.text in html.unescape(page)
     kept = json.loads((tmp_path / "summary.json").read_text())
     for q in summary.summarise(moments):
         if isinstance(q.value, float) and np.isfinite(q.value):
             assert kept[q.key] == q.value
-            assert f">{q.shown}<" in page, q.key  # to the printed digits
+            assert f">{q.value_text}<" in page, q.key  # to the printed digits
     with (tmp_path / "summary.csv").open() as stream:
         rows = {row["quantity"]: row for row in csv.DictReader(stream)}
     assert float(rows["settled"]["value"]) == kept["settled"] and rows["settled"]["unit"] == "s"
@@ -381,7 +398,7 @@ def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, 
     """Where no other thread runs; a process that fails or is ended says so, and nothing hangs."""
     monkeypatch.setattr(threading, "active_count", lambda: 1)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 1})
-    parent, drawn = os.getpid(), write._drawn
+    parent, drawn = os.getpid(), write._encode_figure
 
     def watched(figure, kind):
         assert os.getpid() != parent
@@ -392,16 +409,16 @@ def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, 
         (tmp_path / str(os.getpid())).touch()
         return drawn(figure, kind)
 
-    monkeypatch.setattr(write, "_drawn", watched)
-    monkeypatch.setattr(write, "PARTS", SIMPLE)
-    words = {"full": "No space left on device", "killed": "is there memory enough"}
+    monkeypatch.setattr(write, "_encode_figure", watched)
+    monkeypatch.setattr(write, "CHAPTERS", SIMPLE)
+    words = {"full": "No space left on device", "killed": "check whether the memory is sufficient"}
     if fault:
         with pytest.raises(BenchError, match=words[fault]):
             write_report([points], tmp_path / "two", ("png", "svg"))
         return
     written = write_report([points], tmp_path / "two", ("png", "svg"))
     processes = {path.name for path in tmp_path.iterdir() if path.name.isdecimal()}
-    monkeypatch.setattr(write, "_drawn", drawn)
+    monkeypatch.setattr(write, "_encode_figure", drawn)
     monkeypatch.setattr(threading, "active_count", lambda: 2)
     alone = write_report([points], tmp_path / "one", ("png", "svg"))
     assert len(processes) == 2
@@ -420,8 +437,8 @@ def test_copies_of_the_process_draw_where_that_is_safe_and_saves_time(
 ):
     monkeypatch.setattr(threading, "active_count", lambda: threads)
     monkeypatch.setattr(os, "sched_getaffinity", lambda _: set(range(cores)))
-    monkeypatch.setattr(write, "_drawn", lambda figure, kind: str(os.getpid()).encode())
-    monkeypatch.setattr(write, "PARTS", SIMPLE)
+    monkeypatch.setattr(write, "_encode_figure", lambda figure, kind: str(os.getpid()).encode())
+    monkeypatch.setattr(write, "CHAPTERS", SIMPLE)
     write_report([points], tmp_path, kinds)
     drew = {int(path.read_text()) for path in (tmp_path / "figures").iterdir()}
     assert (os.getpid() not in drew) == copied and len(drew) <= (2 if copied else 1)
@@ -433,48 +450,52 @@ def test_headers_say_settings_in_plain_words_with_units(points):
     assert settings["start"] == (
         "camera at x 0.05, y -0.03, z 0.4 m, roll 180°, pitch 0°, yaw 28.65°"
     )
-    asked = points.experiment.with_(
+    asked = points.experiment.with_changes(
         start={"height": [0.15, 0.5], "side": 0.1, "turn": 0.5236}, camera={"width": 320},
         target={"shape": [[0, 0], [0.1, 0], [0, 0.1]]},
     )  # fmt: skip
-    told = settings_of(asked)
-    assert told["start"] == "drawn, camera 0.15 to 0.5 m above the target and up to 0.1 m beside " \
-        "it, turned by up to 30°"  # fmt: skip
-    assert told["camera"] == "settings of its own" and told["target"] == "polygon of 3 corners"
-    joints = settings_of(asked.with_(start=[0.1, -0.2]))["start"]
+    told = describe_settings(asked)
+    assert told["start"] == "random, camera 0.15 to 0.5 m above the target and up to 0.1 m to " \
+        "the side, rotated by up to 30°"  # fmt: skip
+    assert told["camera"] == "own settings" and told["target"] == "polygon of 3 corners"
+    joints = describe_settings(asked.with_changes(start=[0.1, -0.2]))["start"]
     assert joints == "joints 0.1 -0.2"
     for kind in ("turned", "back", "plane", "looking"):
-        relative = settings_of(asked.with_(start={"kind": kind, "angle": 30.0, "distance": 0.5}))
+        relative = describe_settings(
+            asked.with_changes(start={"kind": kind, "angle": 30.0, "distance": 0.5})
+        )
         assert re.match(r"the goal's pose, [^=]+$", relative["start"])
-    shown = page._run(points, [])
+    shown = page._render_run(points, [])
     assert "gain " not in shown["meta"] and "delay 0.015 s" in shown["meta"]
-    shown = page._run(replace(points, settings=settings_of(asked.with_(gain=2.0))), [])
+    shown = page._render_run(
+        replace(points, settings=describe_settings(asked.with_changes(gain=2.0))), []
+    )
     assert "gain 2 1/s" in shown["meta"] and ("gain", "2 1/s") in shown["settings"]
 
 
 def test_runs_are_told_apart_without_colour_and_none_hides_another():
-    with style.look(paper=True):
-        five = looks(5)
-    assert looks(1) == [{"color": looks(1)[0]["color"]}]
+    with style.apply_style(is_paper=True):
+        five = make_curve_styles(5)
+    assert make_curve_styles(1) == [{"color": make_curve_styles(1)[0]["color"]}]
     assert len({one["marker"] for one in five}) == 5
     assert len({one["markevery"] for one in five}) == 5
     widths = [one["lw"] for one in five]
     assert widths == sorted(widths, reverse=True) and widths[0] > 1.5 * widths[-1]
-    many = looks(30)
+    many = make_curve_styles(30)
     assert len({(one["color"], one["marker"]) for one in many}) == 30
 
 
 @pytest.mark.parametrize(("count", "paper"), [(1, False), (5, False), (5, True)])
-@pytest.mark.parametrize("draw", FIGURES.values(), ids=NAMES)
+@pytest.mark.parametrize("draw", FIGURES.values(), ids=CHAPTER_NAMES)
 def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, moments):
     """Names of runs are as long as a user's; a paper's column is 3.5 inches wide."""
     runs = [replace(moments, name=f"moments, gain {1.5 * i:g} and filter") for i in range(count)]
-    with style.look(paper):
+    with style.apply_style(paper):
         figure = draw(runs)
         if figure is None:
             return
-        alone = any(len(row) == 1 and row[0].figure == draw for row in PARTS)
-        assert figure.get_figwidth() == (3.5 if paper else style.WIDE if alone else 7.2)
+        alone = any(len(row) == 1 and row[0].draw_figure == draw for row in CHAPTERS)
+        assert figure.get_figwidth() == (3.5 if paper else style.WIDE_FIGURE if alone else 7.2)
         figure.draw_without_rendering()
         width, height = figure.get_size_inches() * figure.dpi
         spatial = any(axis.name == "3d" for axis in figure.axes)
@@ -510,12 +531,13 @@ def test_nothing_of_a_figure_is_cut_off_or_lies_on_a_legend(draw, count, paper, 
 def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
     """Real-time factors come once a second: a short run has none, or one, of its own."""
     paces = {
-        "late": [[moments.began + 100.0, 1.0]], "unknown": [[moments.began + 0.1, np.nan]],
-        "one": [[moments.began + 0.5, 0.98]],
+        "late": [[moments.start_stamp + 100.0, 1.0]],
+        "unknown": [[moments.start_stamp + 0.1, np.nan]],
+        "one": [[moments.start_stamp + 0.5, 0.98]],
     }  # fmt: skip
     for name, pace in paces.items():
-        with style.look():
-            figure = FIGURES["timing"]([replace(moments, pace=np.array(pace))])
+        with style.apply_style():
+            figure = FIGURES["timing"]([replace(moments, real_time_factors=np.array(pace))])
             labels = [axis.get_ylabel() for axis in figure.axes]
             (dots,) = figure.axes[0].lines
             assert (dots.get_linestyle(), dots.get_marker()) == ("None", ".")
@@ -531,14 +553,14 @@ def test_a_pace_without_a_curve_leaves_no_empty_panel(moments):
 def test_a_delay_below_zero_is_shown_and_explained(moments, tmp_path):
     stamp = moments.stamp
     early = replace(moments, cameras={"camera": CameraRecord(None, stamp, stamp - 0.13)})
-    with style.look():
+    with style.apply_style():
         labels = [axis.get_ylabel() for axis in FIGURES["timing"]([early]).axes]
         assert "delay (ms)" in labels
         plt.close("all")
     write_report([early], tmp_path, ())
     told = (tmp_path / "report.html").read_text()
-    assert "A delay below 0: the picture came before the clock message" in told
-    assert "below 0 where" in metrics.delay.source
+    assert "A negative delay means that the image arrived before the clock message" in told
+    assert "negative if" in metrics.delay.source
 
 
 def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_path):
@@ -563,7 +585,7 @@ def test_several_runs_are_compared_with_the_best_marked(moments, points, tmp_pat
 
 
 def test_figures_for_a_paper_are_vectors_a_column_wide(points, tmp_path, monkeypatch):
-    monkeypatch.setattr(write, "PARTS", FEW)
+    monkeypatch.setattr(write, "CHAPTERS", FEW)
     write_report([points], tmp_path, ("png", "svg", "pdf"), paper=True)
     files = {path.name for path in (tmp_path / "figures").iterdir()}
     assert files == {f"{name}.{kind}" for name in ("features", "pose_errors")
@@ -579,7 +601,7 @@ def test_a_full_disk_is_one_clear_line(points, tmp_path, monkeypatch):
     monkeypatch.setattr(Path, "write_bytes", full)
     with pytest.raises(BenchError, match=r"cannot write the report into .*: No space left"):
         write_report([points], tmp_path, ("png",))
-    with pytest.raises(BenchError, match="no format 'jpg': there are png, svg, pdf"):
+    with pytest.raises(BenchError, match="unknown format 'jpg': use one of png, svg, pdf"):
         write_report([points], tmp_path, ("jpg",))
 
 
@@ -587,9 +609,9 @@ def test_a_full_disk_is_one_clear_line(points, tmp_path, monkeypatch):
 
 
 def test_an_experiments_file_is_run_and_reported(tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(write, "PARTS", FEW)
+    monkeypatch.setattr(write, "CHAPTERS", FEW)
     file = tmp_path / "quick.yaml"
-    file.write_text("{plant: free, duration: 0.4, linger: null}\n")
+    file.write_text("{plant: free, duration: 0.4, time_after_convergence: null}\n")
     out = tmp_path / "out"
     assert main(["analyze", str(file), "--out", str(out), "--formats", "svg"]) == 0
     told = capsys.readouterr().out
@@ -600,8 +622,8 @@ def test_an_experiments_file_is_run_and_reported(tmp_path, capsys, monkeypatch):
 @pytest.mark.parametrize(("words", "complaint"), [
     (["none.bag"], "there is no file none.bag"),
     (["cut.bag"], "cut.bag.active"),  # what a recorder without a disk leaves is read in its place
-    (["."], "holds no run.bag; a study's run is named as .:NUMBER"),
-    (["none.bag", "--formats", "gif"], "no format 'gif'"),
+    (["."], "has no run.bag; for a run of a study give .:NUMBER"),
+    (["none.bag", "--formats", "gif"], "unknown format 'gif'"),
     (["none.bag", "--names", "a,b"], "2 names for 1 runs"),
 ])  # fmt: skip
 def test_what_cannot_be_analyzed_is_one_line(words, complaint, tmp_path, capsys, monkeypatch):
@@ -614,7 +636,7 @@ def test_what_cannot_be_analyzed_is_one_line(words, complaint, tmp_path, capsys,
 
 def test_runs_of_one_name_are_told_apart(points):
     twins = [replace(points), replace(points)]
-    analyzing._told_apart(twins)
+    analyze._number_equal_names(twins)
     assert [one.name for one in twins] == ["points (1)", "points (2)"]
 
 
@@ -622,7 +644,7 @@ def test_a_machine_without_the_bench_s_libraries_is_told_how_to_get_them():
     """As one that has run ./demo.sh alone, after which the README calls `analyze`."""
     program = """import sys
 sys.modules["pyarrow"] = None
-from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.cli import main
 sys.exit(main(["analyze", "run.bag", "--out", "report"]))"""
     done = subprocess.run([sys.executable, "-c", program], capture_output=True, text=True,
                           env={**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)})  # fmt: skip

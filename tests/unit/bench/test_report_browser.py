@@ -6,8 +6,8 @@ from dataclasses import replace
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.study.replay import run_with_images
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web.report.write import write_report
 
 SIZES = (1440, 390)
@@ -18,8 +18,11 @@ READY = "!!window.arasReport"
 @pytest.fixture(scope="module")
 def runs():
     """Two of unlike gains and lengths."""
-    asked = Experiment(plant="chain", start="2016", duration=2.0, linger=None)
-    quick, slow = run_with_images(asked, "quick"), run_with_images(asked.with_(gain=2.0), "slow")
+    asked = Experiment(plant="chain", start="2016", duration=2.0, time_after_convergence=None)
+    quick, slow = (
+        run_with_images(asked, "quick"),
+        run_with_images(asked.with_changes(gain=2.0), "slow"),
+    )
     return [quick, replace(slow, name=f"slow {HOSTILE}")]
 
 
@@ -29,7 +32,7 @@ def opened(watched, runs, tmp_path_factory):
     wide."""
     lost = replace(runs[0], name="lost", outcome="target_lost", reason="over the left border",
                    remedy="begin nearer", notes=["the bag was cut off"],
-                   verdict=replace(runs[0].verdict, word="goal_missed"))  # fmt: skip
+                   verdict=replace(runs[0].verdict, name="goal_missed"))  # fmt: skip
     open_ = replace(runs[0], name="open", outcome="converged up to 0.6 mm", reason="noise")
     shown = {1: runs[:1], 2: runs, 9: [*runs, lost, open_, *(replace(runs[0], name=f"run {i}")
                                                             for i in range(5))]}  # fmt: skip
@@ -80,10 +83,10 @@ def test_a_chart_is_zoomed_by_dragging_and_all_others_with_it(page, runs):
     shown = page.js("arasReport.charts.filter((c) => c.plot)"
                     ".map((c) => [c.plot.scales.x.min, c.plot.scales.x.max])")  # fmt: skip
     assert len(shown) > 1 and all(pair == pytest.approx([low, high]) for pair in shown)
-    page.js("document.getElementById('nearer').click()")
+    page.js("document.getElementById('zoom-in').click()")
     assert page.js("arasReport.page.range[1] - arasReport.page.range[0]") == pytest.approx(
         0.5 * (high - low))  # fmt: skip
-    page.js("document.getElementById('whole').click()")
+    page.js("document.getElementById('zoom-all').click()")
     assert page.js("arasReport.page.range") == [0, pytest.approx(end)]
 
 
@@ -98,7 +101,7 @@ def test_one_cursor_goes_through_all_curves_film_path_and_words(page, runs):
     time = page.js("arasReport.page.time")
     assert time == pytest.approx(0.31 * run.time[-1], rel=0.02)
     page.wait(f"{told}('now').textContent === '{time:.3f} s'")
-    lefts = page.js("""arasReport.charts.filter((c) => c.seen).map(
+    lefts = page.js("""arasReport.charts.filter((c) => c.isVisible).map(
         (c) => c.plot.posToVal(c.plot.cursor.left, "x"))""")
     assert len(lefts) > 1 and lefts == pytest.approx([time] * len(lefts), abs=0.02)
     image = int(abs(run.time - time).argmin())
@@ -117,7 +120,7 @@ def test_the_film_goes_on_image_by_image_by_button_key_and_slider(page, runs):
     page.js("arasReport.page.setTime(0.5)")
     page.wait(f"Math.abs(arasReport.films[0].time[{frame}] - 0.5) < 0.02")
     first = page.js(frame)
-    page.js("document.getElementById('on').click()")
+    page.js("document.getElementById('next-image').click()")
     page.wait(f"{frame} === {first + 1}")
     page.js("document.getElementById('time').focus()")
     for key in ("ArrowLeft", "ArrowLeft"):
@@ -131,7 +134,7 @@ def test_the_film_goes_on_image_by_image_by_button_key_and_slider(page, runs):
         .getImageData(0, 0, c.width, c.height).data; let n = 0;
         for (let i = 0; i < d.length; i += 4) if (d[i + 1] > d[i] + 60) n++; return n; })()"""
     assert page.js(ink) > 20
-    outline = """(() => { const f = arasReport.films[0], c = f.canvas, r = f.rim;
+    outline = """(() => { const f = arasReport.films[0], c = f.canvas, r = f.desiredOutline;
         const n = r.length / 2;
         const k = c.width / f.film.width, x = c.getContext("2d"); let found = 0;
         for (let i = 0; i < n; i++) { const j = (i + 1) % n;  // the middle of each edge
@@ -198,7 +201,7 @@ def test_the_live_page_serves_a_report_that_works(
 ):
     """Its page allows no script that is not a file; a report carries its own."""
     page = write_report(runs[:1], tmp_path, ())[0]
-    monkeypatch.setattr(host, "file", lambda name: page if name == "one/report.html" else None)
+    monkeypatch.setattr(host, "find_file", lambda name: page if name == "one/report.html" else None)
     tab = browser.open("about:blank")
     address = server.access.address
     tab.call("Page.navigate", url=address.replace("/?", "/report/one/report.html?") + "#at=0.5")

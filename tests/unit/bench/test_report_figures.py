@@ -13,19 +13,19 @@ import pytest
 from made_run import GOAL, JOINTS, TWIST, K, corners_seen, made_run
 from matplotlib.colors import to_hex, to_rgb
 
-from aras_visual_servo_bench.pictures import palette, panels, style, views
-from aras_visual_servo_bench.pictures.over_time import Layout, drawn, symbol
-from aras_visual_servo_bench.pictures.panels import Curve, Panel
-from aras_visual_servo_bench.recording.film import with_pictures
-from aras_visual_servo_bench.recording.run import Run, Verdict, scaled
-from aras_visual_servo_bench.recording.tracks import milestones, tracks
+from aras_visual_servo_bench.plots import palette, panels, style, views
+from aras_visual_servo_bench.plots.panels import Curve, Panel
+from aras_visual_servo_bench.plots.time_plots import Layout, draw_panels, find_symbol
+from aras_visual_servo_bench.recording.film import with_images
+from aras_visual_servo_bench.recording.image_tracks import compute_tracks, find_milestones
+from aras_visual_servo_bench.recording.run import Run, Verdict, normalize_errors
 from aras_visual_servo_bench.targets.geometry import PolygonTarget
-from aras_visual_servo_bench.web.report.write import PARTS
+from aras_visual_servo_bench.web.report.write import CHAPTERS
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 
-CHAPTERS = {part.name: part for row in PARTS for part in row}
+CHAPTERS = {part.name: part for row in CHAPTERS for part in row}
 WIDTH, HEIGHT = 640, 400
 
 
@@ -39,7 +39,7 @@ def picture(number):
 def filmed(run):
     """With a picture at every twentieth image, the last of them 27 images before the end."""
     stamps = run.stamp[:-26:20]
-    return with_pictures(run, [(float(s), picture(i)) for i, s in enumerate(stamps)])
+    return with_images(run, [(float(s), picture(i)) for i, s in enumerate(stamps)])
 
 
 def of_points(run):
@@ -51,8 +51,8 @@ def of_points(run):
         error = np.exp(-0.03 * i) * np.array([0.2, 0.1, -0.1, 0.24]) + 1e-3 * rng.normal(size=4)
         error[:2] = np.nan if i in (0, 1, 40) else error[:2]
         wanted = np.full(4, np.nan) if i > 120 else wanted
-        decision = Decision(names, wanted + error, wanted, error) if i != 33 else None
-        states.append(replace(state, decision=decision))
+        decision = SchemeOutput(names, wanted + error, wanted, error) if i != 33 else None
+        states.append(replace(state, scheme_output=decision))
     return replace(run, states=tuple(states), units=(), name="points")
 
 
@@ -107,7 +107,7 @@ def pixel(points):
 
 
 def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
-    figure = views.image_trajectory(runs[:1])
+    figure = views.draw_image_trajectory(runs[:1])
     (axis,) = figure.axes
     edges = [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
     assert [*axis.get_xlim(), *axis.get_ylim()] == edges
@@ -116,21 +116,23 @@ def test_a_camera_s_pixels_are_the_axes_of_its_picture_plane(runs, paper):
     assert axis.get_xlabel() == "column (pixel)" and axis.get_ylabel() == "row (pixel)"
     # It is the last picture, paler, and white where that is.
     shown = axis.images[0].get_array()
-    last = picture(len(runs[0].images.pictures) - 1).astype(float)
+    last = picture(len(runs[0].control_record.images) - 1).astype(float)
     np.testing.assert_allclose(255 - shown.astype(float), 0.35 * (255 - last), atol=1.0)
     assert all(side.get_visible() for side in axis.spines.values())
     assert not has_grid(axis)
-    other = with_pictures(runs[0], [(0.0, picture(0)), (1.0, picture(0)[:-1])])
-    assert not views.image_trajectory([other]).axes[0].images  # not the camera's size
-    assert views.image_trajectory([replace(runs[0], cameras={})]) is None
+    other = with_images(runs[0], [(0.0, picture(0)), (1.0, picture(0)[:-1])])
+    assert not views.draw_image_trajectory([other]).axes[0].images  # not the camera's size
+    assert views.draw_image_trajectory([replace(runs[0], cameras={})]) is None
 
 
 def test_points_go_from_a_dot_to_a_ring(runs, screen):
     run = of_points(runs[0])
-    figure = views.image_trajectory([run])
+    figure = views.draw_image_trajectory([run])
     (axis,) = figure.axes
-    feature = np.array([s.decision.features if s.decision else [np.nan] * 4 for s in run.states])
-    wanted = run.states[120].decision.desired  # the last that is known
+    feature = np.array(
+        [s.scheme_output.features if s.scheme_output else [np.nan] * 4 for s in run.states]
+    )
+    wanted = run.states[120].scheme_output.desired  # the last that is known
     (legend,) = figure.legends
     assert words(legend) == ["point 1", "point 3", "start", "goal"]
     named = dict(zip(words(legend), legend.get_lines(), strict=True))
@@ -147,8 +149,8 @@ def test_points_go_from_a_dot_to_a_ring(runs, screen):
         assert alike(start, named["start"]) and alike(goal, named["goal"])
     assert next(lines, None) is None
     assert len({line.get_color() for line in legend.get_lines()[:2]}) == 2
-    assert axis.get_title("left") == "Path of the points that the scheme sees in the image"
-    assert tracks(run).stamp is run.stamp
+    assert axis.get_title("left") == "Path of the points that the scheme measures in the image"
+    assert compute_tracks(run).stamp is run.stamp
 
 
 def centre(rim):
@@ -162,7 +164,7 @@ def test_a_target_s_corners_are_pale_and_its_centre_is_bold(runs, screen):
     seen = corners_seen(runs[0])[0]
     rims = seen[..., :2] / seen[..., 2:]
     local = (placed(runs[0], runs[0].joint_stamp[-1]) - GOAL[:3, 3]) @ GOAL[:3, :3]
-    figure = views.image_trajectory(runs[:1])
+    figure = views.draw_image_trajectory(runs[:1])
     (axis,) = figure.axes
     for i in range(4):
         line, start, goal = axis.lines[3 * i : 3 * i + 3]
@@ -184,25 +186,25 @@ def test_a_target_s_corners_are_pale_and_its_centre_is_bold(runs, screen):
     measured = np.array([0.05, -0.1]) + 1e-3 * np.arange(2 * len(rims)).reshape(-1, 2)
     measured[:3], measured[9, 1] = np.nan, np.nan
     own = replace(runs[0], centres=measured, goal=Goal(moments=Moments.from_polygon(rims[0], 2)))
-    found = tracks(own)
+    found = compute_tracks(own)
     known = np.isfinite(measured).all(axis=1)
     np.testing.assert_allclose(found.pixels[known, 4], pixel(measured[known]))
-    assert np.isnan(found.pixels[~known, 4]).all() and not found.measured
+    assert np.isnan(found.pixels[~known, 4]).all() and not found.is_measured
     np.testing.assert_allclose(found.desired[4], pixel(centre(rims[0])), atol=1e-6)
-    (axis,) = views.image_trajectory([own]).axes
+    (axis,) = views.draw_image_trajectory([own]).axes
     same(axis.lines[12], pixel(measured[known]))
     same(axis.lines[14], found.desired[4])
-    bare = tracks(replace(own, target=None))
+    bare = compute_tracks(replace(own, target=None))
     assert bare.names == ("centre of gravity",)
     np.testing.assert_array_equal(bare.pixels[:, 0], found.pixels[:, 4])
-    assert tracks(replace(own, target=None, centres=measured[:-1])) is None
-    assert tracks(replace(own, states=())) is None
+    assert compute_tracks(replace(own, target=None, centres=measured[:-1])) is None
+    assert compute_tracks(replace(own, states=())) is None
 
 
 def test_what_is_behind_the_camera_is_nowhere_in_its_picture(runs):
-    whole, pose = tracks(runs[0]).pixels, runs[0].pose.copy()
+    whole, pose = compute_tracks(runs[0]).pixels, runs[0].pose.copy()
     pose[5, :3, :3] = pose[5, :3, :3] @ np.diag([1.0, -1.0, -1.0])
-    found = tracks(replace(runs[0], pose=pose)).pixels
+    found = compute_tracks(replace(runs[0], pose=pose)).pixels
     assert np.isnan(found[5]).all() and np.isfinite(whole).all()
     np.testing.assert_array_equal(np.delete(found, 5, 0), np.delete(whole, 5, 0))
 
@@ -212,13 +214,13 @@ def test_corners_of_a_target_are_followed_while_they_are_few(runs, corners, show
     turn = np.arange(corners) * 2.0 * np.pi / corners
     rim = tuple(map(tuple, np.column_stack([0.04 * np.cos(turn), 0.03 * np.sin(turn)])))
     target = replace(runs[0].target, shape=PolygonTarget(rim))
-    names = tracks(replace(runs[0], target=target)).names
+    names = compute_tracks(replace(runs[0], target=target)).names
     assert names == (*(f"corner {i}" for i in range(shown)), "centre of gravity")
 
 
 def test_paths_of_several_runs_are_told_apart(runs, screen):
     three = [of_points(runs[0]), replace(runs[1], name="$corners"), runs[0]]
-    figure = views.image_trajectory(three)
+    figure = views.draw_image_trajectory(three)
     (axis,) = figure.axes
     assert words(figure.legends[0]) == ["points", r"\$corners", runs[0].name]
     looks = [(line.get_color(), line.get_marker()) for line in figure.legends[0].get_lines()]
@@ -239,16 +241,16 @@ def test_paths_of_several_runs_are_told_apart(runs, screen):
 def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
     short = of_points(runs[1])
     strips = [runs[0], replace(short, states=short.states[:45], name="$two")]
-    stamps = [milestones(run) for run in strips]
+    stamps = [find_milestones(run) for run in strips]
     counts = [len(one) for one in stamps]
     columns = max(counts)
     assert columns == 6 and counts[0] != counts[1]
-    figure = views.filmstrip(strips)
+    figure = views.draw_filmstrip(strips)
     assert len(figure.axes) == 2 * columns
     for run, times, row in zip(strips, stamps, np.reshape(figure.axes, (2, columns)), strict=True):
         assert [axis.get_visible() for axis in row] == [i < len(times) for i in range(columns)]
         for axis, stamp in zip(row, times, strict=False):
-            kept = run.images.pictures
+            kept = run.control_record.images
             nearest = np.argmin([abs(one - stamp) for one, _ in kept])
             np.testing.assert_array_equal(axis.images[0].get_array(), kept[nearest][1])
             assert axis.images[0].get_extent() == [-0.5, WIDTH - 0.5, HEIGHT - 0.5, -0.5]
@@ -262,17 +264,17 @@ def test_a_strip_shows_the_picture_next_to_each_milestone(runs, paper):
             assert len(axis.get_xticks()) == len(axis.get_yticks()) == 0
             assert not has_grid(axis) and all(s.get_visible() for s in axis.spines.values())
         (name,) = [text for axis in row for text in axis.texts]
-        assert name.get_text() == style.literal(run.name)
+        assert name.get_text() == style.escape_math(run.name)
         box, around = name.get_window_extent(), row[0].get_window_extent()
         aside, below = box.x0 - around.x0, around.y1 - box.y1  # in the corner of its first picture
         assert 0.0 < aside < 0.04 * around.width and 0.0 < below < 0.06 * around.height
-    alone = views.filmstrip([replace(runs[0], target=None)])
+    alone = views.draw_filmstrip([replace(runs[0], target=None)])
     assert not any(axis.texts or axis.lines for axis in alone.axes)
-    assert alone.get_figwidth() == figure.get_figwidth() == style.figure_width(wide=True)
-    assert views.filmstrip([with_pictures(runs[0], [])]) is None
+    assert alone.get_figwidth() == figure.get_figwidth() == style.find_figure_width(is_wide=True)
+    assert views.draw_filmstrip([with_images(runs[0], [])]) is None
     blind = replace(runs[0], states=runs[0].states[:1])
-    blind = replace(blind, states=(replace(blind.states[0], decision=None),))
-    (axis,) = views.filmstrip([blind]).axes
+    blind = replace(blind, states=(replace(blind.states[0], scheme_output=None),))
+    (axis,) = views.draw_filmstrip([blind]).axes
     np.testing.assert_array_equal(axis.images[0].get_array(), picture(0))
 
 
@@ -283,8 +285,8 @@ def test_an_outline_that_leaves_a_picture_does_not_make_it_smaller(runs, edge, s
     at = (np.array(edge) - [K[2], K[5]]) / [K[0], K[4]] * middle[2]
     goal = GOAL.copy()  # from where the target's middle is seen at an edge
     goal[:3, 3] += GOAL[:3, :3] @ [*(middle[:2] - at), 0.0]
-    few = with_pictures(runs[0], runs[0].images.pictures[:1])
-    axis = views.filmstrip([replace(few, goal_pose=goal)]).axes[0]
+    few = with_images(runs[0], runs[0].control_record.images[:1])
+    axis = views.draw_filmstrip([replace(few, goal_pose=goal)]).axes[0]
     shown = np.transpose(axis.lines[0].get_data())
     beyond = (shown < 0.0) | (shown > [WIDTH, HEIGHT])
     assert 0 < beyond.any(axis=1).sum() < len(shown)
@@ -293,18 +295,19 @@ def test_an_outline_that_leaves_a_picture_does_not_make_it_smaller(runs, edge, s
 
 def test_milestones_are_parts_of_the_first_error_of_all_features(runs):
     for run in (runs[0], of_points(runs[1])):
-        error = np.array([s.decision.error if s.decision else [np.nan] * len(run.names)
+        error = np.array([s.scheme_output.error if s.scheme_output else [np.nan] * len(run.names)
                           for s in run.states])  # fmt: skip
         known = np.isfinite(error).all(axis=1)
         parts = error[known] / np.abs(error[known]).max(axis=0)
         left = np.sqrt((parts**2).sum(axis=1))
         at = [np.flatnonzero(left <= part * left[0]) for part in (1.0, 0.7, 0.4, 0.2, 0.08)]
         wanted = {*(i[0] for i in at if len(i)), len(left) - 1}
-        assert milestones(run) == run.stamp[known][sorted(wanted)].tolist()
-    assert milestones(replace(runs[0], states=())) == []
-    one = replace(runs[0], states=(replace(runs[0].states[0], decision=None),))
-    assert milestones(one) == []
-    np.testing.assert_array_equal(scaled(np.array([[2.0, 0.0], [-4.0, 0.0], [np.nan, 0.0]])),
+        assert find_milestones(run) == run.stamp[known][sorted(wanted)].tolist()
+    assert find_milestones(replace(runs[0], states=())) == []
+    one = replace(runs[0], states=(replace(runs[0].states[0], scheme_output=None),))
+    assert find_milestones(one) == []
+    np.testing.assert_array_equal(normalize_errors(np.array([[2.0, 0.0], [-4.0, 0.0],
+        [np.nan, 0.0]])),
                                   [[0.5, 0.0], [-1.0, 0.0], [np.nan, 0.0]])  # fmt: skip
 
 
@@ -358,7 +361,7 @@ def check_scene(axis, points):
 def test_a_camera_s_path_is_drawn_with_its_goal_and_its_target(runs, paper):
     run = lost_at_times(runs[0])
     path, corners = known_path(run), placed(run, run.states[0].stamp)
-    figure = views.camera_path([run])
+    figure = views.draw_camera_path([run])
     (axis,) = figure.axes
     size = check_scene(axis, np.vstack([path[:, :3, 3], GOAL[None, :3, 3], corners]))
     by_label = {name: [line for line in axis.lines if line.get_label() == name]
@@ -377,7 +380,7 @@ def test_a_camera_s_path_is_drawn_with_its_goal_and_its_target(runs, paper):
     check_frustum(axis.lines[7:12], GOAL, 0.18 * size, color=palette.GOAL, linestyle="--")
     check_frustum(axis.lines[12:], path[-1], 0.12 * size, linestyle="-",
                   color=by_label["camera"][0].get_color())  # fmt: skip
-    width, height = style.figure_width(), axis.get_window_extent().height / figure.dpi
+    width, height = style.find_figure_width(), axis.get_window_extent().height / figure.dpi
     assert height == pytest.approx(0.72 * width - (0.66 if paper else 1.0) * 0.5)
     assert figure.legends[0].get_window_extent().y1 < axis.get_window_extent().y0
     for one in (axis.xaxis, axis.yaxis, axis.zaxis):
@@ -389,16 +392,16 @@ def test_a_camera_s_path_is_drawn_with_its_goal_and_its_target(runs, paper):
     told = [text.get_text() for text in figure.texts]
     assert told == ([] if paper else ["Path of the camera in the world  (dashed: straight to the "
                                       "goal)"])  # fmt: skip
-    assert not np.allclose(runs[0].target.world_T_target(run.began), runs[0].target.pose)
+    assert not np.allclose(runs[0].target.world_T_target(run.start_stamp), runs[0].target.pose)
 
 
 def test_paths_of_several_cameras_have_a_goal_each_where_it_is_known(runs, screen):
     other = replace(runs[1], name="$other", goal_pose=np.full((4, 4), np.nan))
     lost = replace(runs[0], true_pose=np.full_like(runs[0].true_pose, np.nan))
-    figure = views.camera_path([lost, runs[0], other])
+    figure = views.draw_camera_path([lost, runs[0], other])
     (axis,) = figure.axes
     one, two = known_path(runs[0]), known_path(other)
-    points = [one[:, :3, 3], two[:, :3, 3], GOAL[None, :3, 3], placed(runs[0], runs[0].began)]
+    points = [one[:, :3, 3], two[:, :3, 3], GOAL[None, :3, 3], placed(runs[0], runs[0].start_stamp)]
     size = check_scene(axis, np.vstack(points))
     assert words(figure.legends[0]) == [runs[0].name, r"\$other", "goal"]
     first, ideal, second = axis.lines[:3]
@@ -411,9 +414,9 @@ def test_paths_of_several_cameras_have_a_goal_each_where_it_is_known(runs, scree
     check_frustum(axis.lines[13:18], one[-1], 0.12 * size, color=first.get_color())
     check_frustum(axis.lines[18:23], two[0], 0.12 * size, color=second.get_color())
     check_frustum(axis.lines[23:], two[-1], 0.12 * size, color=second.get_color())
-    assert views.camera_path([lost]) is None
+    assert views.draw_camera_path([lost]) is None
     still = replace(runs[0], true_pose=np.tile(GOAL, (len(runs[0].true_pose), 1, 1)), target=None)
-    (axis,) = views.camera_path([still]).axes  # of no extent: one of a millimetre is drawn
+    (axis,) = views.draw_camera_path([still]).axes  # of no extent: one of a millimetre is drawn
     assert np.ptp([axis.get_xlim(), axis.get_zlim()], axis=1) == pytest.approx([3.5e-4] * 2)
 
 
@@ -427,7 +430,7 @@ def test_a_tall_path_has_few_labels_across_and_is_drawn_smaller(runs, wide, tall
     along[after] = np.linspace(0.0, 1.0, after.sum())
     poses[:, :3, 3] = np.column_stack([wide * along, wide * along, along])
     run = replace(runs[0], true_pose=poses, target=None, goal_pose=np.full((4, 4), np.nan))
-    (axis,) = views.camera_path([run]).axes
+    (axis,) = views.draw_camera_path([run]).axes
     assert np.ptp(axis.get_zlim()) / np.ptp(axis.get_xlim()) == pytest.approx(1.12 / (wide + 0.12))
 
     def labels(one):
@@ -435,7 +438,9 @@ def test_a_tall_path_has_few_labels_across_and_is_drawn_smaller(runs, wide, tall
         return sum(low <= at <= high for at in one.get_majorticklocs())
 
     assert [labels(one) <= 2 for one in (axis.xaxis, axis.yaxis, axis.zaxis)] == [tall, tall, False]
-    flat = views.camera_path([replace(run, true_pose=np.tile(GOAL, (len(poses), 1, 1)))]).axes[0]
+    flat = views.draw_camera_path([replace(run, true_pose=np.tile(GOAL, (len(poses), 1, 1)))]).axes[
+        0
+    ]
     size = np.linalg.norm(axis._box_aspect) / np.linalg.norm(flat._box_aspect)
     assert size == pytest.approx(0.82 / 0.97 if tall else 1.0)
 
@@ -451,7 +456,7 @@ def shade(number):
 @pytest.mark.parametrize("count", [1, 2])
 def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper):
     part, some = CHAPTERS[name], runs[:count]
-    figure, shown = part.figure(some), part.panels(some)
+    figure, shown = part.draw_figure(some), part.panels(some)
     if figure is None:
         assert (name, count, shown) == ("features", 2, [])
         return
@@ -461,22 +466,22 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
     end = max(run.stamp[-1] - run.stamp[0] for run in some)
     for number, (axis, panel) in enumerate(zip(axes, shown, strict=True)):
         assert axis.get_xlim() == pytest.approx((0.0, end))
-        assert axis.get_yscale() == ("log" if panel.log else "linear")
+        assert axis.get_yscale() == ("log" if panel.is_logarithmic else "linear")
         low, high = axis.get_ylim()
         looks = []
         for line, curve in zip(axis.lines, panel.curves, strict=False):
-            np.testing.assert_array_equal(line.get_data(), curve.open())
+            np.testing.assert_array_equal(line.get_data(), curve.insert_gaps())
             known = curve.values[np.isfinite(curve.values)]
             assert (low < known).all() and (known < high).all()
             looks.append((line.get_color(), str(line.get_linestyle()), line.get_marker(),
                           line.get_alpha()))  # fmt: skip
             dashed = str(line.get_linestyle()) == "--"
-            assert dashed == curve.dashed and (line.get_linestyle() == "None") == panel.dots
+            assert dashed == curve.dashed and (line.get_linestyle() == "None") == panel.is_dotted
         assert len(set(looks)) == len(panel.curves)
         legend = axis.get_legend()
-        full = [c for c in panel.curves if not (c.dashed or c.pale)]
+        full = [c for c in panel.curves if not (c.dashed or c.is_pale)]
         label = axis.get_ylabel()
-        assert label.startswith((panel.axis, symbol(panel.axis))), label
+        assert label.startswith((panel.axis, find_symbol(panel.axis))), label
         assert label.endswith(f"({panel.unit})") or not panel.unit, label
         if columns == 1:
             if count == 2:
@@ -485,8 +490,10 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
                 assert (legend is None) == ([c.name for c in full] == [panel.axis])
         if legend is not None:
             named = dict(zip(words(legend), legend.get_lines(), strict=True))
-            wanted = [run.name for run in some] if count == 2 else [symbol(c.name) for c in full]
-            assert [w for w in named if w not in ("command", "asked")] == wanted
+            wanted = (
+                [run.name for run in some] if count == 2 else [find_symbol(c.name) for c in full]
+            )
+            assert [w for w in named if w not in ("command", "desired")] == wanted
             for line in axis.lines[: len(panel.curves)]:
                 if line.get_label() in named:
                     assert line.get_color() == named[line.get_label()].get_color()
@@ -494,7 +501,7 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
         time = "time (s)" if paper and columns == 2 else "time since servoing began (s)"
         assert axis.get_xlabel() == (time if lowest else "")
         for text in (axis.yaxis.label, axis.title, *axis.texts):
-            assert palette.contrast(to_rgb(text.get_color()), (1.0, 1.0, 1.0)) >= 4.5
+            assert palette.contrast_ratio(to_rgb(text.get_color()), (1.0, 1.0, 1.0)) >= 4.5
     for column in range(columns):
         assert len({axis.get_xlim() for axis in axes[column::columns]}) == 1
 
@@ -502,32 +509,35 @@ def test_a_figure_has_its_panels_curves_and_names_them(runs, count, name, paper)
 @pytest.mark.parametrize(("name", "titles"), [
     ("feature_errors", ["Feature errors s − s*  (pale: as measured, full: filtered)"]),
     ("features", ["Features s  (dashed: desired s*)"]),
-    ("camera_twist", ["Twist of the camera  (dashed: asked)"]),
+    ("camera_twist", ["Twist of the camera  (dashed: desired)"]),
     ("joint_positions", ["Positions  (dashed: command)", "Speeds"]),
     ("timing", ["Time between images"]), ("conditioning", ["Conditioning"]),
 ])  # fmt: skip
 def test_a_title_says_what_pale_and_dashed_curves_are(runs, name, titles, screen):
-    figure = CHAPTERS[name].figure(runs[:1])
+    figure = CHAPTERS[name].draw_figure(runs[:1])
     assert [axis.get_title("left") for axis in figure.axes if axis.get_title("left")] == titles
-    both = CHAPTERS[name].figure(runs)
+    both = CHAPTERS[name].draw_figure(runs)
     plain = " and ".join(title.partition("  (")[0] for title in titles).replace("and S", "and s")
     told = [] if both is None else [a.get_title("left") for a in both.axes if a.get_title("left")]
     assert told == ([] if both is None else [plain])
 
 
 def test_a_paper_s_figures_have_no_title(runs):
-    with style.look(paper=True):
+    with style.apply_style(is_paper=True):
         for name in ("feature_errors", "joint_positions", "image_trajectory"):
-            figure = CHAPTERS[name].figure(runs[:1])
+            figure = CHAPTERS[name].draw_figure(runs[:1])
             assert not any(axis.get_title("left") for axis in figure.axes)
     plt.close("all")
 
 
 def axis_of(run, *curves, **more):
     """The axis of one panel of these curves (time, values)."""
-    curves = [one if isinstance(one, Curve) else Curve("curve", *map(np.asarray, one), shade=i)
+    curves = [one if isinstance(one, Curve) else Curve("curve", *map(np.asarray, one),
+        colour_index=i)
               for i, one in enumerate(curves)]  # fmt: skip
-    figure = drawn([Panel("title", "axis", "m", tuple(curves), **more)], [run], "Title", Layout())
+    figure = draw_panels(
+        [Panel("title", "axis", "m", tuple(curves), **more)], [run], "Title", Layout()
+    )
     return figure.axes[0]
 
 
@@ -571,7 +581,7 @@ def test_limits_near_the_curves_are_lines_and_far_ones_are_words(runs, screen):
     assert still.get_ylim() == pytest.approx((middle - 0.002, middle + 0.002))
     few = axis_of(runs[0], ([0.0, 1.0], [0.3, 0.4]), limits=((-50.0, ""), (50.0, "")))
     assert few.texts[0].xy == (1.0, 1.0) or few.texts[0].xy == (1.0, 0.0)
-    with style.look(paper=True):
+    with style.apply_style(is_paper=True):
         assert not axis_of(runs[0], rise, limits=((under, "least"), (far, "greatest"))).texts
 
 
@@ -600,7 +610,7 @@ def test_an_axis_shows_what_it_must_with_room_above(runs, screen):
 def test_levels_and_instants_are_lines_with_words_beside_them(runs, screen):
     time, values = np.arange(11.0), np.geomspace(1.0, 1e-3, 11)
     longer = (np.arange(13.0), np.geomspace(1.0, 1e-2, 13))
-    axis = axis_of(runs[0], (time, values), longer, log=True, levels=((0.02, "2 %"),),
+    axis = axis_of(runs[0], (time, values), longer, is_logarithmic=True, levels=((0.02, "2 %"),),
                    marks=((8.9, "settled"), (9.1, "there")))  # fmt: skip
     level, early, late = axis.texts
     assert [line.get_ydata()[0] for line in axis.lines if len(set(line.get_ydata())) == 1] == [0.02]
@@ -621,14 +631,14 @@ def test_few_points_are_dots_and_many_curves_go_through_colours_and_dashes(runs,
             for n in (1, 2, 3)]  # fmt: skip
     assert dots == [".", ".", "None"]
     time = np.arange(4.0)
-    curves = [Curve(f"c{i}", time, time + i, shade=i) for i in range(18)]
+    curves = [Curve(f"c{i}", time, time + i, colour_index=i) for i in range(18)]
     axis = axis_of(runs[0], *curves)
     looks = [(line.get_color(), line._dash_pattern) for line in axis.lines[:18]]
     assert len({str(one) for one in looks}) == 18 and axis.get_legend() is None  # too many names
     assert axis_of(runs[0], *curves[:12]).get_legend() is not None
     assert axis_of(runs[0], *curves[:13]).get_legend() is None
     assert [one[0] for one in looks] == [shade(i) for i in range(18)]
-    pale = Curve("x as measured", time, time, pale=True)
+    pale = Curve("x as measured", time, time, is_pale=True)
     wanted = Curve("x*", time, time - 1.0, dashed=True)
     axis = axis_of(runs[0], Curve("x", time, time + 1.0), pale, wanted)
     full, measured, dashed = axis.lines[:3]
@@ -644,7 +654,7 @@ def test_few_points_are_dots_and_many_curves_go_through_colours_and_dashes(runs,
     ("alpha", r"$\alpha$"), ("L J", r"$L\,J$"), ("|v|", "$|v|$"), ("x", "x"),
 ])  # fmt: skip
 def test_a_quantity_is_written_as_in_a_formula(name, shown):
-    assert symbol(name) == shown
+    assert find_symbol(name) == shown
 
 
 @pytest.mark.parametrize(("high", "shown", "label"), [
@@ -652,10 +662,10 @@ def test_a_quantity_is_written_as_in_a_formula(name, shown):
     (1010.0, [1, 10, 100, 1000], "10⁰"),
 ])  # fmt: skip
 def test_a_logarithmic_axis_has_few_labels(high, shown, label, screen):
-    _, (axis,) = style.panels(1, 1.5)
+    _, (axis,) = style.make_axes(1, 1.5)
     axis.set_yscale("log")
     axis.set_ylim(1.0, high)
-    style.logarithmic(axis)
+    style.format_log_axis(axis)
     ticks = axis.yaxis.get_major_locator().tick_values(1.0, high)
     assert [t for t in ticks if 1.0 <= t <= high] == pytest.approx(shown)
     assert axis.yaxis.get_major_formatter()(2.0, 0) == label
@@ -685,16 +695,16 @@ def test_a_figure_grows_by_its_legend_s_lines_and_its_axes_keep_their_size(count
         return np.array([high, *size_of(figure.axes[0]), high * (1.0 - box.y1), high * box.y0])
 
     for below in (False, True):
-        figure, (axis,) = style.panels(1, 1.5)
+        figure, (axis,) = style.make_axes(1, 1.5)
         before = measured(figure)
         for i in range(count):
             axis.plot([0.0, 1.0], [i, 1.0], label=f"curve {i}")
         if below:
-            style.legend_below(figure, 3)
+            style.add_legend_below(figure, 3)
             (legend,) = figure.legends
         else:
-            style.heading(axis, "A")
-            style.legend(axis, 3)
+            style.add_title(axis, "A")
+            style.add_legend(axis, 3)
             legend = axis.get_legend()
         assert words(legend) == [f"curve {i}" for i in range(count)]
         high = legend.get_window_extent().height / figure.dpi
@@ -710,9 +720,9 @@ def test_a_figure_grows_by_its_legend_s_lines_and_its_axes_keep_their_size(count
 
 def test_a_legend_has_the_most_columns_that_fit_and_shortens_words_else():
     for room, columns in ((300.0, 3), (299.0, 2), (200.0, 2), (150.0, 1), (100.0, 1)):
-        found, count = style._fitting(lambda n: Words(100.0 * n), 3, room)
+        found, count = style._fit_legend(lambda n: Words(100.0 * n), 3, room)
         assert count == columns and words(found) == ["a$name", "b"]
-    found, count = style._fitting(lambda n: Words(100.0 * n, ("x" * 20, "short")), 3, 60.0)
+    found, count = style._fit_legend(lambda n: Words(100.0 * n, ("x" * 20, "short")), 3, 60.0)
     assert count == 1 and words(found) == ["x" * 9 + "…", "short"]
 
 
@@ -720,7 +730,7 @@ def test_a_legend_has_the_most_columns_that_fit_and_shortens_words_else():
 def test_words_that_are_too_wide_are_cut_by_their_letters_width(room):
     """A letter is 5 pixels wide; three letters' room is left for the dots, one letter stays."""
     given = ("x" * 20, "seven x", "y")
-    shown = words(style._fitting(lambda n: Words(100.0 * n, given), 1, room)[0])
+    shown = words(style._fit_legend(lambda n: Words(100.0 * n, given), 1, room)[0])
     kept = 20 if room >= 100.0 else max(int(room / 5.0) - 3, 1)
     assert shown == [text if len(text) <= kept else text[:kept] + "…" for text in given]
 
@@ -733,7 +743,7 @@ def titled(found):
 
 
 def test_several_runs_are_compared_feature_by_feature_while_these_are_few(runs):
-    found = titled(panels.errors(runs))
+    found = titled(panels.make_error_panels(runs))
     assert list(found) == ["error of area", "error of height", "error of turn",
                            "norm of the errors, relative"]  # fmt: skip
     for k, name in enumerate(runs[0].names):
@@ -743,46 +753,54 @@ def test_several_runs_are_compared_feature_by_feature_while_these_are_few(runs):
             np.testing.assert_array_equal(curve.values, run.error[:, k])
             assert (curve.name, curve.run) == (run.name, runs.index(run))
     assert found["norm of the errors, relative"].marks == ()
-    assert list(titled(panels.errors([runs[0], of_points(runs[1])]))) == [
+    assert list(titled(panels.make_error_panels([runs[0], of_points(runs[1])]))) == [
         "norm of the errors, relative"]
 
     def wide(run, count):
         def more(decision):
             table = (decision.features, decision.desired, decision.error)
             names = tuple(f"f{i}" for i in range(count))
-            return Decision(names, *(np.resize(one, count) for one in table))
+            return SchemeOutput(names, *(np.resize(one, count) for one in table))
 
-        states = [replace(s, decision=s.decision and more(s.decision)) for s in run.states]
+        states = [
+            replace(s, scheme_output=s.scheme_output and more(s.scheme_output)) for s in run.states
+        ]
         return replace(run, states=tuple(states), units=())
 
-    assert [len(panels.errors([wide(run, n) for run in runs])) for n in (6, 7)] == [7, 1]
+    assert [len(panels.make_error_panels([wide(run, n) for run in runs])) for n in (6, 7)] == [7, 1]
 
 
 def test_a_band_is_that_of_features_whose_tolerances_are_one(runs):
     run = of_points(runs[0])
     two = replace(run, units=("", "", "m", "m"), tolerances=(0.1, 0.1, 0.2, 0.3))
-    plain, metres, _ = panels.errors([two])
+    plain, metres, _ = panels.make_error_panels([two])
     assert (plain.unit, plain.band, metres.unit, metres.band) == ("", 0.1, "m", None)
-    assert [c.name for c in metres.curves] == ["x_1", "y_1"] and not metres.curves[0].pale
-    assert [p.band for p in panels.errors([run])] == [None, None]
-    assert panels.unit_groups(replace(run, units=("m", "", "m", ""))) == [("m", [0, 2]),
+    assert [c.name for c in metres.curves] == ["x_1", "y_1"] and not metres.curves[0].is_pale
+    assert [p.band for p in panels.make_error_panels([run])] == [None, None]
+    assert panels.group_by_unit(replace(run, units=("m", "", "m", ""))) == [("m", [0, 2]),
                                                                           ("", [1, 3])]  # fmt: skip
 
 
 def test_several_runs_show_their_speeds(runs):
-    for k, panel in enumerate(panels.twists(runs)):
+    for k, panel in enumerate(panels.make_twist_panels(runs)):
         assert panel.axis == ("|v|", "|ω|")[k] and panel.unit == ("m/s", "rad/s")[k]
         for run, curve in zip(runs, panel.curves, strict=True):
-            twist = np.array([s.resolution.twist for s in run.states])[:, 3 * k : 3 * k + 3]
+            twist = np.array([s.ik_solution.achieved_twist for s in run.states])[
+                :, 3 * k : 3 * k + 3
+            ]
             np.testing.assert_allclose(curve.values, np.sqrt((twist**2).sum(axis=1)))
-    assert panels.features(runs) == []
-    ratios = titled(panels.conditioning(runs))
+    assert panels.make_feature_panels(runs) == []
+    ratios = titled(panels.make_conditioning_panels(runs))
     for title, at in (("condition number of L", 0), ("condition number of L J", 1)):
         for run, curve in zip(runs, ratios[title].curves, strict=True):
-            told = [s.resolution.told[at] for s in run.states]
+            told = [s.ik_solution.recorded_singular_values[at] for s in run.states]
             np.testing.assert_allclose(curve.values, [max(one) / min(one) for one in told])
     scale = ratios["factor by which limits slowed the task"]
-    assert scale.span == (-0.05, 1.1) and not scale.log and ratios["condition number of L"].log
+    assert (
+        scale.span == (-0.05, 1.1)
+        and not scale.is_logarithmic
+        and ratios["condition number of L"].is_logarithmic
+    )
 
 
 def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several(runs):
@@ -790,54 +808,70 @@ def test_what_goes_over_decades_has_a_logarithmic_axis_of_one_run_and_of_several
     decades = {"norm of the errors, relative", "distance to the goal", "angle to the goal",
                "condition number", "condition number of L", "condition number of L J"}  # fmt: skip
     for some in (runs[:1], runs, [of_points(runs[0]), runs[1]]):
-        told = {p.title: p.log for part in CHAPTERS.values() for p in part.panels(some)}
+        told = {p.title: p.is_logarithmic for part in CHAPTERS.values() for p in part.panels(some)}
         assert {title for title, log in told.items() if log} == decades & set(told)
         assert len(decades & set(told)) == (4 if len(some) == 1 else 5)
 
 
 def test_intervals_are_those_of_the_pictures_where_three_of_these_are_known(runs):
-    run, record = runs[0], runs[0].images
+    run, record = runs[0], runs[0].control_record
     for kept in (2, 3):
         few = replace(record, stamp=record.stamp[11 : 11 + kept],
                       arrival=record.arrival[11 : 11 + kept])  # fmt: skip
-        shown = panels.timing([replace(run, cameras={"camera": few})])[0].curves[0]
+        shown = panels.make_timing_panels([replace(run, cameras={"camera": few})])[0].curves[0]
         stamp = few.stamp if kept == 3 else run.stamp
         np.testing.assert_array_equal(shown.time, stamp[1:] - run.stamp[0])
         np.testing.assert_allclose(shown.values, [1e3 * (b - a) for a, b in zip(
             stamp[:-1], stamp[1:], strict=True)])  # fmt: skip
         less = replace(run, states=run.states[:kept], pose=run.pose[:kept])
-        assert bool(panels.timing([less])) == (kept == 3)
+        assert bool(panels.make_timing_panels([less])) == (kept == 3)
 
 
 def test_joints_of_another_run_are_found_by_their_names(runs):
     turned = replace(runs[1], joint_names=(JOINTS[2], "tool", JOINTS[0]))
-    found = titled(panels.joints([runs[0], turned]))
+    found = titled(panels.make_joint_panels([runs[0], turned]))
     assert len(found["elbow"].curves) == 1 and len(found["wrist"].curves) == 2
     curve = found["wrist"].curves[1]
     shown = turned.joint_stamp >= turned.stamp[0] - 0.1
-    np.testing.assert_array_equal(curve.values, turned.measured[shown, 0])
+    np.testing.assert_array_equal(curve.values, turned.measured_positions[shown, 0])
     np.testing.assert_array_equal(found["slide, speed"].curves[1].values,
-                                  turned.measured_speed[shown, 2])  # fmt: skip
-    assert (curve.name, curve.run, curve.shade) == (turned.name, 1, 1)
+                                  turned.measured_velocities[shown, 2])  # fmt: skip
+    assert (curve.name, curve.run, curve.colour_index) == (turned.name, 1, 1)
     for bound, shows in ((99.9, 1), (100.0, 0), (-np.inf, 0), (-99.9, 1)):
         limits = (np.array([bound, 0.0, 0.0]), np.array([np.inf] * 3))
-        assert len(panels.joints([replace(runs[0], limits=limits)])[0].limits) == shows
+        assert (
+            len(panels.make_joint_panels([replace(runs[0], position_limits=limits)])[0].limits)
+            == shows
+        )
     given = {f.name: getattr(runs[0], f.name) for f in fields(Run)
              if f.default is MISSING and f.default_factory is MISSING}  # fmt: skip
     bare = Run(**given)  # of which nothing else is known
-    found = titled(panels.joints([bare]))
+    found = titled(panels.make_joint_panels([bare]))
     assert len(found) == 6 and all(not panel.limits for panel in found.values())
     assert found["slide"].unit == "rad" and found["slide, speed"].unit == "rad/s"
-    assert [p.title for p in panels.timing([bare])] == ["interval between images", "delay"]
-    told = [(p.title, p.axis, p.unit, p.dots, p.span) for p in panels.timing(runs[:1])]
+    assert [p.title for p in panels.make_timing_panels([bare])] == [
+        "interval between images",
+        "delay",
+    ]
+    told = [
+        (p.title, p.axis, p.unit, p.is_dotted, p.span) for p in panels.make_timing_panels(runs[:1])
+    ]
     assert told == [("interval between images", "interval", "ms", True, (0.0, None)),
                     ("delay", "delay", "ms", True, (0.0, None)),
                     ("real-time factor", "real-time factor", "", False, (0.0, None))]
-    assert tracks(bare) is None and bare.units == ("", "", "") and bare.notes == []
-    assert bare.images.nearest(0.0) is None and bare.wanted_outline() is None
-    record = bare.images
-    assert record.stamp.size == record.arrival.size == record.pose.size == bare.speed.size == 0
-    assert bare.centres.size == bare.pace.size == bare.arm_places.size == 0 and bare.yaml == ""
+    assert compute_tracks(bare) is None and bare.units == ("", "", "") and bare.notes == []
+    assert (
+        bare.control_record.find_nearest_image(0.0) is None
+        and bare.project_desired_outline() is None
+    )
+    record = bare.control_record
+    assert (
+        record.stamp.size == record.arrival.size == record.pose.size == bare.speed_limits.size == 0
+    )
+    assert (
+        bare.centres.size == bare.real_time_factors.size == bare.joint_origins.size == 0
+        and bare.yaml == ""
+    )
 
 
 @pytest.mark.parametrize("counts", [(0,), (1,), (2,), (0, 1), (1, 40), (40, 2), (0, 0), (50, 51)])
@@ -847,22 +881,23 @@ def test_time_ends_with_the_last_image_of_all_runs_or_after_a_millisecond(runs, 
     for run in some:
         stamps = [state.stamp for state in run.states] or [0.0]
         spans.append(stamps[-1] - stamps[0])
-    assert panels.last(some) == pytest.approx(max(spans), rel=1e-12)
+    assert panels.find_last_time(some) == pytest.approx(max(spans), rel=1e-12)
 
 
 def test_distances_too_small_for_a_logarithm_are_cut(runs):
     poses = runs[0].true_pose.copy()
     poses[-3:] = GOAL
-    distance, angle = panels.poses([replace(runs[0], true_pose=poses)])
+    distance, angle = panels.make_pose_panels([replace(runs[0], true_pose=poses)])
     assert distance.curves[0].values[-3:] == pytest.approx([1e-4] * 3)
-    assert angle.curves[0].values[-3:] == pytest.approx([1e-4] * 3) and angle.log
-    zero = [replace(s, decision=s.decision and replace(s.decision, error=np.zeros(3)))
+    assert angle.curves[0].values[-3:] == pytest.approx([1e-4] * 3) and angle.is_logarithmic
+    zero = [replace(s, scheme_output=s.scheme_output
+        and replace(s.scheme_output, error=np.zeros(3)))
             for s in runs[0].states[5:]]  # fmt: skip
     exact = replace(runs[0], states=(*runs[0].states[:5], *zero))
-    norm = titled(panels.errors([exact]))["norm of the errors, relative"]
+    norm = titled(panels.make_error_panels([exact]))["norm of the errors, relative"]
     assert np.nanmin(norm.curves[0].values) == 1e-6 and norm.levels == ((0.02, "2 %"),)
     none = replace(runs[0], states=tuple(zero))
-    assert np.nanmax(panels.errors([none])[-1].curves[0].values) == 1e-6
+    assert np.nanmax(panels.make_error_panels([none])[-1].curves[0].values) == 1e-6
 
 
 def test_verdicts_are_of_distance_and_angle(runs):
@@ -871,7 +906,9 @@ def test_verdicts_are_of_distance_and_angle(runs):
     turn = np.array([[0.0, -1.0, 0.0], [1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
     at[:3, :3] = GOAL[:3, :3] @ turn
     for reached, word in (((6e-3, 1.6), True), ((4e-3, 1.6), False), ((6e-3, 1.5), False)):
-        found = Verdict.of(GOAL, at, 1.0, reached)
+        found = Verdict.compare(GOAL, at, 1.0, reached)
         assert (found.distance, found.angle) == pytest.approx((5e-3, np.pi / 2))
-        assert found.reached == word and found.word == ("goal_reached" if word else "goal_missed")
+        assert found.is_reached == word and found.name == (
+            "goal_reached" if word else "goal_missed"
+        )
     assert to_hex(palette.INK) == palette.INK and len(TWIST) == 6

@@ -14,10 +14,10 @@ import pytest
 from made_run import GOAL, made_run
 from matplotlib.colors import to_hex, to_rgb
 
-from aras_visual_servo_bench.pictures import palette, style, views
-from aras_visual_servo_bench.pictures.over_time import Layout, drawn, looks
-from aras_visual_servo_bench.pictures.panels import Curve, Panel
-from aras_visual_servo_bench.recording.film import with_pictures
+from aras_visual_servo_bench.plots import palette, style, views
+from aras_visual_servo_bench.plots.panels import Curve, Panel
+from aras_visual_servo_bench.plots.time_plots import Layout, draw_panels, make_curve_styles
+from aras_visual_servo_bench.recording.film import with_images
 
 
 @pytest.fixture(scope="module")
@@ -25,7 +25,7 @@ def runs():
     """The first with its whole-sized pictures, the second without any."""
     first = made_run(3, 1.6)
     shown = np.full((400, 640, 3), 90, np.uint8)
-    return [with_pictures(first, [(float(s), shown) for s in first.stamp[:-20:30]]),
+    return [with_images(first, [(float(s), shown) for s in first.stamp[:-20:30]]),
             made_run(4, 2.3)]  # fmt: skip
 
 
@@ -45,7 +45,7 @@ def check(artist, **look):
 def test_a_look_is_that_of_its_page(paper):
     """A paper's letters are in 8 points, ticks and legends in 7, and its lines are finer; on a
     screen titles stand out, and a grid is finer than a curve. Neither has a box round its axes."""
-    with style.look(paper):
+    with style.apply_style(paper):
         figure, axis = plt.subplots()
         (line,) = axis.plot([0.0, 1.0], [0.0, 1.0], label="curve")
         (other,) = axis.plot([0.0, 1.0], [1.0, 0.0], "o")
@@ -63,7 +63,7 @@ def test_a_look_is_that_of_its_page(paper):
         check(axis.xaxis.label, fontsize=size, color=palette.INK)
         for ticks in (axis.xaxis, axis.yaxis):
             label, grid = ticks.get_ticklabels()[0], ticks.get_gridlines()[0]
-            check(label, fontsize=7.0 if paper else size, color=palette.SOFT)
+            check(label, fontsize=7.0 if paper else size, color=palette.SOFT_INK)
             check(grid, linewidth=0.4 if paper else 0.7, color=palette.GRID, visible=True)
             assert ticks.get_zorder() < line.get_zorder()
         shown = {side: spine.get_visible() for side, spine in axis.spines.items()}
@@ -99,11 +99,11 @@ def test_numbers_have_a_power_of_ten_from_ten_thousand_and_a_hundredth_on(top, p
 def test_a_legend_is_as_high_above_its_axis_as_it_must(title, name, place, screen):
     """Beside a title it stands on the axis; else above half a label at the axis' top, or above the
     title. The figure grows where its margin ends."""
-    figure, (axis, other) = style.panels(2, 1.5)
+    figure, (axis, other) = style.make_axes(2, 1.5)
     axis.plot([0.0, 1.0], [0.0, 1.0], label=name)
-    style.heading(axis, title)
+    style.add_title(axis, title)
     before = figure.get_figheight()
-    style.legend(axis)
+    style.add_legend(axis)
     figure.draw_without_rendering()
     box, around = axis.get_legend().get_window_extent(), axis.get_window_extent()
     assert (box.x0 < around.x0) == (len(name) == 70)
@@ -116,14 +116,14 @@ def test_a_legend_is_as_high_above_its_axis_as_it_must(title, name, place, scree
     assert figure.get_figheight() - before == pytest.approx(max(room - 0.36, 0.0), abs=1e-3)
     grown = figure.get_figheight()
     other.plot([0.0, 1.0], [0.0, 1.0], label=name)
-    style.legend(other)  # between two axes there is room as it is
+    style.add_legend(other)  # between two axes there is room as it is
     assert figure.get_figheight() == grown
 
 
 def test_axes_over_time_have_room_for_their_labels(paper):
     """0.92 inch at the left, where the label stands at 0.71; all of it smaller in a paper."""
     part = 0.66 if paper else 1.0
-    figure, axes = style.panels(4, 1.5, 2, wide=True)
+    figure, axes = style.make_axes(4, 1.5, 2, is_wide=True)
     width, height = figure.get_size_inches()
     assert width == (3.5 if paper else 12.0)
     first, second, third = (axis.get_position() for axis in axes[:3])
@@ -135,42 +135,43 @@ def test_axes_over_time_have_room_for_their_labels(paper):
         box = axis.get_position()
         assert (-along * box.width * width, up) == pytest.approx((0.71 * part, 0.5))
         assert axis.get_shared_x_axes().joined(axis, axes[0])
-    first, second = style.panels(2, 1.5, margins=style.Margins(0.5))[1]  # of pictures
+    first, second = style.make_axes(2, 1.5, margins=style.Margins(0.5))[1]  # of pictures
     assert not first.get_shared_x_axes().joined(first, second)
 
 
 @pytest.mark.parametrize("named", [
-    {}, {"left": 0.4}, {"above": 0.2, "right": 0.1}, {"beside": 0.3, "bottom": 0.25, "top": 0.15},
+    {}, {"left": 0.4}, {"row_gap": 0.2, "right": 0.1},
+    {"column_gap": 0.3, "bottom": 0.25, "top": 0.15},
 ])  # fmt: skip
 def test_axes_fill_what_their_margins_leave(named, paper):
     """A margin that is not named is none; all axes are of one size."""
     part, wanted = 0.66 if paper else 1.0, style.Margins(**named)._asdict()
     assert {k: v for k, v in wanted.items() if v} == named
-    figure, axes = style.panels(5, 1.5, 2, margins=style.Margins(**named))
+    figure, axes = style.make_axes(5, 1.5, 2, margins=style.Margins(**named))
     width, height = figure.get_size_inches()
     boxes = np.array([axis.get_position().extents for axis in axes]) * ([width, height] * 2)
     room = {name: part * named.get(name, 0.0) for name in wanted}
-    across = (width - room["left"] - room["right"] - room["beside"]) / 2
+    across = (width - room["left"] - room["right"] - room["column_gap"]) / 2
     assert height == pytest.approx(3 * 1.5 * part + room["top"] + room["bottom"]
-                                   + 2 * room["above"])  # fmt: skip
+                                   + 2 * room["row_gap"])  # fmt: skip
     for number, (x0, y0, x1, y1) in enumerate(boxes):
         row, column = divmod(number, 2)
-        left = room["left"] + column * (across + room["beside"])
-        top = height - room["top"] - row * (1.5 * part + room["above"])
+        left = room["left"] + column * (across + room["column_gap"])
+        top = height - room["top"] - row * (1.5 * part + room["row_gap"])
         assert (x0, x1, y0, y1) == pytest.approx((left, left + across, top - 1.5 * part, top))
 
 
 def test_runs_looks_are_parts_of_a_curve_s_width(paper):
     """The last is as thick as a curve, the first 0.7 more; markers are at places of their own."""
     width = 1.0 if paper else 1.6
-    found = looks(3)
+    found = make_curve_styles(3)
     assert [one["lw"] for one in found] == pytest.approx([1.7 * width, 1.35 * width, width])
     for i, one in enumerate(found):
         assert one["ms"] == pytest.approx(4.2 * width) and (one["alpha"], one["mew"]) == (0.9, 0.0)
         assert one["markevery"] == pytest.approx((0.125 * i / 3, 0.125))
         assert one["color"] == palette.COLOURS[i]
     assert [one["marker"] for one in found] == ["o", "s", "^"]
-    again = looks(8)  # colours begin anew with other markers
+    again = make_curve_styles(8)  # colours begin anew with other markers
     assert again[6]["color"] == found[0]["color"] and again[6]["marker"] == "s"
 
 
@@ -178,14 +179,17 @@ def test_runs_looks_are_parts_of_a_curve_s_width(paper):
 
 
 def axis_of(runs, curves, **more):
-    figure = drawn([Panel("title", "axis", "m", tuple(curves), **more)], runs, "Title", Layout())
+    figure = draw_panels(
+        [Panel("title", "axis", "m", tuple(curves), **more)], runs, "Title", Layout()
+    )
     return figure.axes[0]
 
 
 def test_what_helps_to_read_is_finer_than_curves(runs, screen):
     time = np.linspace(0.0, 3.0, 31)
-    curves = [Curve("a", time, time - 1.0), Curve("b", time, 0.5 * time, shade=1, dashed=True),
-              Curve("c", time, 0.3 * time, shade=2, pale=True)]  # fmt: skip
+    curves = [Curve("a", time, time - 1.0), Curve("b", time, 0.5 * time, colour_index=1,
+        dashed=True),
+              Curve("c", time, 0.3 * time, colour_index=2, is_pale=True)]  # fmt: skip
     axis = axis_of(runs[:1], curves, band=0.3, levels=((1.1, "2 %"),), marks=((0.7, "settled"),),
                    limits=((-1.5, "least"), (2.5, "greatest")))  # fmt: skip
     full, dashed, pale, zero, level, low, high, mark = axis.lines
@@ -216,21 +220,21 @@ def test_far_limits_are_small_words_in_a_corner(falls, offset, runs, screen):
     axis = axis_of(runs[:1], [Curve("a", time, -time if falls else time)],
                    limits=((-50.0, "least"), (50.0, "greatest")))  # fmt: skip
     (text,) = axis.texts
-    check(text, fontsize=7.5, color=palette.SOFT)
+    check(text, fontsize=7.5, color=palette.SOFT_INK)
     assert text.xyann == offset and text.anncoords == "offset points"
 
 
 def test_values_that_no_line_joins_are_dots(runs, screen):
     time = np.arange(5.0)
-    (alone, *_) = axis_of(runs[:1], [Curve("a", time, time + 1.0)], dots=True).lines
+    (alone, *_) = axis_of(runs[:1], [Curve("a", time, time + 1.0)], is_dotted=True).lines
     check(alone, marker=".", markersize=3.0, linestyle="None")
     both = [Curve(f"run {i}", time, time + 1.0 + i, i, i) for i in range(2)]
-    first, second = axis_of(runs, both, dots=True).lines[:2]
+    first, second = axis_of(runs, both, is_dotted=True).lines[:2]
     check(first, linestyle="None", markersize=2 * 1.7 * 1.6, markevery=None)
     check(second, linestyle="None", markersize=2 * 1.6, markevery=None)
     few = axis_of(runs[:1], [Curve("a", time[:2], time[:2] + 1.0)]).lines[0]
     check(few, marker=".", markersize=3.0, linestyle="-")
-    dashes = [axis_of(runs[:1], [Curve("a", time, time + 1.0, shade=6 * i)]).lines[0]
+    dashes = [axis_of(runs[:1], [Curve("a", time, time + 1.0, colour_index=6 * i)]).lines[0]
               for i in range(4)]  # fmt: skip
     assert [line._unscaled_dash_pattern for line in dashes] == [
         (0, None), (0, (4, 1.5)), (0, (1, 1.2)), (0, None)]  # fmt: skip
@@ -240,7 +244,7 @@ def test_values_that_no_line_joins_are_dots(runs, screen):
 
 
 def test_corners_are_half_as_bold_as_the_centre_and_below_it(runs, screen):
-    figure = views.image_trajectory(runs[:1])
+    figure = views.draw_image_trajectory(runs[:1])
     (axis,) = figure.axes
     line, dot, ring = axis.lines[:3]
     check(line, linewidth=0.9, alpha=0.8, zorder=3)
@@ -254,27 +258,27 @@ def test_corners_are_half_as_bold_as_the_centre_and_below_it(runs, screen):
     check(start, marker="o", linestyle="None", markersize=6.0, color=palette.START)
     check(goal, marker="o", linestyle="None", markersize=9.0, markeredgewidth=1.6,
           markeredgecolor=palette.GOAL, markerfacecolor="none")  # fmt: skip
-    two = views.image_trajectory(runs).axes[0]
+    two = views.draw_image_trajectory(runs).axes[0]
     check(two.lines[12], linewidth=1.7 * 1.6, alpha=1.0, zorder=4)
     check(two.lines[0], linewidth=0.5 * 1.7 * 1.6, alpha=0.8, zorder=3)
 
 
 def test_a_picture_plane_has_room_for_its_labels(runs, paper):
     """As axes over time have it at the right and above; below also for its legend."""
-    one = views.image_trajectory(runs[:1])
+    one = views.draw_image_trajectory(runs[:1])
     width, height = one.get_size_inches()
     box, part = one.axes[0].get_position(original=True), 0.66 if paper else 1.0
     assert box.x0 * width == pytest.approx(0.85 * part)
     assert (1.0 - box.x1) * width == pytest.approx(0.12 * part)
     assert (1.0 - box.y1) * height == pytest.approx(0.36 * part)
-    two = views.image_trajectory(runs)  # two names stand in one line
+    two = views.draw_image_trajectory(runs)  # two names stand in one line
     box, height = two.axes[0].get_position(original=True), two.get_figheight()
     assert box.y0 * height == pytest.approx(0.89 * part)
 
 
 def test_pictures_of_a_strip_stand_close_with_room_for_their_times(runs, paper):
     part, small = (0.66, 7.0) if paper else (1.0, 10.0)
-    figure = views.filmstrip([runs[0], replace(runs[0], name="other")])
+    figure = views.draw_filmstrip([runs[0], replace(runs[0], name="other")])
     width, height = figure.get_size_inches()
     columns = len(figure.axes) // 2
     first, second, below = (figure.axes[i].get_position(original=True) for i in (0, 1, columns))
@@ -302,7 +306,7 @@ def test_pictures_of_a_strip_stand_close_with_room_for_their_times(runs, paper):
 
 
 def test_a_camera_s_path_is_bolder_than_what_stands_around_it(runs, paper):
-    figure = views.camera_path(runs[:1])
+    figure = views.draw_camera_path(runs[:1])
     (axis,) = figure.axes
     path, straight, *frusta = axis.lines
     check(path, linewidth=2.0, color=palette.COLOURS[0], zorder=4, linestyle="-")
@@ -329,11 +333,11 @@ def test_a_camera_s_path_is_bolder_than_what_stands_around_it(runs, paper):
 
 
 def test_paths_of_several_runs_look_as_their_curves_do(runs, screen):
-    (axis,) = views.camera_path(runs).axes
-    for line, look in zip((axis.lines[0], axis.lines[2]), looks(2), strict=True):
+    (axis,) = views.draw_camera_path(runs).axes
+    for line, look in zip((axis.lines[0], axis.lines[2]), make_curve_styles(2), strict=True):
         check(line, linewidth=look["lw"], color=look["color"], marker=look["marker"],
               markersize=look["ms"], markevery=look["markevery"], zorder=4)  # fmt: skip
-    for line, look in zip((axis.lines[1], axis.lines[3]), looks(2), strict=True):
+    for line, look in zip((axis.lines[1], axis.lines[3]), make_curve_styles(2), strict=True):
         check(line, linewidth=1.1, color=look["color"], zorder=3, linestyle="--", marker="None")
         assert line.get_label().startswith("_")
     assert [line.get_label() for line in axis.lines if line.get_label()[0] != "_"] == [

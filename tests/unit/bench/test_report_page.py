@@ -10,17 +10,17 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.pictures import panels
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.plots import panels
 from aras_visual_servo_bench.recording import film as films
-from aras_visual_servo_bench.recording.film import FRAMES, chosen, film
-from aras_visual_servo_bench.recording.tracks import tracks
-from aras_visual_servo_bench.study.replay import run_with_images
+from aras_visual_servo_bench.recording.film import MAX_FRAMES, encode_film, select_frames
+from aras_visual_servo_bench.recording.image_tracks import compute_tracks
+from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web import uplot
-from aras_visual_servo_bench.web.report.contents import contents
-from aras_visual_servo_bench.web.report.page import in_script
-from aras_visual_servo_bench.web.report.write import PARTS, write_report
+from aras_visual_servo_bench.web.report.contents import make_contents
+from aras_visual_servo_bench.web.report.page import to_script_json
+from aras_visual_servo_bench.web.report.write import CHAPTERS, write_report
 
 HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'
 
@@ -28,7 +28,7 @@ HOSTILE = '</script><img src=x onerror="window.hit=1">&amp;\'"<!--'
 @pytest.fixture(scope="module")
 def moments():
     """Joints, pictures, a start that is turned against the goal."""
-    asked = Experiment(plant="chain", start="2016", duration=1.5, linger=None)
+    asked = Experiment(plant="chain", start="2016", duration=1.5, time_after_convergence=None)
     return run_with_images(asked, "moments")
 
 
@@ -36,7 +36,8 @@ def moments():
 def flying():
     """Four points, seen by a camera that flies, whose target drifts."""
     return run_with_images({
-        "plant": "free", "scheme": "numbered_points", "duration": 1.0, "linger": None,
+        "plant": "free", "scheme": "numbered_points", "duration": 1.0,
+        "time_after_convergence": None,
         "target": {"shape": "square", "size": [0.1, 0.1],
                    "motion": {"velocity": [0.02, -0.01, 0.0, 0.0, 0.0, 0.1]}},
         "start": {"pose": [0.05, -0.03, 0.4, 3.14159, 0.0, 0.5]},
@@ -46,19 +47,19 @@ def flying():
 
 def of_page(runs):
     """The page's contents with its arrays read."""
-    groups = [(p.name, p.title, p.text, p.panels(runs)) for row in PARTS for p in row]
-    told = json.loads(in_script(contents(runs, groups)))
+    groups = [(p.name, p.title, p.text, p.panels(runs)) for row in CHAPTERS for p in row]
+    told = json.loads(to_script_json(make_contents(runs, groups)))
     told["arrays"] = [np.frombuffer(base64.b64decode(text), "<f4") for text in told["arrays"]]
     return told
 
 
 def test_curves_of_several_runs_know_their_run_and_what_one_lacks_is_left_out(moments, flying):
     lost = replace(moments, name="lost", goal_pose=np.full((4, 4), np.nan))
-    found = panels.poses([lost, moments, flying])
-    assert [[(c.name, c.run, c.shade) for c in p.curves] for p in found] == [
+    found = panels.make_pose_panels([lost, moments, flying])
+    assert [[(c.name, c.run, c.colour_index) for c in p.curves] for p in found] == [
         [("moments", 1, 1), ("flying", 2, 2)]
     ] * 2
-    joints = panels.joints([moments, flying])
+    joints = panels.make_joint_panels([moments, flying])
     assert all(curve.run == 0 for p in joints for curve in p.curves)
     told = of_page([lost, moments, flying])
     assert [run["poses"] is not None for run in told["runs"]] == [True] * 3
@@ -71,24 +72,24 @@ def test_the_film_has_the_cameras_pictures_and_where_the_goal_wants_the_target(m
     for run in (moments, flying):
         told = of_page([run])
         shown = told["runs"][0]["film"]
-        stamps = told["arrays"][shown["time"]] + run.began
-        assert len(shown["frames"]) == len(stamps) == len(run.images.pictures)
+        stamps = told["arrays"][shown["time"]] + run.start_stamp
+        assert len(shown["frames"]) == len(stamps) == len(run.control_record.images)
         for i in (0, len(stamps) // 2):
             frame = np.frombuffer(base64.b64decode(shown["frames"][i]), np.uint8)
             picture = cv2.imdecode(frame, cv2.IMREAD_COLOR)[..., ::-1]
-            original = run.images.nearest(float(stamps[i]))
+            original = run.control_record.find_nearest_image(float(stamps[i]))
             assert picture.shape == original.shape == (shown["height"], shown["width"], 3)
             assert np.abs(picture.astype(int) - original).mean() < 4.0
-        rim = told["arrays"][shown["wanted"]].reshape(-1, 2)
+        rim = told["arrays"][shown["desired_outline"]].reshape(-1, 2)
         if run is flying:  # the features are its corners, wherever the target has drifted to
-            wanted = np.column_stack(run.camera.project(*run.desired[0].reshape(-1, 2).T))
+            wanted = np.column_stack(run.camera.project(*run.desired_features[0].reshape(-1, 2).T))
             np.testing.assert_allclose(sorted(rim.tolist()), sorted(wanted.tolist()), atol=0.02)
-            corners = tracks(replace(run, states=tuple(
-                replace(s, decision=None) for s in run.states)))  # fmt: skip
+            corners = compute_tracks(replace(run, states=tuple(
+                replace(s, scheme_output=None) for s in run.states)))  # fmt: skip
             np.testing.assert_allclose(sorted(corners.desired[:4].tolist()), sorted(rim.tolist()),
                                        atol=0.02)  # fmt: skip
         told_tracks = shown["tracks"]
-        assert told_tracks["measured"] == (run is flying)
+        assert told_tracks["is_measured"] == (run is flying)
         assert len(told_tracks["pixels"]) == len(told_tracks["names"])
         centre = told["arrays"][told_tracks["pixels"][-1]].reshape(-1, 2)
         assert centre.shape == (len(run.stamp), 2)
@@ -119,7 +120,7 @@ def test_the_arm_in_space_carries_the_camera(moments, flying):
                        (places[:, -1], camera)]:  # fmt: skip
         length = np.linalg.norm(one - other, axis=1)
         assert np.ptp(length) < 1e-5
-    gantry = moments.measured[moments.servoing, 0]
+    gantry = moments.measured_positions[moments.servoing, 0]
     moved = np.linalg.norm(places[:, 1] - places[0, 1], axis=1)
     np.testing.assert_allclose(moved, np.abs(gantry - gantry[0]), atol=1e-5)
     assert np.ptp(gantry) > 0.02 and "arm" not in told["runs"][1]["poses"]
@@ -127,10 +128,10 @@ def test_the_arm_in_space_carries_the_camera(moments, flying):
 
 def test_the_arm_of_the_physics_stands_in_its_world(moments):
     run = run_with_images(Experiment(duration=0.1), "bullet")
-    reach = [np.linalg.norm(one.arm_places[:, -1] - one.true_pose[:, :3, 3], axis=1)
+    reach = [np.linalg.norm(one.joint_origins[:, -1] - one.true_pose[:, :3, 3], axis=1)
              for one in (run, moments)]  # fmt: skip
     assert np.ptp(np.concatenate(reach)) < 1e-6
-    assert (run.arm_places[:, 1, 2] > run.true_pose[:, 2, 3] + 0.3).all()  # it hangs above
+    assert (run.joint_origins[:, 1, 2] > run.true_pose[:, 2, 3] + 0.3).all()  # it hangs above
 
 
 def test_the_words_change_when_the_loops_do(moments):
@@ -145,31 +146,31 @@ def test_the_words_change_when_the_loops_do(moments):
 
 def test_a_film_is_chosen_evenly_from_where_servoing_began():
     stamps = np.arange(0.0, 60.0, 1 / 30)
-    found = chosen(stamps, began=10.0)
-    assert len(found) == FRAMES and found[0] == pytest.approx(10.0) and found[-1] == stamps[-1]
+    found = select_frames(stamps, start_stamp=10.0)
+    assert len(found) == MAX_FRAMES and found[0] == pytest.approx(10.0) and found[-1] == stamps[-1]
     assert np.ptp(np.diff(found)) < 1 / 25
-    np.testing.assert_array_equal(chosen(stamps[:5], 0.0), stamps[:5])
-    assert len(chosen(stamps, 100.0)) == 0
+    np.testing.assert_array_equal(select_frames(stamps[:5], 0.0), stamps[:5])
+    assert len(select_frames(stamps, 100.0)) == 0
 
 
 def test_a_film_of_noise_keeps_within_its_bytes(monkeypatch):
-    assert films.BYTES / FRAMES > 13_000
-    monkeypatch.setattr(films, "BYTES", 400_000)
+    assert films.MAX_BYTES / MAX_FRAMES > 13_000
+    monkeypatch.setattr(films, "MAX_BYTES", 400_000)
     drawn = np.random.default_rng(3)
     noise = (((0.1 * i), drawn.integers(0, 255, (480, 640, 3), np.uint8)) for i in range(30))
-    frames = film(noise, 30)
+    frames = encode_film(noise, 30)
     assert len(frames) == 30 and frames[7][0] == pytest.approx(0.7)
     assert 150_000 < sum(len(frame) for _, frame in frames) <= 400_000
-    calm = film([(0.0, np.full((240, 320, 3), 200, np.uint8))], 1)
+    calm = encode_film([(0.0, np.full((240, 320, 3), 200, np.uint8))], 1)
     assert cv2.imdecode(np.frombuffer(calm[0][1], np.uint8), 1).shape == (240, 320, 3)
 
 
 def test_no_name_is_markup(moments, tmp_path):
-    decision = moments.states[0].decision
+    decision = moments.states[0].scheme_output
     names = tuple(f"{HOSTILE}{i}" for i in range(len(decision.names)))
     states = tuple(
-        state if state.decision is None else
-        replace(state, reason=HOSTILE, decision=replace(state.decision, names=names))
+        state if state.scheme_output is None else
+        replace(state, reason=HOSTILE, scheme_output=replace(state.scheme_output, names=names))
         for state in moments.states
     )  # fmt: skip
     joints = tuple(f"{HOSTILE}{name}" for name in moments.joint_names)
@@ -186,19 +187,23 @@ def test_no_name_is_markup(moments, tmp_path):
 
 def test_of_ten_thousand_curves_a_panel_shows_those_that_change_most(moments):
     time = np.arange(5.0)
-    curves = [panels.Curve(f"pixel {i}", time, (1e-3 * i) * time, shade=i) for i in range(10_000)]
-    (found,) = panels.panel("error", "error", "", curves)
-    assert len(found.curves) == panels.MOST_CURVES and found.left_out == 10_000 - len(found.curves)
+    curves = [
+        panels.Curve(f"pixel {i}", time, (1e-3 * i) * time, colour_index=i) for i in range(10_000)
+    ]
+    (found,) = panels.make_panel("error", "error", "", curves)
+    assert len(found.curves) == panels.MAX_CURVES and found.omitted_curves == 10_000 - len(
+        found.curves
+    )
     assert [c.name for c in found.curves] == [f"pixel {i}" for i in range(9976, 10_000)]
     empty = replace(curves[0], values=np.full(5, np.nan))
-    assert panels.panel("nothing", "nothing", "", [empty]) == []
+    assert panels.make_panel("nothing", "nothing", "", [empty]) == []
 
 
 def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(moments, tmp_path):
     def wide(state):
-        decision = state.decision
+        decision = state.scheme_output
         names, zeros = tuple(f"p{i}" for i in range(400)), (0.0,) * 400
-        return state if decision is None else replace(state, decision=replace(
+        return state if decision is None else replace(state, scheme_output=replace(
             decision, names=names, features=zeros, desired=zeros, error=zeros,
             filtered_error=zeros))  # fmt: skip
 
@@ -207,15 +212,15 @@ def test_of_thousands_of_numbers_a_table_shows_some_and_says_how_many_more(momen
     rows = page.partition('id="numbers"')[2].partition("</section>")[0]
     count = len((tmp_path / "summary.csv").read_text().splitlines()) - 1
     assert rows.count("<tr>") == 251
-    assert f"{count - 250} numbers more are in summary.csv" in rows
-    assert "24 curves of" not in page and '"left_out":376' in page
+    assert f"lists {count - 250} more quantities" in rows
+    assert "24 curves of" not in page and '"omitted_curves":376' in page
 
 
 def test_the_library_is_the_one_that_is_meant(tmp_path, monkeypatch):
-    assert "var uPlot=" in uplot.uplot(uplot.SCRIPT)
-    assert ".u-over" in uplot.uplot(uplot.STYLE)
+    assert "var uPlot=" in uplot.read_uplot(uplot.SCRIPT)
+    assert ".u-over" in uplot.read_uplot(uplot.STYLE)
     with pytest.raises(BenchError, match="uplot.min.css is not the uPlot .*: pip install"):
-        uplot.uplot((uplot.STYLE[0], "0" * 64))
-    monkeypatch.setattr(uplot, "CARRIER", "no_such_package")
-    with pytest.raises(BenchError, match="curves, is not installed: run ./setup.sh"):
-        uplot.uplot(uplot.SCRIPT)
+        uplot.read_uplot((uplot.STYLE[0], "0" * 64))
+    monkeypatch.setattr(uplot, "CARRIER_PACKAGE", "no_such_package")
+    with pytest.raises(BenchError, match="pages, is not installed: run ./setup.sh"):
+        uplot.read_uplot(uplot.SCRIPT)

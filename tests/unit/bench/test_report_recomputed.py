@@ -24,8 +24,8 @@ from made_run import (
 )
 from scipy import integrate
 
-from aras_visual_servo_bench.commands.analyzing import report
-from aras_visual_servo_bench.numbers import metrics, summary
+from aras_visual_servo_bench.cli.analyze import write_reports
+from aras_visual_servo_bench.metrics import metrics, summary
 
 
 @pytest.fixture(scope="module")
@@ -37,8 +37,8 @@ def runs():
 def written(runs, tmp_path_factory):
     """Folders of the first run's report, and of both."""
     path = tmp_path_factory.mktemp("recomputed")
-    report(runs[:1], path / "one", ())
-    report(runs, path / "both", ())
+    write_reports(runs[:1], path / "one", ())
+    write_reports(runs, path / "both", ())
     return path
 
 
@@ -57,7 +57,9 @@ def ways(run):
 
 def errors(run):
     """A row an image that was measured, by time since the first."""
-    table = {s.stamp - run.states[0].stamp: s.decision.error for s in run.states if s.decision}
+    table = {
+        s.stamp - run.states[0].stamp: s.scheme_output.error for s in run.states if s.scheme_output
+    }
     return pd.DataFrame.from_dict(table, orient="index", columns=list(NAMES))
 
 
@@ -94,16 +96,16 @@ def recomputed(run):
     of_first /= of_first.iloc[0]
     begin, end = (of_first[of_first < part].index[0] for part in (0.8, 0.15))
     line = of_first[begin:end].iloc[:-1]
-    speed = run.measured_speed[after]
-    q, lasting = run.measured[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
+    speed = run.measured_velocities[after]
+    q, lasting = run.measured_positions[after], np.append(np.diff(run.joint_stamp[after]), 0.0)
     margin = 1e-3 * (UPPER - LOWER)
     at_limit = ((q <= LOWER + margin) | (q >= UPPER - margin)).any(axis=1)
-    L, LJ = (np.array([getattr(s.resolution, name) for s in run.states])
+    L, LJ = (np.array([getattr(s.ik_solution, name) for s in run.states])
              for name in ("singular_values_L", "singular_values"))  # fmt: skip
     record = run.cameras["camera"]
     gaps = pd.Series(record.stamp).diff().dropna()
     waited = record.arrival - record.stamp
-    pace = pd.DataFrame(run.pace, columns=["stamp", "factor"])
+    pace = pd.DataFrame(run.real_time_factors, columns=["stamp", "factor"])
     pace = pace[pace.stamp >= run.states[0].stamp]
     stamp = np.array([s.stamp for s in run.states])
     return {
@@ -123,13 +125,14 @@ def recomputed(run):
                                   pd.Series(stamp).diff().median()),
         "error_settled": stays(norm, 0.02 * norm.iloc[0]),
         "servoing_time": stamp[-1] - stamp[0],
-        "top_speed": max(math.hypot(*s.resolution.twist[:3]) for s in run.states),
+        "top_speed": max(math.hypot(*s.ik_solution.achieved_twist[:3]) for s in run.states),
         "smallest_singular_value": LJ.min(), "condition_L": (L.max(axis=1) / L.min(axis=1)).max(),
         "manipulability": LJ.prod(axis=1).min(),
-        "scale": min(s.resolution.scale for s in run.states),
+        "scale": min(s.ik_solution.scale for s in run.states),
         "images": len(record.stamp), "image_rate": 1 / gaps.mean(),
         "images_late": 3 + (waited > 1.5 * gaps.median()).sum(),
-        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computing for s in run.states]),
+        "delay": 1e3 * waited.mean(), "computing": 1e3 * np.mean([s.computation_time
+            for s in run.states]),
         "real_time_factor": pace.factor.mean(),
         **{f"final_error_{n}": error[n][error.index >= error.index[-1] - 1.0].mean()
            for n in NAMES},
@@ -148,7 +151,7 @@ def shows(text, value, digits):
 
 def test_the_run_tells_apart(runs):
     one, two = map(recomputed, runs)
-    assert set(metrics.TABLE) <= set(one)
+    assert set(metrics.METRICS) <= set(one)
     differ = [v for name, v in one.items() if name not in ("success", "reached", "reduced")]
     assert len(set(np.round(differ, 9))) == len(differ)
     fixed = {"success", "reached", "contradicts", "reduced", "iterations", "final_distance",
@@ -191,14 +194,14 @@ def test_every_number_of_the_page_is_recomputed(runs, written):
         r'class="tile"><b>(.*?)</b><span>(.*?)</span>', page))  # fmt: skip
     assert len(tiles) == 8
     for text, key, factor, unit in (
-        ("until it stays within 2 % of its first distance", "settled", 1, " s"),
-        ("camera off its goal", "final_distance", 1e3, " mm"),
-        ("camera turned from its goal", "final_angle", 180 / math.pi, " °"),
-        ("camera&#39;s path over a straight line", "path_ratio", 1, ""),
-        ("decay of the error", "decay_rate", 1, " 1/s"),
-        ("greatest condition number of L", "condition_L", 1, ""),
-        ("images in simulated time", "image_rate", 1, " Hz"),
-        ("real time", "real_time_factor", 1, " ×"),
+        ("settling time (2 % of the initial distance)", "settled", 1, " s"),
+        ("final position error", "final_distance", 1e3, " mm"),
+        ("final orientation error", "final_angle", 180 / math.pi, " °"),
+        ("path length / straight line", "path_ratio", 1, ""),
+        ("decay rate of the error", "decay_rate", 1, " 1/s"),
+        ("largest condition number of L", "condition_L", 1, ""),
+        ("image rate (simulated time)", "image_rate", 1, " Hz"),
+        ("real-time factor", "real_time_factor", 1, " ×"),
     ):  # fmt: skip
         value = tiles[text]
         assert value.endswith(unit), text
@@ -215,8 +218,8 @@ def test_a_comparison_s_cells_and_stars_are_recomputed(runs, written):
         (star, text), (other_star, other) = rows[name]
         values = [one[name] for one in both]
         assert shows(text, values[0], 4) and shows(other, values[1], 4), (name, text, other)
-        if text != other and name in metrics.TABLE and metrics.TABLE[name].better:
-            first = (values[0] < values[1]) == (metrics.TABLE[name].better == "smaller")
+        if text != other and name in metrics.METRICS and metrics.METRICS[name].better:
+            first = (values[0] < values[1]) == (metrics.METRICS[name].better == "smaller")
             assert (bool(star), bool(other_star)) == (first, not first), name
         else:
             assert not star and not other_star
@@ -225,7 +228,7 @@ def test_a_comparison_s_cells_and_stars_are_recomputed(runs, written):
 def test_the_words_on_the_screen_are_recomputed(runs):
     wanted = recomputed(runs[0])
     lines = [line.strip().split("  ", 1) for line in
-             summary.told(runs[0], summary.summarise(runs[0])).splitlines()]  # fmt: skip
+             summary.describe_run(runs[0], summary.summarise(runs[0])).splitlines()]  # fmt: skip
     told = {name: value.strip() for name, value in lines}
     degrees = math.degrees
     assert told == {
@@ -256,25 +259,27 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
         for field, word in (("features", ""), ("desired", " desired"), ("error", " error"),
                             ("filtered_error", " filtered error")):  # fmt: skip
             wanted[f"{name}{word}{unit}"] = [
-                getattr(s.decision, field)[i] if s.decision else math.nan for s in run.states]
+                getattr(s.scheme_output, field)[i] if s.scheme_output else math.nan
+                for s in run.states
+            ]
     for i, axis in enumerate(axes):
         unit = "m/s" if i < 3 else "rad/s"
-        wanted[f"{axis} asked [{unit}]"] = [s.resolution.asked[i] for s in run.states]
-        wanted[f"{axis} achieved [{unit}]"] = [s.resolution.twist[i] for s in run.states]
-    told = [s.resolution.told for s in run.states]
+        wanted[f"{axis} asked [{unit}]"] = [s.ik_solution.desired_twist[i] for s in run.states]
+        wanted[f"{axis} achieved [{unit}]"] = [s.ik_solution.achieved_twist[i] for s in run.states]
+    told = [s.ik_solution.recorded_singular_values for s in run.states]
     wanted |= {"condition of L": [max(L) / min(L) for L, _ in told],
                "condition of L J": [max(LJ) / min(LJ) for _, LJ in told],
                "manipulability": [math.prod(LJ) for _, LJ in told],
-               "scale": [s.resolution.scale for s in run.states],
-               "computing [s]": [s.computing for s in run.states]}  # fmt: skip
+               "scale": [s.ik_solution.scale for s in run.states],
+               "computing [s]": [s.computation_time for s in run.states]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.pose[:, i, 3] for i, axis in enumerate("xyz")}
     same(images, wanted, {"phase", "outcome", "reason"})
     joints = pd.read_csv(written / "one/data/joints.csv")
     wanted = {"time [s]": run.joint_stamp - began, "stamp [s]": run.joint_stamp}
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
-        wanted |= {f"{name} [{unit}]": run.measured[:, i],
-                   f"{name} speed [{unit}/s]": run.measured_speed[:, i],
-                   f"{name} command [{unit}]": run.commanded[:, i]}  # fmt: skip
+        wanted |= {f"{name} [{unit}]": run.measured_positions[:, i],
+                   f"{name} speed [{unit}/s]": run.measured_velocities[:, i],
+                   f"{name} command [{unit}]": run.joint_commands[:, i]}  # fmt: skip
     wanted |= {f"camera {axis} [m]": run.true_pose[:, i, 3] for i, axis in enumerate("xyz")}
     same(joints, wanted, set())
 
@@ -325,27 +330,33 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     for title, key in (("norm of the errors, relative", "error_settled"),
                        ("distance to the goal (mm)", "settled")):  # fmt: skip
         assert panels[title]["marks"] == [[pytest.approx(numbers[key]), "settled"]], title
-    for k, (title, letter) in enumerate((("velocity of the camera (m/s)", "v"),
-                                         ("turning of the camera (rad/s)", "ω"))):  # fmt: skip
+    for k, (title, letter) in enumerate((("linear velocity of the camera (m/s)", "v"),
+                                         ("angular velocity of the camera (rad/s)",
+                                             "ω"))):  # fmt: skip
         for i, axis in enumerate("xyz"):
-            check(title, letter + axis, time, [s.resolution.twist[3 * k + i] for s in run.states])
-            check(title, f"{letter}{axis} asked", time,
-                  [s.resolution.asked[3 * k + i] for s in run.states])  # fmt: skip
+            check(
+                title,
+                letter + axis,
+                time,
+                [s.ik_solution.achieved_twist[3 * k + i] for s in run.states],
+            )
+            check(title, f"{letter}{axis} desired", time,
+                  [s.ik_solution.desired_twist[3 * k + i] for s in run.states])  # fmt: skip
     shown = run.joint_stamp >= began - 0.1
     at = run.joint_stamp[shown] - began
     for i, (name, unit) in enumerate(zip(JOINTS, JOINT_UNITS, strict=True)):
-        check(f"{name} ({unit})", "measured", at, run.measured[shown, i])
-        check(f"{name} ({unit})", "command", at, run.commanded[shown, i])
-        check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_speed[shown, i])
+        check(f"{name} ({unit})", "measured", at, run.measured_positions[shown, i])
+        check(f"{name} ({unit})", "command", at, run.joint_commands[shown, i])
+        check(f"{name}, speed ({unit}/s)", "measured", at, run.measured_velocities[shown, i])
         assert panels[f"{name} ({unit})"]["limits"] == [[LOWER[i], "least"], [UPPER[i], "greatest"]]
         top = (0.3, 1.9, 2.7)[i]
         assert panels[f"{name}, speed ({unit}/s)"]["limits"] == [[-top, "limit"], [top, "limit"]]
-    told = [s.resolution.told for s in run.states]
+    told = [s.ik_solution.recorded_singular_values for s in run.states]
     check("condition number", "L", time, [max(L) / min(L) for L, _ in told])
     check("condition number", "L J", time, [max(LJ) / min(LJ) for _, LJ in told])
     check("manipulability", "manipulability", time, [math.prod(LJ) for _, LJ in told])
     title = "factor by which limits slowed the task"
-    check(title, "scale", time, [s.resolution.scale for s in run.states])
+    check(title, "scale", time, [s.ik_solution.scale for s in run.states])
     record = run.cameras["camera"]
     after = record.stamp >= began
     gaps = pd.Series(record.stamp).diff().to_numpy()
@@ -353,7 +364,9 @@ def test_every_curve_of_the_page_is_of_the_records(runs, written):
     check("interval between images (ms)", "interval", at, 1e3 * gaps[after])
     waited = 1e3 * (record.arrival - record.stamp)
     check("delay (ms)", "exposure to recorder", at, waited[after])
-    check("delay (ms)", "scheme computing", time, [1e3 * s.computing for s in run.states])
-    pace = run.pace[(run.pace[:, 0] >= began) & np.isfinite(run.pace[:, 1])]
+    check("delay (ms)", "scheme computing", time, [1e3 * s.computation_time for s in run.states])
+    pace = run.real_time_factors[
+        (run.real_time_factors[:, 0] >= began) & np.isfinite(run.real_time_factors[:, 1])
+    ]
     check("real-time factor", "real-time factor", pace[:, 0] - began, pace[:, 1])
     assert seen == set(curves)

@@ -12,20 +12,20 @@ import pytest
 from made_run import GOAL, made_run
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_bench.asked.cameras import CameraSpec, Eye, config_of
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.drawing.shapes import on_picture, picture_border
-from aras_visual_servo_bench.pictures.palette import LIVE_CURVES, SCENE, rgb
+from aras_visual_servo_bench.drawing.shapes import compute_image_border, place_on_image_plane
+from aras_visual_servo_bench.experiment.cameras import CameraSetup, CameraSpec, make_camera_config
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.plots.palette import LIVE_CURVES, SCENE, to_rgb
 from aras_visual_servo_bench.recording import film as films
-from aras_visual_servo_bench.recording.film import picture_of, with_pictures
-from aras_visual_servo_bench.recording.from_loop import Recorder
-from aras_visual_servo_bench.recording.run import CameraRecord, padded
-from aras_visual_servo_bench.web.report.contents import contents
+from aras_visual_servo_bench.recording.film import make_image, with_images
+from aras_visual_servo_bench.recording.run import CameraRecord, pad_rows
+from aras_visual_servo_bench.recording.run_recorder import RunRecorder
+from aras_visual_servo_bench.web.report.contents import make_contents
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.records.state import ServoState
-from aras_visual_servo_controller.schemes.base import Decision
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 
 ARM = """<robot name="two"><link name="base"/><link name="cart"/><link name="hand"/>
 <joint name="slide" type="prismatic"><parent link="base"/><child link="cart"/><axis xyz="1 0 0"/>
@@ -49,32 +49,33 @@ def assembly(arm):
     spec, late = CameraSpec(delay=0.05), {"latency": 0.02}
     return SimpleNamespace(
         servo=SimpleNamespace(scheme=scheme, arm=arm), target="target", goal="goal",
-        settings=SimpleNamespace(limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
+        settings=SimpleNamespace(make_limits=lambda arm: SimpleNamespace(velocity=[0.3, 1.9])),
         plant=SimpleNamespace(camera=LEFT),
         rig=SimpleNamespace(control=SimpleNamespace(name="left")),
-        eyes={name: Eye(name, spec, {}, late, config_of(late), model, model) for name, model in
+        cameras={name: CameraSetup(name, spec, {}, late, make_camera_config(late), model, model)
+            for name, model in
               (("left", LEFT), ("wide", WIDE), ("blind", LEFT))},
     )  # fmt: skip
 
 
 def recorded(arm, phases=("approaching", "servoing", "servoing"), filmed=True,
              names=("yg", "an", "xg")):  # fmt: skip
-    recorder = Recorder(2, filmed)
+    recorder = RunRecorder(2, filmed)
     for i, phase in enumerate(phases):
-        decision = Decision(names, *np.arange(9.0 * i, 9.0 * i + 9).reshape(3, 3))
-        recorder.image(ServoState(1.5 + i, phase, decision=decision), pose(i))
+        decision = SchemeOutput(names, *np.arange(9.0 * i, 9.0 * i + 9).reshape(3, 3))
+        recorder.add_state(ServoState(1.5 + i, phase, scheme_output=decision), pose(i))
     for i in range(5):
         if i == 2:
-            recorder.commanded(np.array([0.7, 0.8]))
-        recorder.joints(1.0 + 0.5 * i, np.array([0.1 * i, -0.2]), np.array([0.3, 0.4 + i]))
+            recorder.on_command(np.array([0.7, 0.8]))
+        recorder.on_joints(1.0 + 0.5 * i, np.array([0.1 * i, -0.2]), np.array([0.3, 0.4 + i]))
     for i in range(2):
         image = np.full((40, 80, 3), (200, 100 * i, 10), np.uint8)
-        recorder.saw(Frame(round(1.2e9 + 1e8 * i), image, "bgr8", name="wide"),
+        recorder.add_image(Frame(round(1.2e9 + 1e8 * i), image, "bgr8", name="wide"),
                      pose(7 + i), WIDE)  # fmt: skip
-    plant = SimpleNamespace(poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
+    plant = SimpleNamespace(compute_rest_poses=lambda q: np.array([pose(10 * row[0]) for row in q]))
     end = {"joint_names": ("slide", "elbow"), "goal_pose": GOAL, "outcome": "converged",
            "reason": "", "remedy": "", "verdict": None}  # fmt: skip
-    return recorder.run(plant, Experiment(plant="chain", gain=3.0), assembly(arm), **end)
+    return recorder.make_run(plant, Experiment(plant="chain", gain=3.0), assembly(arm), **end)
 
 
 def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
@@ -83,14 +84,14 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
     assert [state.stamp for state in run.states] == [2.5, 3.5]
     np.testing.assert_array_equal(run.pose, [pose(1), pose(2)])
     np.testing.assert_allclose(run.joint_stamp, [1.0, 1.5, 2.0, 2.5, 3.0])
-    np.testing.assert_allclose(run.measured, [[0.1 * i, -0.2] for i in range(5)])
-    np.testing.assert_allclose(run.measured_speed, [[0.3, 0.4 + i] for i in range(5)])
+    np.testing.assert_allclose(run.measured_positions, [[0.1 * i, -0.2] for i in range(5)])
+    np.testing.assert_allclose(run.measured_velocities, [[0.3, 0.4 + i] for i in range(5)])
     nan = np.nan
-    np.testing.assert_array_equal(run.commanded, [[nan, nan]] * 2 + [[0.7, 0.8]] * 3)
+    np.testing.assert_array_equal(run.joint_commands, [[nan, nan]] * 2 + [[0.7, 0.8]] * 3)
     np.testing.assert_allclose(run.true_pose, [pose(i) for i in range(5)])
     assert run.units == ("m", "", "rad") and run.tolerances == (0.1, 0.2, 0.3)
-    np.testing.assert_allclose(run.limits, [[-0.5, -1.5], [0.7, 2.0]])
-    assert run.joint_units == ("m", "rad") and list(run.speed) == [0.3, 1.9]
+    np.testing.assert_allclose(run.position_limits, [[-0.5, -1.5], [0.7, 2.0]])
+    assert run.joint_units == ("m", "rad") and list(run.speed_limits) == [0.3, 1.9]
     np.testing.assert_array_equal(run.centres, [[11.0, 9.0], [20.0, 18.0]])  # xg, yg
     assert (run.target, run.goal, run.outcome) == ("target", "goal", "converged")
     assert run.settings["gain"] == "3" and run.experiment.gain == 3.0
@@ -108,8 +109,8 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
     assert shown.shape == (40, 80, 3) and np.abs(shown[20, 40] - [200.0, 100.0, 10.0]).max() < 9
     assert recorded(arm, filmed=False).cameras["wide"].film == ()
     whole = recorded(SimpleNamespace(), ("servoing",) * 3)
-    assert len(whole.states) == 3 and whole.joint_units == () and len(whole.speed) == 0
-    assert [side.size for side in whole.limits] == [0, 0]
+    assert len(whole.states) == 3 and whole.joint_units == () and len(whole.speed_limits) == 0
+    assert [side.size for side in whole.position_limits] == [0, 0]
     for names in (("yg", "an", "x"), ("y", "an", "xg")):
         assert recorded(arm, names=names).centres.shape == (0, 2)
     late = recorded(arm, ("servoing", "approaching", "servoing"))
@@ -119,14 +120,14 @@ def test_a_recorder_keeps_what_it_is_told_from_where_servoing_began():
 def test_a_picture_is_rgb_whatever_the_camera_delivers():
     grey = np.arange(48 * 64, dtype=np.uint8).reshape(48, 64)
     for image in (grey, grey[..., None]):
-        shown = picture_of(Frame(0, image, "mono8"), LEFT)
+        shown = make_image(Frame(0, image, "mono8"), LEFT)
         np.testing.assert_array_equal(shown, np.repeat(grey[..., None], 3, 2))
     colours = np.dstack([grey, grey // 2, grey // 3])
-    np.testing.assert_array_equal(picture_of(Frame(0, colours, "rgb8"), LEFT), colours)
-    turned = picture_of(Frame(0, colours, "bgr8"), LEFT)
+    np.testing.assert_array_equal(make_image(Frame(0, colours, "rgb8"), LEFT), colours)
+    turned = make_image(Frame(0, colours, "bgr8"), LEFT)
     np.testing.assert_array_equal(turned, colours[..., ::-1])
     outline = np.array([[10.0, 12.0], [40.0, 12.0], [40.0, 30.0], [10.0, 30.0]])
-    drawn = picture_of(Frame(0, outline=outline), LEFT)
+    drawn = make_image(Frame(0, outline=outline), LEFT)
     dark = np.argwhere(drawn[..., 0] < 100)
     assert drawn.shape == (48, 64, 3)
     assert np.abs(dark.min(axis=0) - [12, 10]).max() <= 1
@@ -136,45 +137,47 @@ def test_a_picture_is_rgb_whatever_the_camera_delivers():
 def test_pictures_are_those_of_the_control_camera():
     run = recorded(Arm.from_urdf(ARM, "hand"))
     kept = [(2.5, np.zeros((4, 4, 3))), (3.5, np.ones((4, 4, 3)))]
-    found = with_pictures(run, kept, ((2.5, b"jpeg"),))
+    found = with_images(run, kept, ((2.5, b"jpeg"),))
     assert list(found.cameras) == list(run.cameras)
-    assert found.images.pictures == tuple(kept) and found.images.film == ((2.5, b"jpeg"),)
-    assert found.images.model is LEFT and found.cameras["wide"] is run.cameras["wide"]
+    assert found.control_record.images == tuple(kept) and found.control_record.film == (
+        (2.5, b"jpeg"),
+    )
+    assert found.control_record.model is LEFT and found.cameras["wide"] is run.cameras["wide"]
     for stamp, number in ((0.0, 0), (2.9, 0), (3.1, 1), (9.0, 1)):
-        assert found.images.nearest(stamp) is kept[number][1]
-    assert run.images.nearest(0.0) is None
-    bare = with_pictures(replace(run, cameras={}), kept)
-    assert list(bare.cameras) == ["camera"] and bare.images.film == ()
-    np.testing.assert_array_equal(padded([(1, 2), None, (3,)]),
+        assert found.control_record.find_nearest_image(stamp) is kept[number][1]
+    assert run.control_record.find_nearest_image(0.0) is None
+    bare = with_images(replace(run, cameras={}), kept)
+    assert list(bare.cameras) == ["camera"] and bare.control_record.film == ()
+    np.testing.assert_array_equal(pad_rows([(1, 2), None, (3,)]),
                                   [[1, 2], [np.nan] * 2, [3, np.nan]])  # fmt: skip
-    assert padded([]).shape == (0, 0)
+    assert pad_rows([]).shape == (0, 0)
 
 
 def test_a_film_s_frames_are_as_large_as_its_bytes_allow(monkeypatch):
     shape = (960, 1280, 3)
     calm = [(float(i), np.full(shape, 40 * i, np.uint8)) for i in range(3)]
-    frames = films.film(calm, 3)
+    frames = films.encode_film(calm, 3)
     assert [stamp for stamp, _ in frames] == [0.0, 1.0, 2.0]
     shown = [cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1) for _, jpeg in frames]
     assert [one.shape for one in shown] == [(480, 640, 3)] * 3
     assert [round(float(one.mean())) for one in shown] == [0, 40, 80]
     noise = np.random.default_rng(0).integers(0, 255, shape, np.uint8)
-    room = 3 * len(films._jpeg(noise, 400, 65)) + 10
-    monkeypatch.setattr(films, "BYTES", room)
-    frames = films.film([(0.0, noise), (1.0, noise), (2.0, calm[0][1])], 3)
+    room = 3 * len(films._encode_jpeg(noise, 400, 65)) + 10
+    monkeypatch.setattr(films, "MAX_BYTES", room)
+    frames = films.encode_film([(0.0, noise), (1.0, noise), (2.0, calm[0][1])], 3)
     sides = [cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape[1] for _, jpeg in frames]
     assert sides == [400, 400, 400]  # none is larger than one before
     for side, quality in ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30)):
         small = cv2.resize(noise, (side, side * 3 // 4), interpolation=cv2.INTER_AREA)
         jpeg = cv2.imencode(".jpg", small[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
-        monkeypatch.setattr(films, "BYTES", len(jpeg))  # and no byte more
-        assert films.film([(0.0, noise)], 1)[0][1] == jpeg.tobytes()
-    monkeypatch.setattr(films, "BYTES", 1)
-    ((_, jpeg),) = films.film([(0.0, noise)], 1)  # the smallest, where even that is too much
+        monkeypatch.setattr(films, "MAX_BYTES", len(jpeg))  # and no byte more
+        assert films.encode_film([(0.0, noise)], 1)[0][1] == jpeg.tobytes()
+    monkeypatch.setattr(films, "MAX_BYTES", 1)
+    ((_, jpeg),) = films.encode_film([(0.0, noise)], 1)  # the smallest, where even that is too much
     assert cv2.imdecode(np.frombuffer(jpeg, np.uint8), 1).shape == (120, 160, 3)
     stamps = np.array([0.9, 1.0 - 1e-7, 1.5, 2.0, 4.0, 8.0, 9.0])
-    assert films.chosen(stamps, 1.0).tolist() == stamps[1:].tolist()
-    assert films.chosen(stamps, 1.0, 3).tolist() == [stamps[1], 2.0, 9.0]  # halves are even
+    assert films.select_frames(stamps, 1.0).tolist() == stamps[1:].tolist()
+    assert films.select_frames(stamps, 1.0, 3).tolist() == [stamps[1], 2.0, 9.0]  # halves are even
 
 
 # -- space ----------------------------------------------------------------------------------------
@@ -193,7 +196,7 @@ def test_what_stands_still_in_space_is_where_the_run_has_it():
     runs[1] = replace(runs[1], cameras={"camera": CameraRecord()})
     lost = replace(runs[1], true_pose=np.full_like(runs[1].true_pose, np.nan), target=None)
     for some in (runs[:1], [*runs, lost]):
-        told = contents(some, [])["scene"]
+        told = make_contents(some, [])["scene"]
         paths = [run.true_pose[run.joint_stamp >= run.states[0].stamp] for run in some[:2]]
         base = some[0].target.world_T_target(some[0].states[0].stamp)
         corners = np.array([(x, y, 0.0) for x, y in some[0].target.shape.corners])
@@ -209,41 +212,41 @@ def test_what_stands_still_in_space_is_where_the_run_has_it():
         wanted = [(a, b, middle) for a, b in zip(corners, [*corners[1:], corners[0]], strict=True)]
         np.testing.assert_allclose(points(face), np.reshape(wanted, (-1, 3)), atol=1e-5)
         assert (face["kind"], rim["kind"]) == ("faces", "strip")
-        assert face["colour"] == [*rgb(SCENE["face"]), 1.0]
-        assert rim["colour"] == [*rgb(SCENE["rim"]), 1.0]
+        assert face["colour"] == [*to_rgb(SCENE["face"]), 1.0]
+        assert rim["colour"] == [*to_rgb(SCENE["rim"]), 1.0]
         assert sorted(told["shapes"]) == ["0", "1", "target"][len(some) < 2 :][: len(some)] or \
             set(told["shapes"]) == {"target", *map(str, range(len(paths)))}  # fmt: skip
         several = len(some) > 1
         for number, path in enumerate(paths):
             own = dict(told["shapes"][str(number)])
             np.testing.assert_allclose(points(own["path"]), path[:, :3, 3], atol=1e-5)
-            assert own["path"]["colour"] == [*rgb(LIVE_CURVES[number]), 1.0]
+            assert own["path"]["colour"] == [*to_rgb(LIVE_CURVES[number]), 1.0]
             ideal = points(own["straight"])
             np.testing.assert_allclose(ideal, np.linspace(path[0, :3, 3], GOAL[:3, 3], len(ideal)),
                                        atol=1e-5)  # fmt: skip
-            assert own["straight"]["colour"][:3] == list(rgb(SCENE["ideal"]))
-        border = picture_border(some[0].camera)
+            assert own["straight"]["colour"][:3] == list(to_rgb(SCENE["ideal"]))
+        border = compute_image_border(some[0].camera)
         farthest = np.sqrt(1 + (border**2).sum(axis=1)).max()
         local = 0.2 * size / farthest * np.column_stack([border, np.ones(len(border))])
-        np.testing.assert_allclose(on_picture(border, border, 0.2 * size), local)
+        np.testing.assert_allclose(place_on_image_plane(border, border, 0.2 * size), local)
         own = dict(told["shapes"]["0"])
         for name, camera, alpha in (("goal", GOAL, 0.9), ("start", paths[0][0], 0.6)):
             picture = points(own[f"{name} picture"])
             np.testing.assert_allclose(picture[:-1], in_world(camera, local), atol=1e-5)
-            colour = rgb(SCENE["ideal" if several else name])
+            colour = to_rgb(SCENE["ideal" if several else name])
             assert own[f"{name} picture"]["colour"] == [*colour, alpha]
             np.testing.assert_allclose(points(own[f"{name} edges"])[0], camera[:3, 3], atol=1e-5)
         np.testing.assert_allclose(told["rims"][0], local)
         colours = [LIVE_CURVES[k] for k in range(3)] if several else [SCENE["rim"]]
-        assert told["colours"] == [[*rgb(colour), 1.0] for colour in colours]
-        assert told["arm"] == rgb(SCENE["face"])
+        assert told["colours"] == [[*to_rgb(colour), 1.0] for colour in colours]
+        assert told["arm"] == to_rgb(SCENE["face"])
     assert set(dict(told["shapes"]["1"])) == {"path", "straight"} and told["rims"][1] == []
-    assert contents([lost], [])["scene"] is None
+    assert make_contents([lost], [])["scene"] is None
     still = replace(runs[0], true_pose=np.tile(GOAL, (len(runs[0].true_pose), 1, 1)), target=None)
-    told = contents([still], [])["scene"]
+    told = make_contents([still], [])["scene"]
     assert told["size"] == 0.02 and told["shapes"]["target"] == []
     two = replace(lost, true_pose=runs[1].true_pose, target=runs[0].target)
-    assert len(contents([two], [])["scene"]["shapes"]["target"]) == 2
+    assert len(make_contents([two], [])["scene"]["shapes"]["target"]) == 2
 
 
 def read(told, number, *shape):
@@ -256,41 +259,43 @@ def test_poses_and_films_are_those_that_were_known():
     after = np.flatnonzero(run.joint_stamp >= run.states[0].stamp)
     poses[after[[0, 7]], 1, 2] = np.nan
     places = np.random.default_rng(1).normal(size=(len(poses), 3, 3))
-    jpeg = films.frame(np.zeros((40, 80, 3), np.uint8))
-    other = CameraRecord(WIDE, film=tuple((s, jpeg) for s in (1.0, run.began, run.began + 0.5)))
+    jpeg = films.encode_frame(np.zeros((40, 80, 3), np.uint8))
+    other = CameraRecord(
+        WIDE, film=tuple((s, jpeg) for s in (1.0, run.start_stamp, run.start_stamp + 0.5))
+    )
     early = CameraRecord(WIDE, film=((1.0, jpeg),))
     pictures = tuple((float(s), np.zeros((40, 64, 3), np.uint8)) for s in run.stamp[:3])
-    first = replace(run.images, pictures=((1.0, pictures[0][1]), *pictures), model=None)
-    run = replace(run, true_pose=poses, arm_places=places,
+    first = replace(run.control_record, images=((1.0, pictures[0][1]), *pictures), model=None)
+    run = replace(run, true_pose=poses, joint_origins=places,
                   cameras={"camera": first, "early": early, "wide": other})  # fmt: skip
-    told = contents([run], [])
+    told = make_contents([run], [])
     own = told["runs"][0]
     known = np.delete(after, [0, 7])
     np.testing.assert_allclose(read(told, own["poses"]["time"]),
-                               run.joint_stamp[known] - run.began, atol=1e-6)  # fmt: skip
+                               run.joint_stamp[known] - run.start_stamp, atol=1e-6)  # fmt: skip
     np.testing.assert_allclose(read(told, own["poses"]["rows"], 12).reshape(-1, 3, 4),
                                poses[known][:, :3], atol=1e-6)  # fmt: skip
     np.testing.assert_allclose(read(told, own["poses"]["arm"], 3, 3), places[known], atol=1e-6)
     assert own["poses"]["joints"] == 3 and told["end"] == run.time[-1]
     film = own["film"]
-    np.testing.assert_allclose(read(told, film["time"]), run.stamp[:3] - run.began, atol=1e-6)
+    np.testing.assert_allclose(read(told, film["time"]), run.stamp[:3] - run.start_stamp, atol=1e-6)
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 3)
-    assert film["wanted"] is None and film["tracks"] is None  # no camera is known
+    assert film["desired_outline"] is None and film["tracks"] is None  # no camera is known
     assert film["milestones"][0] == 0.0 and film["milestones"][-1] == run.time[-1]
-    alone = replace(run, cameras={"camera": replace(first, pictures=pictures[:1])})
-    film = contents([alone], [])["runs"][0]["film"]
+    alone = replace(run, cameras={"camera": replace(first, images=pictures[:1])})
+    film = make_contents([alone], [])["runs"][0]["film"]
     assert (film["width"], film["height"], len(film["frames"])) == (64, 40, 1)
-    (wide,) = own["others"]
+    (wide,) = own["other_films"]
     assert (wide["camera"], wide["width"], wide["height"]) == ("wide", 80, 40)
     np.testing.assert_allclose(read(told, wide["time"]), [0.0, 0.5], atol=1e-6)
     assert base64.b64decode(wide["frames"][1]) == jpeg and len(wide["frames"]) == 2
     never = replace(run, true_pose=np.full_like(poses, np.nan), cameras={"camera": CameraRecord()})
-    told = contents([never], [])["runs"][0]
-    assert told["poses"] is told["film"] is None and told["others"] == []
+    told = make_contents([never], [])["runs"][0]
+    assert told["poses"] is told["film"] is None and told["other_films"] == []
     long = np.tile(GOAL, (5000, 1, 1))
-    stamps = run.began + 1e-3 * np.arange(5000)
-    told = contents([replace(run, true_pose=long, joint_stamp=stamps,
-                             arm_places=np.zeros((0, 0, 3)))], [])  # fmt: skip
+    stamps = run.start_stamp + 1e-3 * np.arange(5000)
+    told = make_contents([replace(run, true_pose=long, joint_stamp=stamps,
+                             joint_origins=np.zeros((0, 0, 3)))], [])  # fmt: skip
     time = read(told, told["runs"][0]["poses"]["time"])
     assert len(time) == 2000 and time[-1] == pytest.approx(4.999) and np.ptp(np.diff(time)) < 2e-3
     assert "arm" not in told["runs"][0]["poses"]

@@ -6,15 +6,15 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_cameras, parse_urdf
-from aras_visual_servo_base.poses import optical, relative, transform
-from aras_visual_servo_bench.asked import packages
-from aras_visual_servo_bench.asked.added_links import Carried
-from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec, HandEyeSpec
-from aras_visual_servo_bench.asked.packages import PackagePath
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec, camera_name
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, optical_pose, relative_pose
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.seeing.rig import StandingCamera
+from aras_visual_servo_bench.experiment import packages
+from aras_visual_servo_bench.experiment.added_links import MountedTarget
+from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec, HandEyeSpec
+from aras_visual_servo_bench.experiment.packages import PackagePath
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec, find_camera_name
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.camera_rig import FixedCameraKinematics
 
 JOINT = ('<link name="{0}"/><joint name="{0}_j" type="{1}"><parent link="{2}"/><child link="{0}"/>'
          '<origin xyz="{3}"/><axis xyz="{4}"/><limit lower="-2" upper="2" velocity="1" effort="9"/>'
@@ -78,36 +78,46 @@ def test_cameras_alone_are_those_of_the_whole_description():
 
 
 Q = np.array([0.4, -0.1])
-HAND_T_LINK = transform((0.05, 0.0, 0.1), (0.0, 0.3, 0.0))
+HAND_T_LINK = matrix_from_xyz_rpy((0.05, 0.0, 0.1), (0.0, 0.3, 0.0))
 LINK_T_EYE = np.array([[0, 0, 1, 0], [-1, 0, 0, 0], [0, -1, 0, 0], [0, 0, 0, 1.0]])
 
 
 def hand(q=Q):
-    return transform((0, 0, 0.2), (0, 0, q[0])) @ transform((0.3 + q[1], 0, 0), (0, 0, 0))
+    return matrix_from_xyz_rpy((0, 0, 0.2), (0, 0, q[0])) @ matrix_from_xyz_rpy(
+        (0.3 + q[1], 0, 0), (0, 0, 0)
+    )
 
 
 def test_its_camera_is_where_its_description_has_it_or_is_moved_to(made):
-    np.testing.assert_allclose(made().arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9)
-    assert made().arm().names == ("a_j", "b_j")
+    np.testing.assert_allclose(
+        made().make_arm().pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE, atol=1e-9
+    )
+    assert made().make_arm().names == ("a_j", "b_j")
     moved = made(xyz=(0.01, 0.02, 0.03), rpy=(0.1, 0.2, 0.3))
-    link = HAND_T_LINK @ transform((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(moved.arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
-    off = transform((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
-    believed = moved.believed_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
+    link = HAND_T_LINK @ matrix_from_xyz_rpy((0.01, 0.02, 0.03), (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(moved.make_arm().pose(Q), hand() @ link @ LINK_T_EYE, atol=1e-9)
+    off = matrix_from_xyz_rpy((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
+    believed = moved.make_calibrated_arm((0.0, 0.01, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(believed.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
-    turned = moved.believed_arm((0.0,) * 3, (0.0, 0.0, 0.2))  # by one number of six
-    off = transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.2))
+    turned = moved.make_calibrated_arm((0.0,) * 3, (0.0, 0.0, 0.2))  # by one number of six
+    off = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.2))
     np.testing.assert_allclose(turned.pose(Q), hand() @ link @ LINK_T_EYE @ off, atol=1e-9)
-    same = moved.believed_arm((0.0,) * 3, (0.0,) * 3)
-    np.testing.assert_array_equal(same.pose(Q), moved.arm().pose(Q))
+    same = moved.make_calibrated_arm((0.0,) * 3, (0.0,) * 3)
+    np.testing.assert_array_equal(same.pose(Q), moved.make_arm().pose(Q))
 
 
 CAMERAS = {
-    "own": CameraSpec(), "framed": CameraSpec(frame="wall"),
-    "held": CameraSpec(xyz=(0.1, 0.0, 0.02), rpy=(0.0, 0.1, 0.0),
-                       believed=Belief(xyz=(0.0, 0.01, 0.0), rpy=(0.1, 0.0, 0.0))),
-    "stands": CameraSpec(pose=(0.5, 0.6, 0.7, 0.1, 0.2, 0.3),
-                         believed=Belief(xyz=(0.02, 0.0, 0.0), rpy=(0.0, 0.0, 0.1))),
+    "own": CameraSpec(),
+    "framed": CameraSpec(frame="wall"),
+    "held": CameraSpec(
+        xyz=(0.1, 0.0, 0.02),
+        rpy=(0.0, 0.1, 0.0),
+        calibration_offset=CalibrationOffset(xyz=(0.0, 0.01, 0.0), rpy=(0.1, 0.0, 0.0)),
+    ),
+    "stands": CameraSpec(
+        pose=(0.5, 0.6, 0.7, 0.1, 0.2, 0.3),
+        calibration_offset=CalibrationOffset(xyz=(0.02, 0.0, 0.0), rpy=(0.0, 0.0, 0.1)),
+    ),
     "carried": CameraSpec(pose=(0.5, 0.6, 0.7, 0.1, 0.2, 0.3), target_frame="b"),
 }
 
@@ -118,39 +128,47 @@ def test_more_cameras_get_frames_of_their_own(made, described):
     if not described:
         (made.folder / "r.urdf").write_text(URDF.replace(FRAME, ""))
     robot = made(cameras=CAMERAS)
-    assert [robot.frame(name) for name in (*CAMERAS, "none")] == [
+    assert [robot.find_optical_frame(name) for name in (*CAMERAS, "none")] == [
         "camera_optical_frame", "wall", "camera_frame_of_held", "camera_frame_of_stands",
         "camera_frame_of_carried", "camera_optical_frame"]
-    assert [robot.target_frame(name) for name in ("own", "carried")] == ["", "b"]
-    seat = transform((0.1, 0.0, 0.02), (0.0, 0.1, 0.0))
+    assert [robot.find_target_frame(name) for name in ("own", "carried")] == ["", "b"]
+    seat = matrix_from_xyz_rpy((0.1, 0.0, 0.02), (0.0, 0.1, 0.0))
     at = hand() @ HAND_T_LINK @ seat @ LINK_T_EYE
-    held, control = robot.arm("held"), robot.arm("held")
+    held, control = robot.make_arm("held"), robot.make_arm("held")
     np.testing.assert_allclose(held.pose(Q), at, atol=1e-9)
-    off = transform((0.0, 0.01, 0.0), (0.1, 0.0, 0.0))
+    off = matrix_from_xyz_rpy((0.0, 0.01, 0.0), (0.1, 0.0, 0.0))
     wrong = at @ off
-    np.testing.assert_allclose(robot.arm_of("held", control).pose(Q), at, atol=1e-9)
-    np.testing.assert_allclose(robot.arm_of("held", control, True).pose(Q), wrong, atol=1e-9)
-    belief = CAMERAS["held"].believed
+    np.testing.assert_allclose(robot.make_camera_kinematics("held", control).pose(Q), at, atol=1e-9)
     np.testing.assert_allclose(
-        robot.believed_arm(belief.xyz, belief.rpy, "held").pose(Q), wrong, atol=1e-9)
-    place = transform((0.5, 0.6, 0.7), (0.1, 0.2, 0.3))
-    np.testing.assert_allclose(robot.standing("stands"), place, atol=1e-9)
-    assert robot.standing("held") is None and robot.standing("carried") is None
-    other = robot.arm_of("stands", control)
-    assert isinstance(other, StandingCamera)
+        robot.make_camera_kinematics("held", control, True).pose(Q), wrong, atol=1e-9
+    )
+    belief = CAMERAS["held"].calibration_offset
+    np.testing.assert_allclose(
+        robot.make_calibrated_arm(belief.xyz, belief.rpy, "held").pose(Q), wrong, atol=1e-9)
+    place = matrix_from_xyz_rpy((0.5, 0.6, 0.7), (0.1, 0.2, 0.3))
+    np.testing.assert_allclose(robot.find_fixed_pose("stands"), place, atol=1e-9)
+    assert robot.find_fixed_pose("held") is None and robot.find_fixed_pose("carried") is None
+    other = robot.make_camera_kinematics("stands", control)
+    assert isinstance(other, FixedCameraKinematics)
     np.testing.assert_allclose(other.pose(Q), place, atol=1e-9)
-    off = transform((0.02, 0, 0), (0, 0, 0.1))
-    np.testing.assert_allclose(robot.arm_of("stands", control, True).pose(Q), place @ off,
-                               atol=1e-9)
-    np.testing.assert_allclose(robot.arm("carried").pose(Q), relative(hand(), place), atol=1e-9)
-    np.testing.assert_allclose(optical(np.eye(4)), LINK_T_EYE, atol=1e-12)
+    off = matrix_from_xyz_rpy((0.02, 0, 0), (0, 0, 0.1))
+    np.testing.assert_allclose(
+        robot.make_camera_kinematics("stands", control, True).pose(Q), place @ off, atol=1e-9
+    )
+    np.testing.assert_allclose(
+        robot.make_arm("carried").pose(Q), relative_pose(hand(), place), atol=1e-9
+    )
+    np.testing.assert_allclose(optical_pose(np.eye(4)), LINK_T_EYE, atol=1e-12)
 
 
 def test_a_camera_s_name_is_its_plugin_s_or_its_own():
     named = sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format("/eye/left/")))
-    assert camera_name(named) == "eye/left"
-    assert camera_name(sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format("")))) == "c"
-    assert camera_name(sensor_of(URDF)) == "c"
+    assert find_camera_name(named) == "eye/left"
+    assert (
+        find_camera_name(sensor_of(URDF.replace("<camera/>", "<camera/>" + PLUGIN.format(""))))
+        == "c"
+    )
+    assert find_camera_name(sensor_of(URDF)) == "c"
 
 
 OFF = {"xyz": (0.01, 0.02, 0.03), "rpy": (0.1, -0.2, 0.3)}
@@ -163,57 +181,68 @@ def test_a_camera_is_moved_and_believed_in_the_same_axes_at_any_frame(made, came
     own = {"camera_frame": camera_frame}
     if camera_frame == "b":
         (made.folder / "r.urdf").write_text(URDF.replace(EYE + FRAME, "").replace(SENSOR, ""))
-    place = made(own).arm().pose(Q)
-    off, link = transform(OFF["xyz"], OFF["rpy"]), np.linalg.inv(LINK_T_EYE)
-    moved = made(own, **OFF).arm().pose(Q)
+    place = made(own).make_arm().pose(Q)
+    off, link = matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"]), np.linalg.inv(LINK_T_EYE)
+    moved = made(own, **OFF).make_arm().pose(Q)
     np.testing.assert_allclose(moved, place @ link @ off @ LINK_T_EYE, atol=1e-9)
     for robot, true in ((made(own), place), (made(own, **OFF), moved)):
-        np.testing.assert_allclose(robot.believed_arm(**OFF).pose(Q), true @ off, atol=1e-9)
+        np.testing.assert_allclose(robot.make_calibrated_arm(**OFF).pose(Q), true @ off, atol=1e-9)
 
 
 @pytest.mark.parametrize("name", CAMERAS)
 def test_any_camera_is_believed_off_its_place_in_its_own_axes(made, name):
     robot = made(cameras=CAMERAS)
     try:
-        true = robot.arm(name).pose(Q)
+        true = robot.make_arm(name).pose(Q)
     except ExperimentError:  # it stands
-        true = robot.standing(name)
-        cameras = {name: dataclasses.replace(CAMERAS[name], believed=Belief(**OFF))}
-        found = made(cameras=cameras).arm_of(name, robot.arm(), believed=True).pose(Q)
+        true = robot.find_fixed_pose(name)
+        cameras = {
+            name: dataclasses.replace(CAMERAS[name], calibration_offset=CalibrationOffset(**OFF))
+        }
+        found = (
+            made(cameras=cameras)
+            .make_camera_kinematics(name, robot.make_arm(), is_calibrated=True)
+            .pose(Q)
+        )
     else:
-        found = robot.believed_arm(**OFF, camera=name).pose(Q)
-    np.testing.assert_allclose(found, true @ transform(OFF["xyz"], OFF["rpy"]), atol=1e-9)
+        found = robot.make_calibrated_arm(**OFF, camera=name).pose(Q)
+    np.testing.assert_allclose(found, true @ matrix_from_xyz_rpy(OFF["xyz"], OFF["rpy"]), atol=1e-9)
 
 
 def test_a_target_is_put_onto_a_link(made, tmp_path):
     (tmp_path / "t.urdf").write_text(
         '<robot name="t"><link name="t"><visual><geometry><box size="1 2 3"/></geometry></visual>'
         '</link><gazebo reference="t"><material>Gazebo/Grey</material></gazebo></robot>')
-    pose = transform((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
-    carried = {"plate": Carried("b", pose, tmp_path / "t.urdf")}
-    robot = made(carried=carried)
+    pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
+    carried = {"plate": MountedTarget("b", pose, tmp_path / "t.urdf")}
+    robot = made(mounted_targets=carried)
     found = parse_urdf(robot.urdf)
     assert [v.geometry.size for v in found.links["plate"].visuals] == [(1.0, 2.0, 3.0)]
     assert 'reference="plate"' in robot.urdf and 'reference="t"' not in robot.urdf
     arm = Arm.from_urdf(robot.urdf, "plate")
     np.testing.assert_allclose(arm.pose(Q), hand() @ pose, atol=1e-9)
-    carried = {"plate": Carried("bb", pose, tmp_path / "t.urdf")}
+    carried = {"plate": MountedTarget("bb", pose, tmp_path / "t.urdf")}
     with pytest.raises(ExperimentError, match="no link 'bb' that could carry a target: did you me"):
-        made(carried=carried)
+        made(mounted_targets=carried)
 
 
 def test_each_joint_has_one_controller_of_one_kind(made):
-    assert made({"controllers": ("again", "second")}).controllers(("b_j", "a_j")) == (
+    assert made({"controllers": ("again", "second")}).find_controllers(("b_j", "a_j")) == (
         {"b_j": "second", "a_j": "again"}, "position")
-    assert made().controllers(("a_j",)) == ({"a_j": "first"}, "position")
-    assert made({"controllers": ("fast",)}).controllers(("b_j",))[1] == "velocity"
+    assert made().find_controllers(("a_j",)) == ({"a_j": "first"}, "position")
+    assert made({"controllers": ("fast",)}).find_controllers(("b_j",))[1] == "velocity"
     for controllers, joints, why in (
-            (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
-            (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
-            (("first", "fast"), ("a_j", "b_j"), r"several kinds \(position, velocity\): name one"),
-            ((), ("a_j", "b_j"), "of several kinds")):
+        (("frst",), ("a_j",), "controller 'frst' is not in .*did you mean 'first'"),
+        (("first", "both"), ("a_j", "b_j", "c_j"), "no single-joint controller for b_j, c_j"),
+        (
+            ("first", "fast"),
+            ("a_j", "b_j"),
+            r"several kinds \(position, velocity\): list controllers",
+        ),
+        ((), ("a_j", "b_j"), "of several kinds"),
+    ):
         with pytest.raises(ExperimentError, match=why):
-            made({"controllers": controllers}).controllers(joints)
+            made({"controllers": controllers}).find_controllers(joints)
     assert set(made({"namespace": "/other/r"}).parameters) == set(made().parameters)
     assert list(made({"namespace": "/other"}).parameters) == ["r"]
 
@@ -221,12 +250,12 @@ def test_each_joint_has_one_controller_of_one_kind(made):
 def test_files_that_cannot_be_used_are_named(made):
     (made.folder / "bad.yaml").write_text("[1]")
     (made.folder / "bad.urdf").write_text(URDF.replace('<child link="wall"/>', ""))
-    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml holds no controllers"),
+    for keys, why in (({"config": str(made.folder / "bad.yaml")}, "bad.yaml has no controllers"),
                       ({"urdf": str(made.folder / "none.urdf")}, "there is no file .*none.urdf")):
         with pytest.raises(ExperimentError, match=why):
             made(keys)
     broken = made({"urdf": str(made.folder / "bad.urdf")})
-    for ask in (broken.description, broken.arm):
+    for ask in (broken.parse_description, broken.make_arm):
         with pytest.raises(ExperimentError, match=r"^/.*bad.urdf: "):
             ask()
     (made.folder / "bare.urdf").write_text('<robot name="x"><link name="world"/></robot>')
@@ -236,9 +265,9 @@ def test_files_that_cannot_be_used_are_named(made):
 
 def test_the_link_that_carries_a_target_is_the_camera_s_or_the_robot_s():
     spec = RobotSpec(target_frame="hand")
-    assert spec.carrier_for(None) == spec.carrier_for(CameraSpec()) == "hand"
-    assert spec.carrier_for(CameraSpec(target_frame="tip")) == "tip"
-    assert RobotSpec().carrier_for(None) == ""
+    assert spec.find_carrier(None) == spec.find_carrier(CameraSpec()) == "hand"
+    assert spec.find_carrier(CameraSpec(target_frame="tip")) == "tip"
+    assert RobotSpec().find_carrier(None) == ""
 
 
 # -- packages ------------------------------------------------------------------------------------
@@ -261,7 +290,9 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
     assert PackagePath([tmp_path / "c"]).find("aras_visual_servo_bench") == str(ours)
     monkeypatch.setattr(packages, "_SHARE", tmp_path / "a")
     assert PackagePath().find("mine") == str(own)
-    monkeypatch.setattr("aras_sim_bridge.description.packages.find", lambda name: f"ros/{name}")
+    monkeypatch.setattr(
+        "aras_sim_bridge.description.packages.find_package", lambda name: f"ros/{name}"
+    )
     assert PackagePath().find("none") == "ros/none"
     monkeypatch.undo()
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
@@ -269,7 +300,7 @@ def test_packages_are_looked_for_where_it_is_said_then_here_then_as_ros_does(tmp
         PackagePath([tmp_path / "a"]).find("none")
     assert str(told.value) == (
         f"package 'none' is not in {tmp_path / 'a'}, {packages._SOURCES} nor in ROS_PACKAGE_PATH: "
-        "name its folder in robot.search")
+        "add its folder to robot.search")
     monkeypatch.setenv("HOME", str(tmp_path))
     assert PackagePath(["~/a"]).find("mine") == str(own)
 
@@ -280,23 +311,23 @@ def test_files_are_found_in_packages_and_the_nearest_is_named(tmp_path, monkeypa
     (own / "deep" / "arm.urdf").write_text("x")
     (own / "deep" / "leg.urdf").write_text("x")
     found = PackagePath([tmp_path])
-    assert found.file("package://mine/deep/arm.urdf") == own / "deep" / "arm.urdf"
-    assert found.file(str(own / "package.xml")) == own / "package.xml"
+    assert found.resolve("package://mine/deep/arm.urdf") == own / "deep" / "arm.urdf"
+    assert found.resolve(str(own / "package.xml")) == own / "package.xml"
     for given, why in (
             ("package://mine/deep/arn.urdf", f"there is no file {own}/deep/arn.urdf (given as "
              "package://mine/deep/arn.urdf): did you mean 'arm.urdf'?"),
             (f"{own}/deep/arm.yaml", f"there is no file {own}/deep/arm.yaml"),
             (f"{own}/deep", f"there is no file {own}/deep")):
         with pytest.raises(ExperimentError) as told:
-            found.file(given)
+            found.resolve(given)
         assert str(told.value) == why
     monkeypatch.setenv("HOME", str(own))
-    assert found.file("~/package.xml") == own / "package.xml"
+    assert found.resolve("~/package.xml") == own / "package.xml"
 
 
 def test_a_hand_eye_calibration_puts_the_camera(made):
     """The robot's own one, one of several, and that of a robot without a camera; in any unit."""
-    found = transform((0.02, -0.05, 0.12), (0.1, 0.2, 1.5))
+    found = matrix_from_xyz_rpy((0.02, -0.05, 0.12), (0.1, 0.2, 1.5))
     in_mm = found.copy()
     in_mm[:3, 3] *= 1e3
     np.savetxt(made.folder / "metres.txt", found)
@@ -306,14 +337,14 @@ def test_a_hand_eye_calibration_puts_the_camera(made):
     mm = HandEyeSpec(str(made.folder / "mm.txt"), "mm", "b")
     for spec in (metres, mm):
         for keys in ({}, {"urdf": str(made.folder / "bare.urdf")}):
-            pose = made(keys, hand_eye=spec).arm().pose(Q)
+            pose = made(keys, hand_eye=spec).make_arm().pose(Q)
             np.testing.assert_allclose(pose, hand() @ found, atol=1e-9)
         two = {"own": CameraSpec(), "other": CameraSpec(hand_eye=spec)}
         robot = made(cameras=two)
-        np.testing.assert_allclose(robot.arm("other").pose(Q), hand() @ found, atol=1e-9)
-        np.testing.assert_allclose(robot.arm("own").pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE,
+        np.testing.assert_allclose(robot.make_arm("other").pose(Q), hand() @ found, atol=1e-9)
+        np.testing.assert_allclose(robot.make_arm("own").pose(Q), hand() @ HAND_T_LINK @ LINK_T_EYE,
                                    atol=1e-9)  # fmt: skip
-    moved = made(hand_eye=metres, xyz=(0.0, 0.01, 0.0)).arm().pose(Q)  # on top, in camera_link
+    moved = made(hand_eye=metres, xyz=(0.0, 0.01, 0.0)).make_arm().pose(Q)  # on top, in camera_link
     assert np.linalg.norm((moved - hand() @ found)[:3, 3]) == pytest.approx(0.01)
     with pytest.raises(ExperimentError, match="hand_eye: .*mm.txt: the translation .* units to mm"):
         made(hand_eye=HandEyeSpec(mm.file, link="b"))

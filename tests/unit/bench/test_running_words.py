@@ -7,11 +7,11 @@ from types import SimpleNamespace
 import pytest
 import yaml
 
-from aras_visual_servo_bench.commands import analyzing, main, running
+from aras_visual_servo_bench.cli import analyze, main, run
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.study import replay
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.studies import replay
+from aras_visual_servo_bench.studies.study import Study
 
 STUDY = "experiment: {plant: free}\nrepeats: 3\nvary: {gain: [1.0, 2.0]}\n"
 
@@ -47,42 +47,43 @@ def options(**changed):
 
 
 def test_workers_are_where_the_options_say(calls):
-    calls(running, "DaskPool", "dask")
-    assert running.pool(options(workers=3, scheduler="tcp", renew=7)) == "dask"
-    assert running.pool(options(cluster="c.yaml")) == "dask"
+    calls(run, "DaskPool", "dask")
+    assert run.make_pool(options(workers=3, scheduler="tcp", renew=7)) == "dask"
+    assert run.make_pool(options(cluster="c.yaml")) == "dask"
     assert calls.found == [("DaskPool", 3, "tcp", "", 7), ("DaskPool", 0, "", "c.yaml", 5)]
-    assert isinstance(running.pool(options(in_process=True, workers=0, renew=1)),
-                      running.ThisProcess)
+    assert isinstance(run.make_pool(options(in_process=True, workers=0, renew=1)),
+                      run.InProcessPool)
     for wrong, why in (({"workers": -1}, "--workers must be 0 or more, and --renew 1 or more"),
                        ({"renew": 0}, "--renew 1 or more"),
-                       ({"in_process": True, "scheduler": "s"}, "say one of --in-process, --sched"),
-                       ({"scheduler": "s", "cluster": "c"}, "say one of"),
-                       ({"in_process": True, "cluster": "c"}, "say one of")):
+                       ({"in_process": True, "scheduler": "s"},
+                        "use only one of --in-process, --sched"),
+                       ({"scheduler": "s", "cluster": "c"}, "use only one of"),
+                       ({"in_process": True, "cluster": "c"}, "use only one of")):
         with pytest.raises(StudyError, match=why):
-            running.pool(options(**wrong))
+            run.make_pool(options(**wrong))
 
 
 @pytest.mark.parametrize(("more", "cores", "workers"), [
     ([], 6, 6), ([], None, 1), (["--workers", "3"], 6, 3), (["--in-process"], 6, 1)])
 def test_a_dry_run_says_what_would_be_done(calls, study, capsys, monkeypatch, more, cores, workers):
-    calls(running.engine, "dry_run", ["6 runs", "an hour"])
-    calls(running.images, "check_room", "takes 3 MB")
-    calls(running, "kept_runs", 2)
-    monkeypatch.setattr(running.os, "cpu_count", lambda: cores)
+    calls(run.engine, "dry_run", ["6 runs", "an hour"])
+    calls(run.images, "check_room", "takes 3 MB")
+    calls(run, "count_stored_runs", 2)
+    monkeypatch.setattr(run.os, "cpu_count", lambda: cores)
     assert main(["run", str(study), "--dry-run", "--out", "there", *more]) == 0
     kept, room, (_, asked, count) = calls.found
     assert str(kept[1]) == str(room[2]) == "there" and room[3] == 2 and room[1] is asked
-    assert (asked.runs, count) == (6, workers)
+    assert (asked.run_count, count) == (6, workers)
     assert capsys.readouterr().out == "takes 3 MB\n6 runs\nan hour\n"
-    calls(running.images, "check_room", "")
+    calls(run.images, "check_room", "")
     assert main(["run", str(study), "--dry-run"]) == 0
     assert capsys.readouterr().out == "6 runs\nan hour\n" and str(calls.found[3][1]) == "."
 
 
 def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, tmp_path, capsys,
                                                                   monkeypatch):
-    monkeypatch.setattr(running.Folder, "create", lambda *given: given)
-    calls(running, "carry_out", 7)
+    monkeypatch.setattr(run.StudyFolder, "create", lambda *given: given)
+    calls(run, "carry_out", 7)
     assert main(["run", str(study), "--out", str(tmp_path / "o")]) == 7
     ((_, (folder, made, text), given),) = calls.found
     assert (folder, text, made.repeats) == (tmp_path / "o", STUDY, 3) and not given.mix
@@ -91,11 +92,11 @@ def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, t
     assert made.repeats == 5 and Study.from_mapping(yaml.safe_load(text)).digest == made.digest
     assert list(yaml.safe_load(text)) == list(made.to_mapping())
     assert main(["run", str(study)]) == 1
-    assert "say where the results go: --out DIR; or --dry-run" in capsys.readouterr().err
+    assert "give an output folder by --out DIR, or use --dry-run" in capsys.readouterr().err
     assert main(["run", str(tmp_path / "none.yaml"), "--out", "o"]) == 1
     assert main(["run", "paper_basn", "--out", "o"]) == 1
     said = capsys.readouterr().err
-    assert "there is no file paper_basn, and no study: did you mean 'paper_basin'?" in said
+    assert "there is no file paper_basn, and no shipped study: did you mean 'paper_basin'?" in said
 
 
 class Folder:
@@ -103,7 +104,8 @@ class Folder:
 
     def __init__(self, kept=2, **study):
         self.kept, self.path, self.told = kept, "the/folder", []
-        self.study = SimpleNamespace(**{"runs": 6, "pictures": "", "keeps_images": False, **study})
+        self.study = SimpleNamespace(**{"run_count": 6, "pictures": "",
+                                        "has_image_rows": False, **study})  # fmt: skip
 
     def check_code(self):
         self.told.append("code")
@@ -114,11 +116,11 @@ class Folder:
     def finish(self):
         self.told.append("finish")
 
-    def done(self):
+    def count_stored_runs(self):
         return self.kept
 
     @contextmanager
-    def locked(self):
+    def lock(self):
         self.told.append("lock")
         yield
         self.told.append("free")
@@ -148,12 +150,12 @@ def carried(monkeypatch, calls):
     def carry_out(folder, answer, **changed):
         told.clear()
         calls.found.clear()
-        calls(running.engine, "carry_out", answer)
-        monkeypatch.setattr(running, "pool", lambda given: Closed(told))
-        monkeypatch.setattr(running, "Progress", lambda *given: Closed(told, *given))
-        monkeypatch.setattr(running, "duration", lambda seconds: f"<{seconds}>")
-        calls(running, "_report")
-        return running.carry_out(folder, options(**changed)), told
+        calls(run.engine, "carry_out", answer)
+        monkeypatch.setattr(run, "make_pool", lambda given: Closed(told))
+        monkeypatch.setattr(run, "Progress", lambda *given: Closed(told, *given))
+        monkeypatch.setattr(run, "format_duration", lambda seconds: f"<{seconds}>")
+        calls(run, "_write_report")
+        return run.carry_out(folder, options(**changed)), told
     return carry_out
 
 
@@ -166,9 +168,9 @@ def test_what_is_missing_is_run_and_reported(carried, calls, capsys):
     (_, given, workers, progress, fast, mixed), report = calls.found
     assert status == 0 and folder.told == ["code", "lock", "free"] and given is folder
     assert progress.given == (6, 2) and (fast, mixed) == (True, False)
-    assert told == ["ended", "closed"] and report == ("_report", "the/folder")
+    assert told == ["ended", "closed"] and report == ("_write_report", "the/folder")
     assert capsys.readouterr().out == (
-        "6 of 6 runs in the/folder, 1 of the new ones without success, <3.5>\n")
+        "6 of 6 runs in the/folder, 1 new runs failed, <3.5>\n")
     folder = Folder(pictures="first")
     carried(folder, SimpleNamespace(**DONE), mix=True, no_report=True)
     assert folder.told == ["lock", "free"] and len(calls.found) == 1 and calls.found[0][5] is True
@@ -186,15 +188,15 @@ def test_a_run_without_success_stops_it(carried, calls, capsys):
 
 
 def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
-    folder = Folder(kept=6, keeps_images=True)
-    calls(running.card, "write", "README.md")
-    monkeypatch.setattr(running.card, "write", lambda given: f"card of {given.path}")
+    folder = Folder(kept=6, has_image_rows=True)
+    calls(run.card, "write_card", "README.md")
+    monkeypatch.setattr(run.card, "write_card", lambda given: f"card of {given.path}")
     status, told = carried(folder, None)
     assert status == 0 and folder.told == ["code", "lock", "finish", "free"] and not told
     assert capsys.readouterr().out == (
         "all 6 runs are in the/folder\n"
-        "card of the/folder says what is kept of each image, and how to read it\n")
-    assert calls.found == [("_report", "the/folder")]
+        "card of the/folder describes the stored images and how to read them\n")
+    assert calls.found == [("_write_report", "the/folder")]
 
 
 @pytest.mark.parametrize(("fault", "said"), [
@@ -203,13 +205,13 @@ def test_what_ends_it_early_says_how_to_go_on(carried, fault, said):
     with pytest.raises(StudyError) as error:
         carried(Folder(), fault)
     assert str(error.value) == (
-        f"{said}; 2 of 6 runs are kept: bench resume the/folder")
+        f"{said}; 2 of 6 runs are stored; continue with bench resume the/folder")
 
 
 def test_resuming_checks_the_study_s_file(calls, monkeypatch):
     folder = Folder()
-    monkeypatch.setattr(running.Folder, "open", lambda path: folder)
-    calls(running, "carry_out", 9)
+    monkeypatch.setattr(run.StudyFolder, "open", lambda path: folder)
+    calls(run, "carry_out", 9)
     assert main(["resume", "x", "--mix", "--fail-fast", "--no-report", "--renew", "3"]) == 9
     given = calls.found[0][2]
     assert folder.told == ["file"] and calls.found[0][1] is folder
@@ -221,19 +223,19 @@ def test_resuming_checks_the_study_s_file(calls, monkeypatch):
     (3, ("other",), False)])
 def test_a_report_is_a_table_and_pictures(calls, tmp_path, capsys, monkeypatch, rows, names, shown):
     results = SimpleNamespace(study=SimpleNamespace(metric_names=names))
-    monkeypatch.setattr(running.Results, "read", lambda path: results)
-    calls(running.tables, "tabulated", SimpleNamespace(rows=[0] * rows))
-    calls(running.tables, "written", "| a |\n")
-    calls(figures, "write_all", ["a.png", "b.png"])
-    running._report(tmp_path)
+    monkeypatch.setattr(run.Results, "read", lambda path: results)
+    calls(run.tables, "make_table", SimpleNamespace(rows=[0] * rows))
+    calls(run.tables, "format_table", "| a |\n")
+    calls(study_figures, "write_figures", ["a.png", "b.png"])
+    run._write_report(tmp_path)
     assert (tmp_path / "table.md").read_text() == "| a |\n"
     told = [name for name in names if name != "other"]
-    assert [call for call in calls.found if call[0] == "tabulated"] == [
-        ("tabulated", [results]), *([("tabulated", [results], told)] if told else [])]
-    assert {call[2] for call in calls.found if call[0] == "written"} == {"md"}
-    assert calls.found[-1] == ("write_all", [results], tmp_path / "plots", [tmp_path])
+    assert [call for call in calls.found if call[0] == "make_table"] == [
+        ("make_table", [results]), *([("make_table", [results], told)] if told else [])]
+    assert {call[2] for call in calls.found if call[0] == "format_table"} == {"md"}
+    assert calls.found[-1] == ("write_figures", [results], tmp_path / "plots", [tmp_path])
     assert capsys.readouterr().out == ("\n| a |\n\n" if shown else "") + (
-        f"{tmp_path / 'table.md'} has every metric; pictures: a.png, b.png\n")
+        f"{tmp_path / 'table.md'} has all metrics; figures: a.png, b.png\n")
 
 
 @pytest.mark.parametrize(("words", "name", "source", "out"), [
@@ -244,11 +246,11 @@ def test_an_experiment_is_run_once(calls, tmp_path, monkeypatch, words, name, so
     path.write_text("plant: free\nduration: 1.0\n")
     words = [str(path) if word == "FILE" else word for word in words]
     done, ran = SimpleNamespace(name=""), []
-    monkeypatch.setattr(running.loop, "run", lambda asked: ran.append(asked) or done)
+    monkeypatch.setattr(run.loop, "run", lambda asked: ran.append(asked) or done)
     calls(replay, "run_with_images", done)
-    calls(analyzing, "report")
+    calls(analyze, "write_reports")
     assert main(["run", *words, "gain=2.5"]) == 0
-    assert calls.found[-1] == ("report", [done], None if out is None else running.Path(out))
+    assert calls.found[-1] == ("write_reports", [done], None if out is None else run.Path(out))
     asked = ran[0] if out is None else calls.found[0][1]
     assert asked.gain == 2.5 and (asked.plant == "free") is bool(source)
     if out is None:
@@ -263,7 +265,7 @@ def test_what_belongs_to_studies_is_refused_of_an_experiment(tmp_path, capsys):
     for words in (["--workers", "2"], ["--in-process"], ["--scheduler", "s"], ["--cluster", "c"],
                   ["--fail-fast"], ["--mix"], ["--dry-run"]):
         assert main(["run", str(path), *words]) == 1
-        assert f"{words[0]} is for studies: an experiment is one run" in capsys.readouterr().err
+        assert f"{words[0]} applies to studies, not to an experiment" in capsys.readouterr().err
     path.write_text("repeats: 2\nplant: free\nvary: {}\n")
     assert main(["run", str(path)]) == 1  # of both kinds: an experiment, which has no repeats
     assert "'repeats'" in capsys.readouterr().err

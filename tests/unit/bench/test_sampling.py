@@ -4,21 +4,21 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Sampler
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants.base import Place
+from aras_visual_servo_bench.experiment.experiment import Sampler
+from aras_visual_servo_bench.plants.base import CameraPlacement
 from aras_visual_servo_bench.plants.free_body import FreeBody
-from aras_visual_servo_bench.setup.sampling import draw_start, drawn_pose
+from aras_visual_servo_bench.setup.sampling import draw_pose, draw_start
 from aras_visual_servo_bench.targets.geometry import PlacedTarget, PolygonTarget
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
 CAMERA = CameraModel(320, 240, (100.0, 0, 166.0, 0, 90.0, 115.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.03, -0.01), (0.05, -0.02), (0.01, 0.06)))
-PLACED = PlacedTarget(SHAPE, transform((0.3, -0.2, 0.1), (0.0, 0.0, 0.7)))
+PLACED = PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.3, -0.2, 0.1), (0.0, 0.0, 0.7)))
 MIDDLE = np.array([0.3, -0.2, 0.1]) + Rotation.from_euler("z", 0.7).apply([0.01, 0.01, 0.0])
-GOAL = transform((0.3, -0.2, 0.5), (np.pi - 0.03, 0.05, 0.4))  # it leans
+GOAL = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (np.pi - 0.03, 0.05, 0.4))  # it leans
 AXES = (("x", "prismatic", "1 0 0", 2), ("y", "prismatic", "0 1 0", 1.5),
         ("z", "prismatic", "0 0 1", 2.5), ("wrist", "revolute", "0 0 -1", None))
 
@@ -43,7 +43,7 @@ def gantry(low, high):
 def test_the_last_joint_begins_at_the_turn_that_was_drawn(low, high, goal):
     """So it comes to the angle within its limits that is one turn away at most."""
     arm, q = gantry(low, high), np.array([0.1, 0.2, 0.3, goal])
-    above = PlacedTarget(SHAPE, transform((0.1, 0.2, 0.0), (0.0, 0.0, 0.3)))
+    above = PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.1, 0.2, 0.0), (0.0, 0.0, 0.3)))
     sampler, turns = Sampler(height=(0.3, 0.5), side=0.05, turn=2.9, attempts=1), []
     for seed in range(12):
         kept = q.copy()
@@ -68,7 +68,7 @@ def test_a_start_lies_above_the_middle_of_a_target_that_is_turned():
 def test_poses_fill_their_ranges():
     random = np.random.default_rng(2)
     sampler = Sampler(height=(0.2, 0.5), side=0.08, turn=2.0, tilt=0.3)
-    drawn = [drawn_pose(sampler, GOAL, MIDDLE, random) for _ in range(800)]
+    drawn = [draw_pose(sampler, GOAL, MIDDLE, random) for _ in range(800)]
     places = np.array([pose[:3, 3] for pose, _ in drawn]) - MIDDLE
     turns = np.array([turn for _, turn in drawn])
     about = Rotation.from_rotvec(turns[:, None] * [0.0, 0.0, 1.0])
@@ -83,7 +83,7 @@ def test_poses_fill_their_ranges():
         assert low <= values.min() < low + near and high - near < values.max() <= high
         assert values.mean() == pytest.approx(0.5 * (low + high), abs=3 * near)
     assert abs(np.corrcoef(places[:, 0], places[:, 1])[0, 1]) < 0.1
-    level, turn = drawn_pose(Sampler(turn=2.0), GOAL, MIDDLE, random)
+    level, turn = draw_pose(Sampler(turn=2.0), GOAL, MIDDLE, random)
     wanted = Rotation.from_euler("z", turn).as_matrix() @ GOAL[:3, :3]
     np.testing.assert_allclose(level[:3, :3], wanted, atol=1e-12)
 
@@ -97,7 +97,7 @@ class Stuck:
         self.lower, self.upper = np.full(6, lower), np.full(6, upper)
         self.lower[2] = -np.inf  # without a limit it is not bent
 
-    def view(self, q):
+    def pose_and_jacobian(self, q):
         self.asked.append(q.copy())
         pose = np.eye(4)
         pose[:3, 3] = MIDDLE + [-self.off, 0.0, 0.3]
@@ -106,8 +106,10 @@ class Stuck:
 
 NEAR = np.array([0.1, -0.2, 0.3, 0.4, 0.5, 0.6])
 EXACTLY = Sampler(height=(0.3, 0.3), side=0.0, turn=0.0, attempts=1)
-AHEAD = transform((0, 0, 0), (0, 0, 0))
-BELOW = PlacedTarget(SHAPE, transform((*(MIDDLE[:2] - [0.01, 0.01]), 0.1), (0.0, 0.0, 0.0)))
+AHEAD = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0))
+BELOW = PlacedTarget(
+    SHAPE, matrix_from_xyz_rpy((*(MIDDLE[:2] - [0.01, 0.01]), 0.1), (0.0, 0.0, 0.0))
+)
 
 
 class Anywhere(PolygonTarget):
@@ -164,17 +166,18 @@ def test_why_no_start_was_found_is_counted():
     body, sampler = FreeBody(GOAL), Sampler(height=(0.25, 0.25), side=0.0, attempts=3)
     given = (sampler, body, GOAL, np.zeros(6), PLACED, CAMERA, 3)
     words = r"no start found in 3 attempts \({}\): make start.height, side, turn or tilt smaller"
-    with pytest.raises(ExperimentError, match=words.format("3 in something's way")):
-        draw_start(*given, touched=lambda q: "it")
+    with pytest.raises(ExperimentError, match=words.format("3 in collision")):
+        draw_start(*given, find_collision=lambda q: "it")
     came = []
-    draw_start(*given, touched=lambda q: "" if came or came.append(1) else "it")  # the second does
-    own = Place(transform((0.02, 0.0, 0.0), (0.0, 0.0, 0.1)))
-    draw_start(*given, others=[(own, CAMERA, PLACED)])
-    aside = PlacedTarget(SHAPE, transform((2.3, -0.2, 0.1), (0.0, 0.0, 0.0)))
-    behind = PlacedTarget(SHAPE, transform((0.3, -0.2, 1.1), (0.0, 0.0, 0.0)))
+    # the second does
+    draw_start(*given, find_collision=lambda q: "" if came or came.append(1) else "it")
+    own = CameraPlacement(matrix_from_xyz_rpy((0.02, 0.0, 0.0), (0.0, 0.0, 0.1)))
+    draw_start(*given, other_cameras=[(own, CAMERA, PLACED)])
+    aside = PlacedTarget(SHAPE, matrix_from_xyz_rpy((2.3, -0.2, 0.1), (0.0, 0.0, 0.0)))
+    behind = PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.3, -0.2, 1.1), (0.0, 0.0, 0.0)))
     for other in (aside, behind):
         with pytest.raises(ExperimentError, match=words.format("3 out of view")):
-            draw_start(*given, others=[(own, CAMERA, other)])
+            draw_start(*given, other_cameras=[(own, CAMERA, other)])
     with pytest.raises(ExperimentError, match=words.format("3 out of view")):
         draw_start(*given[:4], aside, CameraModel(320, 240, (900.0, 0, 0, 0, 900, 0, 0, 0, 1)), 3)
     # The margin: 0.29 m before the middle the corners keep some 95 px from the upper border.

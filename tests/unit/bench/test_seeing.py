@@ -7,24 +7,32 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.camera.effects import AutoExposure, Effects
-from aras_sim_bridge.camera.shutter import RowBand, parts
-from aras_visual_servo_base.poses import transform
+from aras_sim_bridge.camera.shutter import RowBand, make_row_bands
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import convert
-from aras_visual_servo_bench.asked import cameras
+from aras_visual_servo_bench.experiment import cameras
 from aras_visual_servo_bench.plants import JointReading
-from aras_visual_servo_bench.plants.base import Place, Plant, seconds
-from aras_visual_servo_bench.plants.sight import Exposures, Sight, capture, exposures, vibrations
+from aras_visual_servo_bench.plants.base import CameraPlacement, Plant, to_seconds
+from aras_visual_servo_bench.plants.imaging import (
+    ExposureSchedule,
+    ImagingSettings,
+    capture,
+    collect_vibrations,
+    make_exposure_schedules,
+)
 from aras_visual_servo_bench.targets.geometry import Motion, PlacedTarget, PolygonTarget
-from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.image_reader import ImageReader
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.image_reader import ImageReader
 
 CAMERA = CameraModel(60, 40, (50.0, 0, 31.0, 0, 40.0, 18.0, 0, 0, 1))
 SHAPE = PolygonTarget(((-0.2, -0.15), (0.25, -0.1), (0.2, 0.2), (-0.1, 0.1)))
 MOVES = Motion(velocity=(0.1, 0.0, 0.0, 0.0, 0.0, 0.0))
-SIGHT = Sight(CAMERA, PlacedTarget(SHAPE, transform((0.0, 0.0, 0.1), (0.0, 0.0, 0.3)), MOVES))
-POSE = transform((0.03, 0.02, 1.1), (np.pi - 0.2, 0.1, 0.2))
+SIGHT = ImagingSettings(
+    CAMERA, PlacedTarget(SHAPE, matrix_from_xyz_rpy((0.0, 0.0, 0.1), (0.0, 0.0, 0.3)), MOVES)
+)
+POSE = matrix_from_xyz_rpy((0.03, 0.02, 1.1), (np.pi - 0.2, 0.1, 0.2))
 STAMP = 500_000_000
 
 
@@ -39,7 +47,7 @@ def rolling(sight, poses, stamp_ns, random):
 
 def exactly(pose, time=0.5, sight=SIGHT):
     """Pixels (n, 2) of the corners, by hand."""
-    here = transform((0.1 * time, 0.0, 0.1), (0.0, 0.0, 0.3))
+    here = matrix_from_xyz_rpy((0.1 * time, 0.0, 0.1), (0.0, 0.0, 0.3))
     corners = np.array([(x, y, 0.0, 1.0) for x, y in SHAPE.corners]) @ here.T
     x, y, z, _ = (corners @ np.linalg.inv(pose).T).T
     return np.column_stack([50.0 * x / z + 31.0, 40.0 * y / z + 18.0])
@@ -47,15 +55,17 @@ def exactly(pose, time=0.5, sight=SIGHT):
 
 def test_exact_features_are_where_the_target_is_at_the_stamp():
     found = capture(replace(SIGHT, name="left"), POSE, STAMP, drawn())
-    assert (found.stamp_ns, found.name, found.pictured) == (STAMP, "left", False)
+    assert (found.stamp_ns, found.name, found.has_image) == (STAMP, "left", False)
     np.testing.assert_allclose(found.points, exactly(POSE), atol=1e-9)
     np.testing.assert_array_equal(found.points, found.outline)
-    place = Place(transform((0.1, 0.05, 0.0), (0.0, 0.1, 0.3)))
-    shaken = SimpleNamespace(at=lambda ns: transform((ns * 1e-11, 0, 0), (0, 0, 0)))
-    beside = capture(
-        replace(SIGHT, place=place, vibration=shaken, unbounded=True), POSE, STAMP, drawn()
+    place = CameraPlacement(matrix_from_xyz_rpy((0.1, 0.05, 0.0), (0.0, 0.1, 0.3)))
+    shaken = SimpleNamespace(
+        compute_pose=lambda ns: matrix_from_xyz_rpy((ns * 1e-11, 0, 0), (0, 0, 0))
     )
-    at = POSE @ place.pose @ transform((0.005, 0, 0), (0, 0, 0))
+    beside = capture(
+        replace(SIGHT, placement=place, vibration=shaken, is_unbounded=True), POSE, STAMP, drawn()
+    )
+    at = POSE @ place.pose @ matrix_from_xyz_rpy((0.005, 0, 0), (0, 0, 0))
     np.testing.assert_allclose(beside.points, exactly(at), atol=1e-9)
 
 
@@ -64,10 +74,13 @@ def test_what_leaves_the_picture_is_lost_unless_that_has_no_border():
         aside = POSE.copy()
         aside[:2, 3] += shift
         assert capture(SIGHT, aside, STAMP, drawn()).outline is None
-        seen = capture(replace(SIGHT, unbounded=True), aside, STAMP, drawn())
+        seen = capture(replace(SIGHT, is_unbounded=True), aside, STAMP, drawn())
         np.testing.assert_allclose(seen.points, exactly(aside), atol=1e-9)
     behind = capture(
-        replace(SIGHT, unbounded=True), transform((0, 0, 1.1), (0, 0, 0)), STAMP, drawn()
+        replace(SIGHT, is_unbounded=True),
+        matrix_from_xyz_rpy((0, 0, 1.1), (0, 0, 0)),
+        STAMP,
+        drawn(),
     )
     assert behind.outline is None and behind.points is None and behind.name == "camera"
 
@@ -81,15 +94,15 @@ def test_an_outline_s_noise_is_drawn_a_hundred_times_at_most():
 
     random, pixels = SimpleNamespace(normal=crossed), np.array([(0, 0), (9, 0), (9, 9), (0, 9.0)])
     noisy = replace(SIGHT, jitter=0.4)
-    noisy.jittered(pixels, random, closed=True)
+    noisy.add_jitter(pixels, random, is_closed=True)
     assert len(calls) == 100 and set(calls) == {(0.0, 0.4, (4, 2))}
-    found = noisy.jittered(pixels, random)
+    found = noisy.add_jitter(pixels, random)
     assert len(calls) == 101 and found[3].tolist() == [5.0, -5.0]
-    assert noisy.jittered(None, random) is None
+    assert noisy.add_jitter(None, random) is None
 
 
 def test_each_effect_acts_on_a_drawn_image_and_on_its_seed():
-    sight, bare = replace(SIGHT, pictures=True), replace(SIGHT, pictures=True)
+    sight, bare = replace(SIGHT, has_images=True), replace(SIGHT, has_images=True)
     plain = capture(bare, POSE, STAMP, drawn()).image
     for effects in ({"noise_stddev": 8.0}, {"shot_noise": 2.0}, {"gain": 0.5}, {"exposure": 0.5},
                     {"vignetting": 0.5}, {"noise_mean": -20.0},
@@ -105,33 +118,33 @@ def test_each_effect_acts_on_a_drawn_image_and_on_its_seed():
 
 def test_an_open_shutter_blurs_what_moves():
     effects = Effects(exposure_time=0.02, exposure_samples=3)
-    sight = replace(SIGHT, target=FLAT, pictures=True, labelled=True, effects=effects,
-                    parts=parts(effects, CAMERA.height))
+    sight = replace(SIGHT, target=FLAT, has_images=True, has_labels=True, effects=effects,
+                    row_bands=make_row_bands(effects, CAMERA.height))
     found = rolling(sight, ASIDE, STAMP, drawn())
-    each = [capture(replace(sight, parts=(), effects=Effects()), pose, STAMP, drawn()).image
+    each = [capture(replace(sight, row_bands=(), effects=Effects()), pose, STAMP, drawn()).image
             for pose in ASIDE]
     np.testing.assert_array_equal(found.image, (np.sum(each, axis=0, dtype=int) + 1) // 3)
-    np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
+    np.testing.assert_array_equal(found.target_mask, np.where(found.image < 128, 255, 0))
 
 
 def test_the_auto_exposure_follows_the_images_that_were_delivered():
     effects = Effects(auto_exposure=AutoExposure(target=100.0, speed=1.0))
-    exposed = Exposures(replace(SIGHT, pictures=True, effects=effects), drawn())
+    exposed = ExposureSchedule(replace(SIGHT, has_images=True, effects=effects), drawn())
     means = [exposed.expose(POSE).image.mean() for _ in range(3)]
     assert means[0] > 150 and means[1:] == pytest.approx([100.0, 100.0], abs=1.0)
 
 
 def test_a_mosaic_and_wide_pixels_are_delivered_in_their_encoding():
-    plain = capture(replace(SIGHT, pictures=True), POSE, STAMP, drawn()).image
+    plain = capture(replace(SIGHT, has_images=True), POSE, STAMP, drawn()).image
     for encoding, factor in (("bayer_rggb8", 1), ("mono16", 257)):
-        found = capture(replace(SIGHT, pictures=True, encoding=encoding), POSE, STAMP, drawn())
+        found = capture(replace(SIGHT, has_images=True, encoding=encoding), POSE, STAMP, drawn())
         assert found.encoding == encoding
         np.testing.assert_array_equal(found.image, plain.astype(int) * factor)
 
 
 def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
-    low = transform((0.0, -0.4, 0.35), (np.pi + 1.3, 0.0, 0.0))  # looks along the ground
-    found = capture(replace(SIGHT, pictures=True, depth=True), low, STAMP, drawn())
+    low = matrix_from_xyz_rpy((0.0, -0.4, 0.35), (np.pi + 1.3, 0.0, 0.0))  # looks along the ground
+    found = capture(replace(SIGHT, has_images=True, has_depth=True), low, STAMP, drawn())
     assert found.depth.shape == (40, 60) and found.depth.dtype == np.float32
     v, u = np.indices((40, 60))
     rays = np.stack([(u - 31.0) / 50.0, (v - 18.0) / 40.0, np.ones((40, 60))], -1) @ low[:3, :3].T
@@ -140,39 +153,42 @@ def test_depth_is_the_plane_s_in_each_pixel_and_none_behind_its_horizon():
     np.testing.assert_allclose(found.depth, np.where(depth > 0, depth, np.inf), rtol=1e-5)
     assert np.isinf(found.depth).any() and np.isfinite(found.depth).any()
     fish = CameraModel(60, 40, (8.0, 0, 31.0, 0, 8.0, 18.0, 0, 0, 1), (0.0,) * 4, "equidistant")
-    seen = capture(replace(SIGHT, camera=fish, pictures=True, depth=True), POSE, STAMP, drawn())
+    seen = capture(
+        replace(SIGHT, camera=fish, has_images=True, has_depth=True), POSE, STAMP, drawn()
+    )
     assert np.isinf(seen.depth[0, 0]) and np.isfinite(seen.depth[18, 31])  # no ray, and one
 
 
 def test_a_flat_target_is_drawn_and_told_by_where_it_is_dark():
-    sight = replace(SIGHT, pictures=True, labelled=True, name="left")
+    sight = replace(SIGHT, has_images=True, has_labels=True, name="left")
     found = capture(sight, POSE, STAMP, drawn())
     assert (found.stamp_ns, found.encoding, found.name) == (STAMP, "mono8", "left")
     assert found.depth is None
     outline = (exactly(POSE) - [31.0, 18.0]) / [50.0, 40.0]
-    np.testing.assert_array_equal(found.image, cameras.draw(outline, CAMERA))
-    np.testing.assert_array_equal(found.labelled, np.where(found.image < 128, 255, 0))
-    assert found.labelled.dtype == np.uint8
-    assert capture(replace(sight, labelled=False), POSE, STAMP, drawn()).labelled is None
+    np.testing.assert_array_equal(found.image, cameras.draw_outline(outline, CAMERA))
+    np.testing.assert_array_equal(found.target_mask, np.where(found.image < 128, 255, 0))
+    assert found.target_mask.dtype == np.uint8
+    assert capture(replace(sight, has_labels=False), POSE, STAMP, drawn()).target_mask is None
     noisy = capture(replace(sight, effects=Effects(noise_stddev=60.0)), POSE, STAMP, drawn())
     assert (noisy.image != found.image).mean() > 0.4
-    np.testing.assert_array_equal(noisy.labelled, found.labelled)  # of the picture without noise
+    # of the picture without noise
+    np.testing.assert_array_equal(noisy.target_mask, found.target_mask)
 
 
 def test_a_solid_is_told_by_its_own_pixels():
-    target = PlacedTarget(shape_of("box", (0.3, 0.2, 0.2)), np.eye(4))
-    solid = replace(SIGHT, target=target, pictures=True, labelled=True)
+    target = PlacedTarget(make_target("box", (0.3, 0.2, 0.2)), np.eye(4))
+    solid = replace(SIGHT, target=target, has_images=True, has_labels=True)
     seen = capture(solid, POSE, STAMP, drawn())
-    assert (seen.image[seen.labelled == 0] > 250).mean() > 0.9
-    assert (seen.image[seen.labelled > 0] < 250).mean() > 0.9
+    assert (seen.image[seen.target_mask == 0] > 250).mean() > 0.9
+    assert (seen.image[seen.target_mask > 0] < 250).mean() > 0.9
 
 
 def test_a_cover_hides_what_lies_under_it_at_its_times():
     cover = ((-0.3, -0.3), (0.02, 0.3))
-    sight = replace(SIGHT, pictures=True, occluder=cover)
+    sight = replace(SIGHT, has_images=True, occluder=cover)
     found, bare = capture(sight, POSE, STAMP, drawn()).image, capture(
             replace(sight, occluder=None),         POSE, STAMP, drawn()).image
-    here = transform((0.05, 0.0, 0.1), (0.0, 0.0, 0.3))
+    here = matrix_from_xyz_rpy((0.05, 0.0, 0.1), (0.0, 0.0, 0.3))
     rays = np.linalg.inv(here) @ POSE
     v, u = np.indices((40, 60))
     ways = np.stack([(u - 31.0) / 50.0, (v - 18.0) / 40.0, np.ones((40, 60))], -1) @ rays[:3, :3].T
@@ -181,7 +197,7 @@ def test_a_cover_hides_what_lies_under_it_at_its_times():
     np.testing.assert_array_equal(found[x > 0.02 + 0.03], bare[x > 0.02 + 0.03])
     assert (bare < 9).sum() > 1.5 * (found < 9).sum() > 10
     for times, there in ((((0.4, 0.5),), True), (((0.5, 0.6),), False), (((0.1, 0.2),), False)):
-        timed = capture(replace(sight, occluded=times), POSE, STAMP, drawn()).image
+        timed = capture(replace(sight, occlusion_times=times), POSE, STAMP, drawn()).image
         np.testing.assert_array_equal(timed, found if there else bare)
 
 
@@ -189,9 +205,9 @@ def test_a_lens_shows_nothing_beyond_its_cutoff():
     blind = np.zeros((40, 60), bool)
     blind[:, 40:] = True  # the target's right corner is there
     for features in (False, True):
-        sight = replace(SIGHT, pictures=features, blind=blind)
+        sight = replace(SIGHT, has_images=features, blind_mask=blind)
         found = capture(sight, POSE, STAMP, drawn())
-        bare = capture(replace(sight, blind=None), POSE, STAMP, drawn())
+        bare = capture(replace(sight, blind_mask=None), POSE, STAMP, drawn())
         if features:
             assert (found.image[:, 40:] == 0).all()
             np.testing.assert_array_equal(found.image[:, :40], bare.image[:, :40])
@@ -204,7 +220,7 @@ def test_a_lens_shows_nothing_beyond_its_cutoff():
 
 def test_images_come_with_their_period_and_some_are_lost():
     dropping = replace(SIGHT, rate=8.0, effects=Effects(drop_probability=0.3), seed=3)
-    exposed = Exposures(dropping, drawn())
+    exposed = ExposureSchedule(dropping, drawn())
     stamps = []
     for k in range(400):
         assert exposed.due_ns == (k + 1) * 125_000_000
@@ -213,14 +229,14 @@ def test_images_come_with_their_period_and_some_are_lost():
             assert seen.stamp_ns == (k + 1) * 125_000_000
             stamps.append(seen.stamp_ns)
     assert len(stamps) == pytest.approx(280, abs=28)
-    assert all(Exposures(SIGHT, drawn()).expose(POSE) for _ in range(30))  # none is lost
+    assert all(ExposureSchedule(SIGHT, drawn()).expose(POSE) for _ in range(30))  # none is lost
 
 
 ROWS = (RowBand(-3_000_000, 0, 10), RowBand(1_000_000, 10, 24), RowBand(4_000_000, 24, 40))
 
 
 def test_an_image_of_rows_is_whole_after_its_last_part():
-    exposed = Exposures(replace(SIGHT, rate=10.0, parts=ROWS), drawn())
+    exposed = ExposureSchedule(replace(SIGHT, rate=10.0, row_bands=ROWS), drawn())
     for stamp in (100_000_000, 200_000_000):
         for k, part in enumerate(ROWS):
             assert exposed.due_ns == stamp + part.offset_ns
@@ -229,15 +245,15 @@ def test_an_image_of_rows_is_whole_after_its_last_part():
 
 def test_each_camera_draws_by_itself():
     noisy = replace(SIGHT, jitter=1.0)
-    found = exposures(noisy, [noisy, noisy], np.random.default_rng(5), 5)
+    found = make_exposure_schedules(noisy, [noisy, noisy], np.random.default_rng(5), 5)
     seen = [one.expose(POSE).points for one in found]
     again = [one.expose(POSE).points
-             for one in exposures(noisy, [noisy], np.random.default_rng(5), 5)]
+             for one in make_exposure_schedules(noisy, [noisy], np.random.default_rng(5), 5)]
     np.testing.assert_array_equal(seen[:2], again)
     for a, b in ((0, 1), (1, 2), (0, 2)):
         assert np.abs(seen[a] - seen[b]).max() > 0.1
     shakes = replace(SIGHT, name="b", vibration="v")
-    assert vibrations(SIGHT, shakes) == {"b": "v"}
+    assert collect_vibrations(SIGHT, shakes) == {"b": "v"}
 
 
 # -- rows one after the other --------------------------------------------------------------------
@@ -250,7 +266,7 @@ ASIDE = [np.array([[1.0, 0, 0, s], [0, -1.0, 0, 0], [0, 0, -1.0, 1.0], [0, 0, 0,
 
 
 def test_a_point_moves_evenly_between_the_parts_that_see_it():
-    rolled = replace(SIGHT, target=FLAT, parts=ROWS, name="left")
+    rolled = replace(SIGHT, target=FLAT, row_bands=ROWS, name="left")
     found = rolling(rolled, ASIDE, STAMP, drawn())
     assert (found.stamp_ns, found.name) == (STAMP, "left")
     corners = np.array(SHAPE.corners)
@@ -272,7 +288,7 @@ def test_rows_that_the_target_runs_ahead_of():
     for pose, y in zip(sinking, (0.0, 0.1, 0.2), strict=True):
         pose[:3, 3] = 0.0, y, 1.0
     shape = PolygonTarget(((-0.2, 0.0), (0.2, 0.05), (0.1, 0.15)))
-    found = rolling(replace(SIGHT, target=PlacedTarget(shape, np.eye(4)), parts=ROWS), sinking,
+    found = rolling(replace(SIGHT, target=PlacedTarget(shape, np.eye(4)), row_bands=ROWS), sinking,
                     STAMP, drawn())
     for (x, y), pixel in zip(shape.corners, found.points, strict=True):
         v = 18.0 - 40.0 * (y - np.array([0.0, 0.1, 0.2]))  # at each part
@@ -285,26 +301,26 @@ def test_rows_that_the_target_runs_ahead_of():
 def test_a_point_that_the_shutter_never_meets_is_of_the_last_rows():
     """At each part it is below the rows that are exposed then."""
     low = PlacedTarget(PolygonTarget(((0.0, -0.5), (0.1, -0.51), (0.05, -0.49))), np.eye(4))
-    found = rolling(replace(SIGHT, target=low, parts=ROWS), ASIDE, STAMP, drawn())
+    found = rolling(replace(SIGHT, target=low, row_bands=ROWS), ASIDE, STAMP, drawn())
     x = np.array([0.0, 0.1, 0.05])
     np.testing.assert_allclose(found.points[:, 0], 31.0 + 50.0 * (x - SHIFTS[2]))
     met = PlacedTarget(PolygonTarget(((0.0, -0.3375), (0.1, -0.3), (0.05, -0.3))), np.eye(4))
-    last = rolling(replace(SIGHT, target=met, parts=ROWS), ASIDE, STAMP, drawn()).points[0]
+    last = rolling(replace(SIGHT, target=met, row_bands=ROWS), ASIDE, STAMP, drawn()).points[0]
     assert last[1] == MIDDLES[2]  # in the middle of the last rows, to the last digit
     assert last[0] == pytest.approx(31.0 - 50.0 * SHIFTS[2])
-    two = rolling(replace(SIGHT, target=low, parts=ROWS[:2]), ASIDE[:2], STAMP, drawn())
+    two = rolling(replace(SIGHT, target=low, row_bands=ROWS[:2]), ASIDE[:2], STAMP, drawn())
     np.testing.assert_allclose(two.points[:, 0], 31.0 + 50.0 * (x - SHIFTS[1]))
 
 
 def test_what_leaves_the_picture_while_it_is_read_is_lost():
-    rolled = replace(SIGHT, target=FLAT, parts=ROWS, name="left")
+    rolled = replace(SIGHT, target=FLAT, row_bands=ROWS, name="left")
     for axis in (0, 1):
         aside = [pose.copy() for pose in ASIDE]
         for pose in aside:
             pose[axis, 3] += 0.6
         found = rolling(rolled, aside, STAMP, drawn())
         assert found.points is None and found.outline is None and found.name == "left"
-        assert rolling(replace(rolled, unbounded=True), aside, STAMP, drawn()).points is not None
+        assert rolling(replace(rolled, is_unbounded=True), aside, STAMP, drawn()).points is not None
     behind = [pose @ np.diag([1.0, -1.0, -1.0, 1.0]) for pose in ASIDE]
     assert rolling(rolled, behind, STAMP, drawn()).points is None
     noisy = replace(rolled, jitter=0.5)
@@ -314,14 +330,16 @@ def test_what_leaves_the_picture_while_it_is_read_is_lost():
 
 
 def test_a_picture_s_rows_are_of_their_own_instants():
-    moving = replace(SIGHT, pictures=True, depth=True, labelled=True, parts=ROWS, name="left")
+    moving = replace(
+        SIGHT, has_images=True, has_depth=True, has_labels=True, row_bands=ROWS, name="left"
+    )
     found = rolling(moving, ASIDE, STAMP, drawn())
-    still = replace(moving, parts=())
+    still = replace(moving, row_bands=())
     for part, pose in zip(ROWS, ASIDE, strict=True):
         now = capture(still, pose, STAMP + part.offset_ns, drawn())
         rows = slice(part.first, part.last)
         np.testing.assert_array_equal(found.image[rows], now.image[rows])
-        np.testing.assert_array_equal(found.labelled[rows], now.labelled[rows])
+        np.testing.assert_array_equal(found.target_mask[rows], now.target_mask[rows])
     # The part that is nearest to the stamp sees the depth.
     np.testing.assert_allclose(found.depth, capture(still, ASIDE[1], STAMP, drawn()).depth)
     assert (found.encoding, found.name, found.stamp_ns) == ("mono8", "left", STAMP)
@@ -329,54 +347,62 @@ def test_a_picture_s_rows_are_of_their_own_instants():
     grained = rolling(grain, ASIDE, STAMP, drawn()).image
     off = grained[found.image == 0].astype(float)
     assert 0 < off.max() < 25 and (off > 0).mean() == pytest.approx(0.45, abs=0.1)
-    plain = rolling(replace(moving, depth=False, labelled=False), ASIDE, STAMP, drawn())
-    assert plain.depth is None and plain.labelled is None
+    plain = rolling(replace(moving, has_depth=False, has_labels=False), ASIDE, STAMP, drawn())
+    assert plain.depth is None and plain.target_mask is None
     dim = rolling(replace(moving, effects=Effects(gain=0.5)), ASIDE, STAMP, drawn())
     np.testing.assert_array_equal(dim.image, np.round(0.5 * found.image))  # once, over the whole
-    np.testing.assert_array_equal(dim.labelled, found.labelled)
+    np.testing.assert_array_equal(dim.target_mask, found.target_mask)
 
 
 # -- what plants have in common ------------------------------------------------------------------
 
 
 def test_readings_are_in_seconds_and_in_any_order_of_joints():
-    assert seconds(33_333_333) == 0.033333333 and seconds(2_000_000_001) == 2.000000001
+    assert to_seconds(33_333_333) == 0.033333333 and to_seconds(2_000_000_001) == 2.000000001
     reading = JointReading(1_500_000_000, ("a", "b", "c"), (1.0, 2.0, 3.0), (4.0, 5.0, 6.0))
-    q, v = reading.of(("c", "a"))
+    q, v = reading.select(("c", "a"))
     assert (reading.stamp, q.tolist(), v.tolist()) == (1.5, [3.0, 1.0], [6.0, 4.0])
     image = np.zeros((2, 3), np.uint8)
-    seen = Frame(1_500_000_000, image, "mono8", labelled=image)
-    assert seen.stamp == 1.5 and seen.pictured and not Frame(3).pictured
-    read = ImageReader.image_of(seen)
-    assert read.encoding == "mono8" and read.labelled is image
+    seen = Frame(1_500_000_000, image, "mono8", target_mask=image)
+    assert (
+        seen.stamp == 1.5 and seen.has_image and ImageReader.decode_image(seen).encoding == "mono8"
+    )
+    assert ImageReader.decode_image(seen).target_mask is image and not Frame(3).has_image
 
 
 def test_another_camera_is_beside_the_control_camera_or_stands():
-    a, b, c = (transform(xyz, rpy) for xyz, rpy in (((1, 2, 3), (0.1, 0.2, 0.3)),
+    a, b, c = (matrix_from_xyz_rpy(xyz, rpy) for xyz, rpy in (((1, 2, 3), (0.1, 0.2, 0.3)),
                ((0.3, 0.1, 0.2), (0.3, 0.1, -0.2)), ((0.5, 0.6, 0.1), (0.2, 0.2, 0.1))))
-    np.testing.assert_allclose(Place(b).at(a), a @ b)
-    np.testing.assert_array_equal(Place(b, stands=True).at(a), b)
-    np.testing.assert_allclose(Place(b, opposite=c).at(a), c @ np.linalg.inv(a) @ b, atol=1e-12)
+    np.testing.assert_allclose(CameraPlacement(b).compute_pose(a), a @ b)
+    np.testing.assert_array_equal(CameraPlacement(b, is_fixed=True).compute_pose(a), b)
+    np.testing.assert_allclose(
+        CameraPlacement(b, target_T_control=c).compute_pose(a), c @ np.linalg.inv(a) @ b, atol=1e-12
+    )
 
 
 class Shaken(Plant):
     """At rest at a, in a plant that is nothing else."""
 
-    time_ns, outputs, joint_names, control = 7, frozenset(), (), "left"
-    a, b = transform((1, 2, 3), (0.1, 0.2, 0.3)), transform((0, 0.1, 0), (0.1, 0.0, 0.2))
-    vibrations = {"left": SimpleNamespace(at=lambda ns: Shaken.b if ns == 7 else np.eye(4))}
+    time_ns, outputs, joint_names, control_camera_name = 7, frozenset(), (), "left"
+    a, b = (
+        matrix_from_xyz_rpy((1, 2, 3), (0.1, 0.2, 0.3)),
+        matrix_from_xyz_rpy((0, 0.1, 0), (0.1, 0.0, 0.2)),
+    )
+    vibrations = {
+        "left": SimpleNamespace(compute_pose=lambda ns: Shaken.b if ns == 7 else np.eye(4))
+    }
 
     def advance(self, until_ns): ...
     def command(self, kind, values): ...
-    def at_rest(self):
+    def read_rest_pose(self):
         return self.a
-    def poses(self, positions): ...
-    def joints(self): ...
+    def compute_rest_poses(self, positions): ...
+    def read_joints(self): ...
 
 
 def test_a_camera_that_shakes_is_off_its_place_at_rest():
     plant = Shaken()
-    np.testing.assert_allclose(plant.pose(), plant.a @ plant.b)
-    np.testing.assert_allclose(plant.shaken(plant.b, 8), plant.b)
-    assert plant.shaken(plant.b, 7, "right") is plant.b and plant.touched() is None
-    assert plant.places(np.zeros((3, 0))).shape == (3, 0, 3) and plant.close() is None
+    np.testing.assert_allclose(plant.read_pose(), plant.a @ plant.b)
+    np.testing.assert_allclose(plant.apply_vibration(plant.b, 8), plant.b)
+    assert plant.apply_vibration(plant.b, 7, "right") is plant.b and plant.find_collision() is None
+    assert plant.joint_origins(np.zeros((3, 0))).shape == (3, 0, 3) and plant.close() is None

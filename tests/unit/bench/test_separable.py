@@ -17,8 +17,8 @@ for name in sys.argv[1].split():
 """
 REPORT = """
 from pathlib import Path
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.study.replay import run_with_images
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.studies.replay import run_with_images
 from aras_visual_servo_bench.web.report.write import write_report
 run = run_with_images(Experiment(plant="free", duration=0.5), "one")
 written = write_report([run], Path(sys.argv[2]), ("png",))
@@ -26,10 +26,10 @@ print(sorted(path.name for path in written if path.suffix in (".html", ".json"))
 """
 STUDY = """
 from pathlib import Path
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.commands import main
-from aras_visual_servo_bench.running.loop import run
-assert run(Experiment(plant="free")).verdict.reached
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.runner.loop import run
+assert run(Experiment(plant="free")).verdict.is_reached
 out = Path(sys.argv[2])
 (out / "study.yaml").write_text("{experiment: {plant: free}, vary: {gain: [1.0, 2.0]}}")
 assert main(["run", str(out / "study.yaml"), "--out", str(out / "study"), "--in-process"]) == 0
@@ -37,8 +37,8 @@ assert main(["table", str(out / "study")]) == 0
 """
 RUN = """
 import sys
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 assert len(run(Experiment(**eval(sys.argv[1]))).stamp) > 4
 print(*sys.modules)
 """
@@ -48,10 +48,10 @@ UNNEEDED = (
     "pybullet", "aras_sim_bridge.world", "aras_sim_bridge.control", "aras_sim_bridge.cycle",
     "aras_sim_bridge.simulation", "aras_sim_bridge.sensors", "aras_sim_bridge.camera.sensor",
     "aras_sim_bridge.description.sdf", "aras_sim_bridge.description.world_file",
-    "aras_visual_servo_camera.model", "aras_visual_servo_camera.trackers",
+    "aras_visual_servo_camera.model_tracker", "aras_visual_servo_camera.trackers",
     "aras_visual_servo_controller.features.luminance",
     "aras_visual_servo_controller.features.kernel", "aras_visual_servo_controller.features.stereo",
-    "aras_visual_servo_controller.hands", "aras_visual_servo_controller.ros",
+    "aras_visual_servo_controller.teleop", "aras_visual_servo_controller.ros",
     f"{BENCH}.drawing", f"{BENCH}.learning", f"{BENCH}.pictures", f"{BENCH}.ros", f"{BENCH}.study",
     f"{BENCH}.targets.pictures", f"{BENCH}.targets.solids", f"{BENCH}.targets.textures",
     f"{BENCH}.plants.bullet_arm", f"{BENCH}.web",
@@ -107,7 +107,7 @@ def test_what_a_run_needs_is_imported_then() -> None:
     """A scheme by name brings its own module, images of a poster bring the renderer."""
     found = modules_of(plant="free", scheme="predictive", duration=0.5)
     assert "aras_visual_servo_controller.schemes.predictive" in found
-    found = modules_of(plant="free", features="pictures", target="poster", duration=0.5)
+    found = modules_of(plant="free", features="images", target="poster", duration=0.5)
     assert "aras_sim_bridge.rendering.renderer" in found and "pybullet" not in found
 
 
@@ -118,5 +118,5 @@ def test_a_run_of_the_arm_imports_no_rare_feature() -> None:
     assert f"{controllers}.forward" in found and "aras_sim_bridge.world.world" in found
     assert not found & {
         f"{controllers}.gripper", f"{controllers}.trajectory", "aras_sim_bridge.world.grasping",
-        "aras_visual_servo_camera.model", f"{BENCH}.learning", f"{BENCH}.web",
+        "aras_visual_servo_camera.model_tracker", f"{BENCH}.learning", f"{BENCH}.web",
     }  # fmt: skip

@@ -4,34 +4,39 @@ import dataclasses
 
 import pytest
 
-from aras_visual_servo_bench.asked.cameras import Belief, CameraSpec
-from aras_visual_servo_bench.asked.experiment import Experiment, Ideal, Sampler, SunSpec
-from aras_visual_servo_bench.asked.loop_settings import settings_of
-from aras_visual_servo_bench.asked.robots import RobotSpec
-from aras_visual_servo_bench.asked.starts import RelativeStart
 from aras_visual_servo_bench.errors import ExperimentError
+from aras_visual_servo_bench.experiment.cameras import CalibrationOffset, CameraSpec
+from aras_visual_servo_bench.experiment.experiment import Experiment, IdealSpec, Sampler, SunSpec
+from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
+from aras_visual_servo_bench.experiment.robots import RobotSpec
+from aras_visual_servo_bench.experiment.starts import RelativeStart
 from aras_visual_servo_bench.targets.geometry import Motion
 from aras_visual_servo_bench.targets.target_spec import BoxSpec, TargetSpec
 
 ZERO = (0.0, 0.0, 0.0)
 DEFAULTS = {
     Experiment: {
-        "plant": "bullet", "ideal": Ideal(), "robot": RobotSpec(), "friction": True, "lag": 0.04,
+        "plant": "bullet", "ideal": IdealSpec(), "robot": RobotSpec(), "friction": True,
+        "lag": 0.04,
         "target": TargetSpec(), "sun": SunSpec(), "world": "", "camera": "original",
-        "camera_xyz": ZERO, "camera_rpy": ZERO, "believed": Belief(), "cameras": {},
+        "camera_xyz": ZERO, "camera_rpy": ZERO, "calibration_offset": CalibrationOffset(),
+        "cameras": {},
         "features": "auto", "noise": 0.0, "jitter": 0.0, "delay": 0.015,
         "commands": "joint_states", "start": "2016", "goal": "auto", "scheme": "moments",
-        "law": "proportional", "gain": None, "options": {}, "duration": 8.0, "linger": 0.5,
-        "reached": None, "seed": 0, "renderer": "auto", "traced": False,
+        "law": "proportional", "gain": None, "controller_parameters": {}, "duration": 8.0,
+        "time_after_convergence": 0.5,
+        "reached": None, "seed": 0, "renderer": "auto", "record_peak_speeds": False,
     },
-    Ideal: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
+    IdealSpec: {"speed": None, "stop": None, "unbounded": False, "enough": None, "farthest": None},
     Sampler: {"height": (0.15, 0.5), "side": 0.1, "turn": 2.967, "tilt": 0.0, "margin": 2.0,
               "attempts": 500},
     SunSpec: {"diffuse": 0.8, "exposure": "unclipped", "shines": None},
-    Belief: {"focal": 1.0, "centre": (0.0, 0.0), "distortion": None, "xyz": ZERO, "rpy": ZERO,
+    CalibrationOffset: {"focal": 1.0, "centre": (0.0, 0.0), "distortion": None, "xyz": ZERO,
+        "rpy": ZERO,
              "depth": 1.0},
     CameraSpec: {"model": "original", "rate": None, "xyz": ZERO, "rpy": ZERO, "pose": None,
-                 "frame": "", "delay": 0.0, "believed": Belief(), "target": None,
+                 "frame": "", "delay": 0.0, "calibration_offset": CalibrationOffset(),
+                 "target": None,
                  "target_frame": ""},
     TargetSpec: {"shape": "aras", "size": None, "scale": None, "marker": "",
                  "pose": (*ZERO, *ZERO), "motion": Motion(), "occluder": None, "occluded": None,
@@ -58,35 +63,51 @@ PLACED = (0.0, 0.0, 0.591, 0.0, 0.0, 0.0)
 BOX = {"size": (0.1, 0.1, 0.1)}
 # The last value that is taken, and the first that is not.
 BOUNDS = [
-    *((Experiment, {}, key, 0.0, -SMALL) for key in ("lag", "noise", "delay", "linger")),
+    *(
+        (Experiment, {}, key, 0.0, -SMALL)
+        for key in ("lag", "noise", "delay", "time_after_convergence")
+    ),
     (Experiment, {"plant": "free"}, "jitter", 0.0, -SMALL),
     (Experiment, {}, "seed", 0, -1),
     *((Experiment, {}, key, SMALL, 0.0) for key in ("gain", "duration")),
     (Experiment, {}, "reached", (SMALL, SMALL), (SMALL, 0.0)),
-    *((Ideal, {}, key, SMALL, 0.0) for key in ("stop", "enough", "farthest")),
-    (Ideal, {}, "speed", (SMALL, SMALL), (0.0, SMALL)),
+    *((IdealSpec, {}, key, SMALL, 0.0) for key in ("stop", "enough", "farthest")),
+    (IdealSpec, {}, "speed", (SMALL, SMALL), (0.0, SMALL)),
     *((Sampler, {}, key, 0.0, -SMALL) for key in ("side", "turn", "tilt", "margin")),
     (Sampler, {}, "attempts", 1, 0),
     (Sampler, {}, "height", (SMALL, SMALL), (0.0, SMALL)),
     (Sampler, {}, "height", (0.2, 0.2), (0.2, 0.19)),
-    (SunSpec, {}, "diffuse", 0.0, -SMALL), (SunSpec, {}, "diffuse", 1.0, 1.0 + SMALL),
+    (SunSpec, {}, "diffuse", 0.0, -SMALL),
+    (SunSpec, {}, "diffuse", 1.0, 1.0 + SMALL),
     (SunSpec, {}, "direction", (0.0, SMALL, 0.0), ZERO),
     (SunSpec, {}, "shines", ((0.0, SMALL),), ((SMALL, SMALL),)),
     (SunSpec, {}, "exposure", "gazebo", "gazeb"),
-    *((Belief, {}, key, SMALL, 0.0) for key in ("focal", "depth")),
-    (CameraSpec, {}, "rate", SMALL, 0.0), (CameraSpec, {}, "delay", 0.0, -SMALL),
+    *((CalibrationOffset, {}, key, SMALL, 0.0) for key in ("focal", "depth")),
+    (CameraSpec, {}, "rate", SMALL, 0.0),
+    (CameraSpec, {}, "delay", 0.0, -SMALL),
     (RelativeStart, {"kind": "looking"}, "of", 1, 0),
     (RelativeStart, {"kind": "looking"}, "scatter", (0.0, 0.0), (0.0, -SMALL)),
     (RelativeStart, {}, "kind", "plane", "plan"),
     (TargetSpec, {"shape": "square"}, "size", (SMALL, 2.0), (0.0, 2.0)),
     (TargetSpec, {"shape": "a.stl"}, "scale", SMALL, 0.0),
-    (Experiment, {}, "target", TargetSpec("square", (2.0, 2.0), PLACED),
-     TargetSpec("square", (2.0, 2.01), PLACED)),
-    (TargetSpec, {"shape": "square", "occluder": ((0, 0), (1, 1))}, "occluded", ((0.0, SMALL),),
-     ((-SMALL, 1.0),)),
+    (
+        Experiment,
+        {},
+        "target",
+        TargetSpec("square", (2.0, 2.0), PLACED),
+        TargetSpec("square", (2.0, 2.01), PLACED),
+    ),
+    (
+        TargetSpec,
+        {"shape": "square", "occluder": ((0, 0), (1, 1))},
+        "occluded",
+        ((0.0, SMALL),),
+        ((-SMALL, 1.0),),
+    ),
     (BoxSpec, {}, "size", (SMALL, 2.0, 2.0), (0.0, 2.0, 2.0)),
     (BoxSpec, {}, "size", (2.0, 2.0, 2.0), (2.0, 2.0, 2.01)),
-    (BoxSpec, BOX, "mass", SMALL, 0.0), (BoxSpec, BOX, "friction", 0.0, -SMALL),
+    (BoxSpec, BOX, "mass", SMALL, 0.0),
+    (BoxSpec, BOX, "friction", 0.0, -SMALL),
     *((Motion, {}, key, 0.0, -SMALL) for key in ("frequency", "hold", "begin")),
     (Motion, {"frequency": 1.0}, "circle", 0.0, -SMALL),
     (Motion, {"amplitude": (0.0, 1.0, 0.0)}, "frequency", SMALL, 0.0),
@@ -96,29 +117,51 @@ BOUNDS = [
     (Experiment, {"world": "a"}, "target", {"model": "m"}, {**MAT, "model": "m"}),
     (Experiment, {}, "target", MAT, {"model": "m"}),
     (Experiment, {}, "target", MAT, {"shape": "square"}),
-    (Experiment, {}, "target", {"shape": ((0, 0), (1, 0), (0, 1))},
-     {"shape": ((0, 0), (1, 0), (0, 1)), "motion": {"circle": 1.0, "frequency": 1.0}}),
-    (Experiment, {}, "target", {**MAT, "occluder": ((0, 0), (1, 1))},
-     {"shape": "aras", "occluder": ((0, 0), (1, 1))}),
-    (Experiment, {}, "target", {**MAT, "occluder": ((0, 0), (1, 1))},
-     {"shape": ((0, 0), (1, 0), (0, 1)), "occluder": ((0, 0), (1, 1))}),
+    (
+        Experiment,
+        {},
+        "target",
+        {"shape": ((0, 0), (1, 0), (0, 1))},
+        {"shape": ((0, 0), (1, 0), (0, 1)), "motion": {"circle": 1.0, "frequency": 1.0}},
+    ),
+    (
+        Experiment,
+        {},
+        "target",
+        {**MAT, "occluder": ((0, 0), (1, 1))},
+        {"shape": "aras", "occluder": ((0, 0), (1, 1))},
+    ),
+    (
+        Experiment,
+        {},
+        "target",
+        {**MAT, "occluder": ((0, 0), (1, 1))},
+        {"shape": ((0, 0), (1, 0), (0, 1)), "occluder": ((0, 0), (1, 1))},
+    ),
     (Experiment, {"robot": {"target_frame": "hand"}}, "target", MAT, {**MAT, "box": BOX}),
     (Experiment, {}, "target", {**MAT, "box": BOX}, {"shape": "aras", "box": BOX}),
     (Experiment, {"plant": "free"}, "sun", SunSpec(), SunSpec(exposure="gazebo")),
     (Experiment, {"plant": "free"}, "world", "", "workbench"),
-    (Experiment, {"plant": "free"}, "traced", False, True),
+    (Experiment, {"plant": "free"}, "record_peak_speeds", False, True),
     (Experiment, {"plant": "free"}, "noise", 0.0, 1.0),
-    (Experiment, {"plant": "free", "features": "pictures"}, "noise", 1.0, -1.0),
-    (Experiment, {"plant": "free", "features": "pictures"}, "jitter", 0.0, 1.0),
+    (Experiment, {"plant": "free", "features": "images"}, "noise", 1.0, -1.0),
+    (Experiment, {"plant": "free", "features": "images"}, "jitter", 0.0, 1.0),
     (Experiment, {"features": "exact"}, "jitter", 1.0, -1.0),
     (Experiment, {"cameras": {"a": {}}}, "camera", "original", "wide"),
-    (Experiment, {"cameras": {"a": {}}}, "believed", Belief(), Belief(focal=1.1)),
+    (
+        Experiment,
+        {"cameras": {"a": {}}},
+        "calibration_offset",
+        CalibrationOffset(),
+        CalibrationOffset(focal=1.1),
+    ),
     (Experiment, {"cameras": {"a": {}}}, "plant", "free", "ideal"),
     (Experiment, {}, "cameras", {"a_1": {}}, {"1a": {}}),
     (CameraSpec, {"frame": "f"}, "pose", None, (*ZERO, *ZERO)),
     (CameraSpec, {"frame": "f"}, "xyz", ZERO, (0.0, 0.0, SMALL)),
     (CameraSpec, {"pose": (*ZERO, *ZERO)}, "rpy", ZERO, (0.0, SMALL, 0.0)),
-    (TargetSpec, {}, "shape", "circle", "circl"), (TargetSpec, {}, "shape", "a.png", "a"),
+    (TargetSpec, {}, "shape", "circle", "circl"),
+    (TargetSpec, {}, "shape", "a.png", "a"),
     (TargetSpec, {"shape": "a.stl"}, "perturbed", False, True),
     (TargetSpec, {"shape": "a.stl"}, "occluder", None, ((0, 0), (1, 1))),
     (TargetSpec, {"shape": "box"}, "box", None, BoxSpec((0.1, 0.1, 0.1))),
@@ -126,8 +169,13 @@ BOUNDS = [
     (TargetSpec, {"link": "l"}, "motion", Motion(), Motion(circle=1.0, frequency=1.0)),
     (TargetSpec, {"model": "l"}, "box", None, BoxSpec((0.1, 0.1, 0.1))),
     (TargetSpec, {"model": "l"}, "occluder", None, ((0, 0), (1, 1))),
-    (TargetSpec, {"shape": "square", "box": BoxSpec((0.1, 0.1, 0.1))}, "motion", Motion(),
-     Motion(begin=1.0)),
+    (
+        TargetSpec,
+        {"shape": "square", "box": BoxSpec((0.1, 0.1, 0.1))},
+        "motion",
+        Motion(),
+        Motion(begin=1.0),
+    ),
 ]
 
 
@@ -144,13 +192,13 @@ def test_a_bound_is_where_it_is(kind, others, key, taken, refused):
     ({"target": {"shape": "square"}, "target_frame": "hand"}, "bullet", ""),
     ({"target": {"shape": "square"}}, "chain", ""),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}}, "free", ""),
-    ({"target": {"shape": "square"}}, "bullet", "give it a shape, and a pose"),
-    ({"target": {"shape": "aras", "pose": MAT["pose"]}}, "bullet", "give it a shape, and a pose"),
-    ({"target": {**MAT, "perturbed": True}}, "free", ", and a motion: leave out the rest"),
+    ({"target": {"shape": "square"}}, "bullet", "needs a shape other than 'aras', and a pose"),
+    ({"target": {"shape": "aras", "pose": MAT["pose"]}}, "bullet", "other than 'aras', and a pose"),
+    ({"target": {**MAT, "perturbed": True}}, "free", " and motion: leave out the other keys"),
     ({"target": {**MAT, "motion": {"circle": 1.0, "frequency": 1.0}}, "target_frame": "hand"},
-     "chain", "moves with its link alone"),
+     "chain", "its link moves it"),
     ({"target": MAT, "target_frame": "hand"}, "free", "plant 'free' has no arm: use chain or"),
-    ({"target_frame": "hand"}, "chain", "give its shape, and its pose in that link"),
+    ({"target_frame": "hand"}, "chain", "give the target's shape, and its pose in that link"),
 ])
 def test_what_a_camera_of_its_own_target_may_look_at(camera, plant, why):
     given = {"plant": plant, "cameras": {"a": {}, "b": camera}}
@@ -178,23 +226,23 @@ def test_names_may_be_whole_numbers():
 ])
 def test_what_kind_of_target_it_is(target, plain, carried, brought, described):
     spec = TargetSpec(**target)
-    assert (spec.plain, spec.carried, spec.brought, spec.described) == (
+    assert (spec.is_plain, spec.is_mountable, spec.is_provided, spec.is_in_description) == (
         plain, carried, brought, described)
     assert spec.is_link is ("model" in target or "link" in target)
 
 
-@pytest.mark.parametrize(("plant", "features", "pictures"), [
+@pytest.mark.parametrize(("plant", "features", "images"), [
     ("bullet", "auto", True), ("bullet", "exact", False), ("free", "auto", False),
-    ("ideal", "pictures", True), ("chain", "auto", False)])
-def test_pictures_are_the_bullet_arms_unless_something_else_is_said(plant, features, pictures):
-    assert Experiment(plant=plant, features=features).pictures is pictures
+    ("ideal", "images", True), ("chain", "auto", False)])
+def test_pictures_are_the_bullet_arms_unless_something_else_is_said(plant, features, images):
+    assert Experiment(plant=plant, features=features).has_images is images
 
 
 def test_the_loop_is_told_what_the_experiment_says():
     asked = {"delay": 0.02, "duration": 3.0, "commands": "images", "gain": 2.5, "law": "pi",
              "scheme": "points"}
     for plant in ("chain", "free", "ideal"):
-        found = settings_of(Experiment(plant=plant, **asked))
+        found = make_loop_settings(Experiment(plant=plant, **asked))
         assert (found.scheme, found.law, found.duration, found.start) == (
             "points", "pi", 3.0, "none")
         assert found.tracker == "outline" and found.gain == 2.5
@@ -205,9 +253,13 @@ def test_the_loop_is_told_what_the_experiment_says():
         flies = plant != "chain"
         assert (found.limit_avoidance, found.output) == (
             (False, "velocity") if flies else (True, "position"))
-    own = settings_of(Experiment(plant="ideal", options={"lead": 2.0, "delay": 0.1}))
+    own = make_loop_settings(
+        Experiment(plant="ideal", controller_parameters={"lead": 2.0, "delay": 0.1})
+    )
     assert (own.lead, own.delay) == (2.0, 0.1)
-    assert settings_of(Experiment()).gain == settings_of(Experiment(plant="chain")).gain
+    assert (
+        make_loop_settings(Experiment()).gain == make_loop_settings(Experiment(plant="chain")).gain
+    )
 
 
 def test_a_link_that_is_the_target_is_told_by_its_label():
@@ -215,10 +267,10 @@ def test_a_link_that_is_the_target_is_told_by_its_label():
     for target, world, label in (({"link": "crate"}, "", "robot::crate"),
                                  ({"model": "m"}, "a.world", "m"),
                                  ({"model": "m", "link": "l"}, "a.world", "m::l")):
-        experiment = Experiment(target=target, world=world, options=told)
-        assert settings_of(experiment).make_segmentation().label == label
+        experiment = Experiment(target=target, world=world, controller_parameters=told)
+        assert make_loop_settings(experiment).make_segmentation().label == label
     own = {"segmentation": {"method": "label", "label": "mine"}}
-    assert settings_of(Experiment(target={"link": "crate"}, options=own)
+    assert make_loop_settings(Experiment(target={"link": "crate"}, controller_parameters=own)
                        ).make_segmentation().label == "mine"
 
 
@@ -226,9 +278,11 @@ def test_two_targets_have_one_tracker():
     two = {"a": {}, "b": {"target": {"shape": "marker"}}}
     given = {"plant": "free", "target": {"shape": "square"}}
     with pytest.raises(ExperimentError, match="by the tracker 'marker' and the experiment's t"):
-        settings_of(Experiment(**given, cameras=two))
-    settings_of(Experiment(**given, cameras=two, options={"tracker": "outline"}))
+        make_loop_settings(Experiment(**given, cameras=two))
+    make_loop_settings(
+        Experiment(**given, cameras=two, controller_parameters={"tracker": "outline"})
+    )
     other = {"a": {}, "b": {"target": {"shape": "sphere", "size": (0.1, 0.1, 0.1)}}}
     box = {"shape": "box", "size": (0.1, 0.1, 0.1)}
     with pytest.raises(ExperimentError, match="is another solid than the experiment's target"):
-        settings_of(Experiment(plant="free", target=box, cameras=other))
+        make_loop_settings(Experiment(plant="free", target=box, cameras=other))

@@ -4,8 +4,8 @@ from itertools import groupby
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
 
 
@@ -13,11 +13,11 @@ def reported(**keys):
     """The states of a run before the 2016 goal whose target is moved after 3 s."""
     experiment = Experiment.from_mapping({
         "plant": "chain", "features": "exact", "goal": "2016", "start": "2016", "duration": 9.0,
-        "linger": None, **keys,
+        "time_after_convergence": None, **keys,
     })  # fmt: skip
     loop, states = Loop(experiment, assemble(experiment)), []
-    while not loop.over:
-        if (state := loop.to_image()) is not None:
+    while not loop.is_over:
+        if (state := loop.run_to_image()) is not None:
             states.append(state)
     loop.close()
     return states
@@ -35,4 +35,4 @@ def test_a_target_just_beyond_reach_is_named_at_once_and_steadily(scheme, away):
     for state in after:
         failed = state.outcome == "out_of_reach"
         assert state.reason.startswith("the arm is stretched") or not failed
-        assert ("choose a goal nearer to the arm" in state.remedy) is failed
+        assert ("choose a goal within the arm's reach" in state.remedy) is failed

@@ -9,20 +9,27 @@ import pytest
 from page_host import told
 
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.drawing import outlines, units
-from aras_visual_servo_bench.drawing.outlines import drawing_of
+from aras_visual_servo_bench.drawing import feature_units, model_drawing
+from aras_visual_servo_bench.drawing.feature_units import find_feature_units
+from aras_visual_servo_bench.drawing.model_drawing import draw_model
+from aras_visual_servo_bench.drawing.run_trace import (
+    ARROW_SECONDS,
+    FRUSTUM_SIZE,
+    LETTER_HEIGHT,
+    LINE_HEIGHT,
+    MAX_ARROW,
+    RunTrace,
+)
 from aras_visual_servo_bench.drawing.shapes import (
     ARROW,
     FACES,
     LINES,
+    MAX_VIEW_ANGLE,
     STRIP,
-    WIDEST,
-    on_picture,
-    picture_border,
+    compute_image_border,
+    place_on_image_plane,
 )
-from aras_visual_servo_bench.drawing.story import FRUSTUM, LETTERS, LINE, LONGEST, SECONDS, Story
-from aras_visual_servo_bench.drawing.track import MOST, Track
-from aras_visual_servo_bench.drawing.units import feature_units
+from aras_visual_servo_bench.drawing.track import MAX_POINTS, Track
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ServoError
 
@@ -34,25 +41,25 @@ SERVOING = told()
 
 @pytest.fixture
 def story(arm, pinhole):
-    told = Story(arm)
+    told = RunTrace(arm)
     told.camera = pinhole
     told.goal = np.array(arm.pose(BENT))
     return told
 
 
 def shape(story, name):
-    found = [entry for entry in story.shapes() if entry.name == name]
+    found = [entry for entry in story.make_shapes() if entry.name == name]
     assert len(found) == 1, name
     return found[0]
 
 
 def test_the_path_begins_where_servoing_begins(story, arm):
-    story.say(replace(SERVOING, phase="approaching"), BENT)
+    story.add_state(replace(SERVOING, phase="approaching"), BENT)
     assert len(story.path) == 0
-    story.say(SERVOING, STRAIGHT)
-    story.say(SERVOING, BENT)
+    story.add_state(SERVOING, STRAIGHT)
+    story.add_state(SERVOING, BENT)
     np.testing.assert_allclose(story.path, [arm.pose(q)[:3, 3] for q in (STRAIGHT, BENT)])
-    ideal = story.ideal()
+    ideal = story.compute_ideal_path()
     np.testing.assert_allclose(ideal[[0, -1]], [story.path[0], story.goal[:3, 3]])
     np.testing.assert_allclose(np.diff(ideal, axis=0), np.diff(ideal, axis=0)[:1].repeat(
         len(ideal) - 1, 0), atol=1e-12)  # fmt: skip
@@ -63,35 +70,35 @@ def test_the_path_begins_where_servoing_begins(story, arm):
     ("converged", True),
 ])  # fmt: skip
 def test_what_ends_a_run_begins_another(story, between, kept):
-    story.joints(STRAIGHT)
-    story.say(SERVOING, STRAIGHT)
-    story.see("centre", 0.1, 0.1)
-    story.say(replace(SERVOING, phase=between), STRAIGHT)
-    story.say(SERVOING, BENT)
-    story.see("centre", 0.3, 0.1)
+    story.set_joints(STRAIGHT)
+    story.add_state(SERVOING, STRAIGHT)
+    story.add_image_point("centre", 0.1, 0.1)
+    story.add_state(replace(SERVOING, phase=between), STRAIGHT)
+    story.add_state(SERVOING, BENT)
+    story.add_image_point("centre", 0.3, 0.1)
     assert len(story.path) == 1 + kept
     assert len(shape(story, "trajectory centre").points) == 2 * kept
 
 
 def test_a_clock_that_goes_back_leaves_nothing_of_the_run(story):
-    story.joints(STRAIGHT)
-    story.say(SERVOING, STRAIGHT)
-    story.see("centre", 0.1, 0.1)
+    story.set_joints(STRAIGHT)
+    story.add_state(SERVOING, STRAIGHT)
+    story.add_image_point("centre", 0.1, 0.1)
     story.clear()
-    assert len(story.path) == len(story.ideal()) == 0
-    assert story.told.phase == ""
-    assert not [entry for entry in story.shapes() if entry.name.startswith("trajectory")]
+    assert len(story.path) == len(story.compute_ideal_path()) == 0
+    assert story.state.phase == ""
+    assert not [entry for entry in story.make_shapes() if entry.name.startswith("trajectory")]
 
 
 def test_arrows_point_where_the_camera_is_to_go(story, arm):
-    story.joints(STRAIGHT)
+    story.set_joints(STRAIGHT)
     twist = (0.05, -0.025, 0.1, 0.0, 0.0, 0.5)
-    story.say(told(asked=twist), STRAIGHT)
-    tail, tip = shape(story, "asked velocity").points
+    story.add_state(told(asked=twist), STRAIGHT)
+    tail, tip = shape(story, "desired velocity").points
     pose = arm.pose(STRAIGHT)
     np.testing.assert_allclose(tail, pose[:3, 3])
-    np.testing.assert_allclose(tip - tail, pose[:3, :3] @ twist[:3] * SECONDS)
-    turn = shape(story, "asked turn").points
+    np.testing.assert_allclose(tip - tail, pose[:3, :3] @ twist[:3] * ARROW_SECONDS)
+    turn = shape(story, "desired turn").points
     assert np.cross(turn[1] - turn[0], pose[:3, 2]) == pytest.approx(np.zeros(3), abs=1e-12)
     assert (turn[1] - turn[0]) @ pose[:3, 2] > 0.0
     # what is not there is taken away, not left standing
@@ -99,16 +106,16 @@ def test_arrows_point_where_the_camera_is_to_go(story, arm):
 
 
 def test_a_wild_twist_stays_in_the_room(story):
-    story.joints(STRAIGHT)
-    story.say(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
-    arrow = shape(story, "asked velocity")
+    story.set_joints(STRAIGHT)
+    story.add_state(told(asked=(50.0, 0.0, 0.0, 0.0, np.nan, 0.0)), STRAIGHT)
+    arrow = shape(story, "desired velocity")
     assert arrow.kind == ARROW
-    assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(LONGEST)
-    assert len(shape(story, "asked turn").points) == 0
+    assert np.linalg.norm(arrow.points[1] - arrow.points[0]) == pytest.approx(MAX_ARROW)
+    assert len(shape(story, "desired turn").points) == 0
 
 
 def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, arm):
-    story.joints(STRAIGHT)
+    story.set_joints(STRAIGHT)
     story.outline = np.array([[0.1, 0.2], [-0.1, 0.2], [0.0, -0.3]])
     drawn = shape(story, "desired outline")
     assert drawn.kind == STRIP
@@ -116,13 +123,15 @@ def test_the_desired_outline_lies_on_the_picture_where_it_is_to_be_seen(story, a
     np.testing.assert_allclose(camera[:3, :2] / camera[:3, 2:], story.outline, atol=1e-12)
     np.testing.assert_allclose(camera[3], camera[0])
     assert np.ptp(camera[:, 2]) < 1e-12
-    border = np.c_[picture_border(story.camera), np.ones(len(picture_border(story.camera)))]
+    border = np.c_[
+        compute_image_border(story.camera), np.ones(len(compute_image_border(story.camera)))
+    ]
     farthest = np.linalg.norm(camera[0, 2] * border, axis=1).max()
-    assert farthest == pytest.approx(FRUSTUM)
+    assert farthest == pytest.approx(FRUSTUM_SIZE)
 
 
 def test_frames_stand_where_the_camera_is_and_where_it_is_to_be(story, arm):
-    story.joints(STRAIGHT)
+    story.set_joints(STRAIGHT)
     for name, pose in (("camera", arm.pose(STRAIGHT)), ("desired", story.goal)):
         for i, axis in enumerate("xyz"):
             origin, tip = shape(story, f"{name} {axis}").points
@@ -135,13 +144,13 @@ def test_points_in_the_picture_leave_trajectories(story):
     names = ("x0", "y0", "x1", "y1", "theta")
     for shift in (0.0, 0.1):
         values = (shift, 0.0, 0.5, shift, 1.0)
-        story.say(told(names=names, error=values), STRAIGHT)
-    story.joints(STRAIGHT)
-    drawn = [s.name for s in story.shapes() if s.name.startswith("trajectory")]
+        story.add_state(told(names=names, error=values), STRAIGHT)
+    story.set_joints(STRAIGHT)
+    drawn = [s.name for s in story.make_shapes() if s.name.startswith("trajectory")]
     assert drawn == ["trajectory point 0", "trajectory point 1"]
-    border = picture_border(story.camera)
+    border = compute_image_border(story.camera)
     points = shape(story, "trajectory point 1").points
-    expected = on_picture(border, np.array([[0.5, 0.0], [0.5, 0.1]]), FRUSTUM)
+    expected = place_on_image_plane(border, np.array([[0.5, 0.0], [0.5, 0.1]]), FRUSTUM_SIZE)
     np.testing.assert_allclose(
         (points - story.pose[:3, 3]) @ story.pose[:3, :3], expected, atol=1e-12)
 
@@ -149,17 +158,19 @@ def test_points_in_the_picture_leave_trajectories(story):
 def test_border_of_a_fisheye_stays_in_front():
     fisheye = CameraModel(320, 240, (106.6, 0, 159.5, 0, 106.6, 119.5, 0, 0, 1.0), (0.0,) * 4,
                           "equidistant")  # fmt: skip
-    border = picture_border(fisheye)
+    border = compute_image_border(fisheye)
     assert np.isfinite(border).all()
-    assert np.hypot(*border.T).max() == pytest.approx(np.tan(WIDEST))
+    assert np.hypot(*border.T).max() == pytest.approx(np.tan(MAX_VIEW_ANGLE))
     corner = border[0]
     assert corner[0] < 0.0 and corner[1] < 0.0
 
 
 def test_words_say_scheme_phase_reason_error_and_pace(story):
     story.factor = 0.987
-    story.say(replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT)
-    text = "\n".join(story.words())
+    story.add_state(
+        replace(SERVOING, outcome="joint_limit", reason="J2 stopped at its limit"), STRAIGHT
+    )
+    text = "\n".join(story.make_text_lines())
     for part in ("moments - servoing\njoint limit\n", "J2 stopped", "xn +0.0100", "yn -0.0200",
                  "real-time factor 0.99"):
         assert part in text
@@ -167,41 +178,46 @@ def test_words_say_scheme_phase_reason_error_and_pace(story):
 
 def test_a_track_keeps_its_ends_and_its_size():
     track = Track(2, 1e-6)
-    for i in range(5 * MOST):
+    for i in range(5 * MAX_POINTS):
         track.add(np.array([i, 0.0]))
     track.add(np.array([np.nan, 0.0]))
     points = track.points
-    assert MOST / 4 < len(points) <= MOST
+    assert MAX_POINTS / 4 < len(points) <= MAX_POINTS
     assert points[0, 0] == 0.0
-    assert points[-1, 0] > 4.9 * MOST
+    assert points[-1, 0] > 4.9 * MAX_POINTS
     assert np.ptp(np.diff(points[:, 0])) <= np.diff(points[:, 0]).max() / 2
 
 
 def test_words_and_page_have_the_units_of_what_ships_and_load_nobodys_class(monkeypatch):
-    assert feature_units("moments", 4) == ("m", "m", "m", "rad")
-    assert feature_units("points", 8) == ("",) * 8
-    assert feature_units("luminance", 3) == ("grey level",) * 3
-    assert feature_units("moments", 2) == feature_units("none", 1) == feature_units("", 0) == ()
+    assert find_feature_units("moments", 4) == ("m", "m", "m", "rad")
+    assert find_feature_units("points", 8) == ("",) * 8
+    assert find_feature_units("luminance", 3) == ("grey level",) * 3
+    assert (
+        find_feature_units("moments", 2)
+        == find_feature_units("none", 1)
+        == find_feature_units("", 0)
+        == ()
+    )
     for number, error in enumerate((ServoError, ValueError, TypeError, KeyError)):
-        monkeypatch.setattr(units.Settings, "make_scheme", Mock(side_effect=error))
+        monkeypatch.setattr(feature_units.Settings, "make_scheme", Mock(side_effect=error))
         if error is not KeyError:
-            assert feature_units("moments", 90 + number) == ()
-    assert feature_units("os:system", 1) == ()  # it is not called
+            assert find_feature_units("moments", 90 + number) == ()
+    assert find_feature_units("os:system", 1) == ()  # it is not called
 
 
 def test_words_have_their_units(story):
     names = ("xn", "yn", "an", "alpha")
-    story.say(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
-    assert "xn +0.0100 m\n" in "\n".join(story.words())
-    assert "alpha +0.5000 rad" in story.words()
+    story.add_state(told(names=names, error=(0.01, -0.02, 0.0, 0.5)), STRAIGHT)
+    assert "xn +0.0100 m\n" in "\n".join(story.make_text_lines())
+    assert "alpha +0.5000 rad" in story.make_text_lines()
 
 
 def test_many_errors_and_long_reasons_are_cut(story):
-    assert story.ideal().shape == (0, 3)
+    assert story.compute_ideal_path().shape == (0, 3)
     names = tuple(f"e{i}" for i in range(9))
     reason = " ".join(["first", *["word"] * 40])
-    story.say(told(names=names, error=range(9), scheme="", reason=reason), STRAIGHT)
-    words = story.words()
+    story.add_state(told(names=names, error=range(9), scheme="", reason=reason), STRAIGHT)
+    words = story.make_text_lines()
     assert [line[:2] for line in words if line.startswith("e")] == ["e0", "e1", "e2", "e3", "e4",
                                                                     "e5"]
     assert "and 3 more" in words
@@ -210,35 +226,37 @@ def test_many_errors_and_long_reasons_are_cut(story):
 
 
 def test_six_errors_are_all_read_out(story):
-    story.say(told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT)
-    assert not [line for line in story.words() if line.startswith("and ")]
+    story.add_state(
+        told(names=tuple(f"e{i}" for i in range(6)), error=range(6), scheme=""), STRAIGHT
+    )
+    assert not [line for line in story.make_text_lines() if line.startswith("and ")]
 
 
 def test_words_say_no_minus_zero(story):
-    story.say(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
-    assert "xn +0.0000" in "\n".join(story.words())
+    story.add_state(told(names=("xn",), error=(-0.00004,)), STRAIGHT)
+    assert "xn +0.0000" in "\n".join(story.make_text_lines())
 
 
 def test_what_is_drawn_has_a_legend_in_its_colours(story):
-    story.say(SERVOING, STRAIGHT)
-    story.say(SERVOING, BENT)
-    story.joints(BENT)
-    drawn = {s.name: s for s in story.shapes()}
+    story.add_state(SERVOING, STRAIGHT)
+    story.add_state(SERVOING, BENT)
+    story.set_joints(BENT)
+    drawn = {s.name: s for s in story.make_shapes()}
     legend = {s.text: s for s in drawn.values() if s.name.startswith("legend ")}
     for text, name in (
-        ("path", "path"), ("straight to the goal", "ideal path"), ("camera", "camera picture"),
-        ("goal", "desired camera picture"), ("velocity asked", "asked velocity"),
-        ("turn achieved", "achieved turn"),
+        ("path", "path"), ("straight path to the goal", "ideal path"), ("camera", "camera picture"),
+        ("goal", "desired camera picture"), ("desired velocity", "desired velocity"),
+        ("achieved rotation", "achieved turn"),
     ):  # fmt: skip
         assert legend[text].colour[:3] == drawn[name].colour[:3], text
     heights = sorted(s.points[0, 2] for s in legend.values())
-    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE * drawn["words"].text.count("\n")
-    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTERS
+    top_of_words = drawn["words"].points[0, 2] + 0.5 * LINE_HEIGHT * drawn["words"].text.count("\n")
+    assert heights[0] > top_of_words and np.diff(heights).min() >= LETTER_HEIGHT
 
 
 def drawn(name):
     urdf = (GAZEBO / "targets" / f"{name}.urdf").read_text()
-    return drawing_of(urdf, lambda package: str(GAZEBO))
+    return draw_model(urdf, lambda package: str(GAZEBO))
 
 
 def test_corners_that_are_as_good_as_one_are_one():
@@ -246,7 +264,7 @@ def test_corners_that_are_as_good_as_one_are_one():
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 0, 0], [1, 1, 0.05], [0, 1, 0]], float)
     mesh = Mesh(corners + np.linspace(0, 3e-7, 6)[:, None], np.zeros((6, 3)),
                 np.array([[0, 1, 2], [3, 4, 5]]))
-    assert outlines.mesh_edges(mesh).shape == (2 * 4, 3)
+    assert model_drawing.find_mesh_edges(mesh).shape == (2 * 4, 3)
 
 
 def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
@@ -260,7 +278,7 @@ def test_a_target_is_drawn_by_its_edges_and_faces(monkeypatch):
     ((colour, corners),) = plates.faces.items()
     assert colour == (0.0, 0.0, 0.0, 1.0) and corners.shape == (3 * 2 * 12, 3)
     assert len(drawn("l_shape").edges) == 2 * 6
-    monkeypatch.setattr(outlines, "MOST", 5)
+    monkeypatch.setattr(model_drawing, "MAX_ELEMENTS", 5)
     few = drawn("aras")
     np.testing.assert_array_equal(few.edges, edges[:10])
     np.testing.assert_array_equal(next(iter(few.faces.values())), corners[:15])
@@ -273,11 +291,11 @@ def test_a_target_stands_where_it_lies_and_is_taken_away_when_it_is_gone(story):
     pose = np.eye(4)
     pose[:3, 3] = 0.1, 0.2, 0.591
     plates = drawn("aras")
-    story.target = edges, faces = plates.shapes(pose)
+    story.target = edges, faces = plates.make_shapes(pose)
     assert (edges.name, edges.kind, faces.kind) == ("target", LINES, FACES)
     np.testing.assert_allclose(edges.points, plates.edges + pose[:3, 3])
     (corners,) = plates.faces.values()
     np.testing.assert_allclose(faces.points, corners + pose[:3, 3])
     assert shape(story, "target").points is edges.points
-    (gone,) = plates.shapes(None)
+    (gone,) = plates.make_shapes(None)
     assert gone.name == "target" and not len(gone.points)

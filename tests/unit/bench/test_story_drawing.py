@@ -9,14 +9,14 @@ from scipy.spatial.transform import Rotation
 from aras_sim_bridge.description import parse_urdf
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_bench.drawing import outlines
-from aras_visual_servo_bench.drawing import parts as parts_module
-from aras_visual_servo_bench.drawing.parts import parts
-from aras_visual_servo_bench.drawing.shapes import FACES, Shape, picture_border
-from aras_visual_servo_bench.drawing.story import Story
-from aras_visual_servo_bench.drawing.track import Pace, Track
+from aras_visual_servo_bench.drawing import model_drawing
+from aras_visual_servo_bench.drawing import robot_visuals as parts_module
+from aras_visual_servo_bench.drawing.robot_visuals import collect_visuals
+from aras_visual_servo_bench.drawing.run_trace import RunTrace
+from aras_visual_servo_bench.drawing.shapes import FACES, Shape, compute_image_border
+from aras_visual_servo_bench.drawing.track import RealTimeFactor, Track
 from aras_visual_servo_bench.web.live import robot_model as model_module
-from aras_visual_servo_bench.web.live.robot_model import robot_model
+from aras_visual_servo_bench.web.live.robot_model import make_robot_model
 from aras_visual_servo_camera.undistortion import CameraModel
 
 STRAIGHT = np.array([0.1, 0.0, 0.3, -0.2, -0.1, 0.4])
@@ -28,26 +28,26 @@ DRAWN = (
     ("camera x", 0.0025, 1.0), ("desired camera picture", 0.003, 0.9),
     ("camera picture", 0.003, 0.9), ("camera edges", 0.002, 0.9),
     ("desired outline", 0.002, 1.0), ("trajectory centre", 0.002, 1.0),
-    ("asked velocity", 0.008, 1.0), ("asked turn", 0.008, 1.0),
+    ("desired velocity", 0.008, 1.0), ("desired turn", 0.008, 1.0),
     ("achieved velocity", 0.012, 0.55), ("achieved turn", 0.012, 0.55),
-    ("words", 0.023, 1.0), ("legend camera", 0.023, 1.0), ("legend turn asked", 0.023, 1.0),
+    ("words", 0.023, 1.0), ("legend camera", 0.023, 1.0), ("legend desired rotation", 0.023, 1.0),
 )  # fmt: skip
 
 
 @pytest.fixture
 def story(arm, pinhole):
-    found = Story(arm)
+    found = RunTrace(arm)
     found.camera, found.goal = pinhole, np.array(arm.pose(BENT))
     found.outline = np.array([[0.1, 0.2], [-0.1, 0.2], [0.0, -0.3]])
     for q, x in ((BENT, 0.1), (STRAIGHT, 0.3)):
-        found.say(told(asked=TWIST, achieved=TWIST), q)
-        found.see("centre", x, 0.1)
-    found.joints(STRAIGHT)
+        found.add_state(told(asked=TWIST, achieved=TWIST), q)
+        found.add_image_point("centre", x, 0.1)
+    found.set_joints(STRAIGHT)
     return found
 
 
 def shapes(story):
-    return {shape.name: shape for shape in story.shapes()}
+    return {shape.name: shape for shape in story.make_shapes()}
 
 
 @pytest.mark.parametrize(("name", "width", "opacity"), DRAWN)
@@ -83,25 +83,25 @@ def test_the_camera_is_a_pyramid_of_sixteen_centimetres_of_the_camera_there_is(s
 
 
 def test_before_anything_is_known_all_that_is_drawn_is_without_a_point(arm):
-    story = Story(arm)
-    assert story.told.stamp == 0.0 and story.outline.shape == (0, 2)
-    story.joints(STRAIGHT)
-    assert {s.points.shape for s in story.shapes() if s.kind in ("strip", "arrow")} == {(0, 3)}
+    story = RunTrace(arm)
+    assert story.state.stamp == 0.0 and story.outline.shape == (0, 2)
+    story.set_joints(STRAIGHT)
+    assert {s.points.shape for s in story.make_shapes() if s.kind in ("strip", "arrow")} == {(0, 3)}
 
 
 def test_places_nearer_than_half_a_millimetre_are_one(arm):
-    story = Story(arm)
-    slide = np.eye(len(STRAIGHT))[np.argmax(arm.prismatic)]
+    story = RunTrace(arm)
+    slide = np.eye(len(STRAIGHT))[np.argmax(arm.is_prismatic)]
     for shift in (0.0, 0.45e-3, 0.55e-3):
-        story.say(told(), STRAIGHT + shift * slide)
+        story.add_state(told(), STRAIGHT + shift * slide)
     assert np.ptp(story.path, axis=0).max() == pytest.approx(0.55e-3) and len(story.path) == 2
     for x in (0.0, 1.9e-3, 2.1e-3):
-        story.see("centre", x, 0.0)
+        story.add_image_point("centre", x, 0.0)
     assert story._trajectories["centre"].points.tolist() == [[0.0, 0.0], [2.1e-3, 0.0]]
 
 
 def test_a_shape_is_told_in_hundredths_of_a_millimetre():
-    plain = Shape("a", FACES, np.array([[0.123456, -1.0, 2e-6]]), (0.1, 0.2, 0.3, 1.0)).plain()
+    plain = Shape("a", FACES, np.array([[0.123456, -1.0, 2e-6]]), (0.1, 0.2, 0.3, 1.0)).to_json()
     assert plain == {"kind": "faces", "points": [0.12346, -1.0, 0.0],
                      "colour": [0.1, 0.2, 0.3, 1.0], "width": 0.004}  # fmt: skip
 
@@ -123,8 +123,8 @@ def test_words_stand_beside_the_camera_and_the_legend_above_them(story):
 def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
     story, speed, length
 ):
-    story.say(told(asked=(0.0, speed, 0.0, 0.0, 0.0, -20.0 * speed)), STRAIGHT)
-    for name in ("asked velocity", "asked turn"):
+    story.add_state(told(asked=(0.0, speed, 0.0, 0.0, 0.0, -20.0 * speed)), STRAIGHT)
+    for name in ("desired velocity", "desired turn"):
         points = shapes(story)[name].points
         assert len(points) == (0 if length is None else 2)
         if length is not None:
@@ -132,16 +132,16 @@ def test_an_arrow_is_two_seconds_or_a_tenth_of_the_angle_long_within_its_bounds(
 
 
 def test_the_straight_path_is_unknown_without_start_or_goal(arm):
-    story = Story(arm)
-    assert story.ideal().shape == (0, 3)
-    story.say(told(), STRAIGHT)
-    assert story.ideal().shape == (0, 3)
+    story = RunTrace(arm)
+    assert story.compute_ideal_path().shape == (0, 3)
+    story.add_state(told(), STRAIGHT)
+    assert story.compute_ideal_path().shape == (0, 3)
     story.goal = np.array(arm.pose(BENT))
-    assert len(story.ideal()) == 24
+    assert len(story.compute_ideal_path()) == 24
 
 
 def test_the_border_goes_around_the_picture_in_even_steps(pinhole):
-    u, v = pinhole.project(*picture_border(pinhole).T)
+    u, v = pinhole.project(*compute_image_border(pinhole).T)
     assert len(u) == 4 * 8
     w, h = pinhole.width, pinhole.height
     on_sides = (np.isclose(u, -0.5) | np.isclose(u, w - 0.5)
@@ -155,7 +155,7 @@ def test_the_border_goes_around_the_picture_in_even_steps(pinhole):
 def test_the_border_of_a_wide_picture_is_narrowed_where_it_is_too_wide():
     """Half of 320 px at f = 50 is 72.6 degrees from the axis, half of 240 px 67.4."""
     camera = CameraModel(320, 240, (50.0, 0, 159.5, 0, 50.0, 119.5, 0, 0, 1))
-    border = picture_border(camera)
+    border = compute_image_border(camera)
     angle = np.degrees(np.arctan(np.hypot(*border.T)))
     below, beside = np.abs(border[:, 0]).argmin(), np.abs(border[:, 1]).argmin()
     assert angle.max() == pytest.approx(70.0) and angle[beside] == pytest.approx(70.0)
@@ -190,7 +190,7 @@ def test_a_track_of_more_than_600_points_is_thinned_and_grows_in_longer_steps():
 
 
 def test_pace_looks_back_two_seconds_and_needs_three_tenths():
-    pace = Pace()
+    pace = RealTimeFactor()
     pace.add(0.0, 0.0)
     pace.add(0.29, 0.29)
     assert pace.factor is None
@@ -203,14 +203,14 @@ def test_pace_looks_back_two_seconds_and_needs_three_tenths():
     assert pace.factor == pytest.approx(0.75)
     pace.add(2.31, 1.65)
     assert pace.factor == pytest.approx(1.5 / 1.71)
-    pace = Pace()
+    pace = RealTimeFactor()
     pace.add(0.0, 0.0)
     pace.add(0.3, 0.3)
     assert pace.factor == 1.0
 
 
 def test_pace_is_that_of_the_last_two_seconds():
-    pace = Pace()
+    pace = RealTimeFactor()
     for i in range(61):  # 1.0 up to the third second, then 0.4
         pace.add(0.1 * i, min(0.1 * i, 3.0) + 0.4 * max(0.1 * i - 3.0, 0.0))
         if i == 2:
@@ -227,31 +227,36 @@ def test_an_edge_is_drawn_where_faces_bend_by_more_than_thirty_degrees(degrees, 
     bend = np.radians(degrees)
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [-np.cos(bend), 0, np.sin(bend)]])
     mesh = Mesh(corners, np.zeros((4, 3)), np.array([[0, 1, 2], [0, 2, 3]]))
-    assert len(outlines.mesh_edges(mesh)) == 2 * edges
+    assert len(model_drawing.find_mesh_edges(mesh)) == 2 * edges
 
 
 def test_an_edge_that_bends_by_just_that_angle_is_none(monkeypatch):
-    monkeypatch.setattr(outlines, "CREASE", 0.0)
+    monkeypatch.setattr(model_drawing, "CREASE_COSINE", 0.0)
     corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], float)
     mesh = Mesh(corners, np.zeros((4, 3)), np.array([[0, 1, 2], [0, 2, 3]]))
-    assert len(outlines.mesh_edges(mesh)) == 2 * 4
+    assert len(model_drawing.find_mesh_edges(mesh)) == 2 * 4
 
 
 def test_of_a_large_model_2000_edges_and_triangles_are_drawn(monkeypatch):
     corners = np.random.default_rng(5).random((3 * 2100, 3)).round(6)
     mesh = Mesh(corners, corners, np.arange(len(corners)).reshape(-1, 3))
-    monkeypatch.setattr(outlines, "parts", lambda robot, _: [(robot.root, (1.0,), mesh)])
-    model = outlines.drawing_of(URDF)
+    monkeypatch.setattr(
+        model_drawing, "collect_visuals", lambda robot, _: [(robot.root, (1.0,), mesh)]
+    )
+    model = model_drawing.draw_model(URDF)
     assert model.edges.shape == (2 * 2000, 3)
     np.testing.assert_array_equal(model.faces[1.0,], corners[:3 * 2000])
 
 
 def test_a_target_has_grey_edges_of_a_millimetre():
     for pose in (np.eye(4), None):
-        edges = outlines.drawing_of(URDF).shapes(pose)[0]
+        edges = model_drawing.draw_model(URDF).make_shapes(pose)[0]
         assert (edges.colour, edges.width) == ((0.55, 0.58, 0.64, 1.0), 0.001)
         assert edges.points.shape == (0 if pose is None else 2 * 12, 3)
-    assert outlines.drawing_of('<robot name="r"><link name="a"/></robot>').edges.shape == (0, 3)
+    assert model_drawing.draw_model('<robot name="r"><link name="a"/></robot>').edges.shape == (
+        0,
+        3,
+    )
 
 
 URDF = """<robot name="r"><link name="a"><visual><geometry><box size="1 2 3"/></geometry></visual>
@@ -261,12 +266,12 @@ URDF = """<robot name="r"><link name="a"><visual><geometry><box size="1 2 3"/></
 
 
 def test_a_model_s_joints_lie_where_the_description_says_and_what_has_no_colour_is_grey():
-    model = robot_model(URDF)
+    model = make_robot_model(URDF)
     placed = np.reshape(model["joints"][0]["origin"], (4, 4))
     np.testing.assert_allclose(placed[:3, 3], (0.1, -0.2, 0.3))
     turned = Rotation.from_euler("xyz", (0.4, -0.5, 0.6)).as_matrix()
     np.testing.assert_allclose(placed[:3, :3], turned, atol=1e-12)
-    ((link, colour, _),) = parts(parse_urdf(URDF), URDF)
+    ((link, colour, _),) = collect_visuals(parse_urdf(URDF), URDF)
     assert (link, colour) == ("a", (0.7, 0.7, 0.72, 1.0))
 
 
@@ -283,7 +288,7 @@ def test_a_colour_is_the_visuals_or_that_of_its_name_and_four_numbers():
     for material, colour in given:
         urdf = URDF.replace("</visual>", f"{material}</visual>")
         urdf = urdf.replace("<link", f"{known}<link", 1)
-        ((_, found, _),) = parts(parse_urdf(urdf), urdf)
+        ((_, found, _),) = collect_visuals(parse_urdf(urdf), urdf)
         assert found == colour, material
 
 
@@ -295,8 +300,8 @@ def test_the_colour_of_a_picture_is_its_mean_and_of_none_the_models(tmp_path, mo
     for texture, rgba in (("a.png", None), ("none.png", None), (None, (0.1, 0.2, 0.3, 1.0))):
         mesh = Mesh(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((1, 3), int), rgba=rgba,
                     texture=texture and str(tmp_path / texture))  # fmt: skip
-        monkeypatch.setattr(parts_module, "triangles", lambda _, mesh=mesh: (mesh,))
-        colours += [colour for _, colour, _ in parts(parse_urdf(URDF), URDF)]
+        monkeypatch.setattr(parts_module, "make_meshes", lambda _, mesh=mesh: (mesh,))
+        colours += [colour for _, colour, _ in collect_visuals(parse_urdf(URDF), URDF)]
     assert colours[0] == pytest.approx((0.5, 0.2, 0.1, 1.0))
     assert colours[1:] == [(0.7, 0.7, 0.72, 1.0), (0.1, 0.2, 0.3, 1.0)]
 
@@ -305,16 +310,16 @@ def test_a_page_draws_400_000_triangles(monkeypatch):
     for count in (400_000, 400_001):
         half = Mesh(np.zeros((3, 3)), np.zeros((3, 3)), np.zeros((count - 200_000, 3), np.int8))
         rest = Mesh(half.positions, half.normals, np.zeros((200_000, 3), np.int8))
-        monkeypatch.setattr(model_module, "parts", lambda *_, both=(half, rest): [
+        monkeypatch.setattr(model_module, "collect_visuals", lambda *_, both=(half, rest): [
             ("a", (1.0,), mesh) for mesh in both])  # fmt: skip
-        monkeypatch.setattr(model_module, "_encoded", lambda mesh: "")
+        monkeypatch.setattr(model_module, "_encode_mesh", lambda mesh: "")
         if count == 400_000:
-            assert len(robot_model(URDF)["links"]["a"]) == 2
+            assert len(make_robot_model(URDF)["links"]["a"]) == 2
             continue
-        with pytest.raises(DescriptionError, match="r has 400001 triangles; a page draws 400000"):
-            robot_model(URDF)
+        with pytest.raises(DescriptionError, match="r has 400001 triangles; the page .* 400000"):
+            make_robot_model(URDF)
 
 
 def test_joints_are_told_with_what_they_join():
-    (joint,) = robot_model(URDF)["joints"]
+    (joint,) = make_robot_model(URDF)["joints"]
     assert (joint["parent"], joint["child"], joint["axis"]) == ("a", "b", [0.0, 0.0, 1.0])

@@ -9,27 +9,27 @@ import pytest
 
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
-from aras_visual_servo_base.poses import inverse, to_xyz_rpy, transform
-from aras_visual_servo_bench.asked.experiment import Experiment, SunSpec
-from aras_visual_servo_bench.asked.packages import PackagePath
-from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
-from aras_visual_servo_bench.asked.worlds import (
-    around,
-    link_of_world,
-    read_world,
-    with_link,
-    world_path,
-)
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy, xyz_rpy_from_matrix
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants.posed_arm import PosedArm
+from aras_visual_servo_bench.experiment.experiment import Experiment, SunSpec
+from aras_visual_servo_bench.experiment.packages import PackagePath
+from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
+from aras_visual_servo_bench.experiment.worlds import (
+    find_world_link,
+    find_world_path,
+    read_surroundings,
+    read_world,
+    with_target_link,
+)
+from aras_visual_servo_bench.plants.static_arm import StaticArm
 from aras_visual_servo_bench.setup import postures
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.setup.postures import Postures
-from aras_visual_servo_bench.targets.solids import solid_target
+from aras_visual_servo_bench.targets.solids import read_solid_target
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_controller.errors import UnreachableError
+from aras_visual_servo_controller.observation.frame import Frame
 from aras_visual_servo_controller.schemes import JointController
-from aras_visual_servo_controller.seeing.frame import Frame
 
 PACKAGES = PackagePath()
 BOX = "<geometry><box><size>{}</size></box></geometry>"
@@ -56,24 +56,27 @@ def world(tmp_path):
 
 def test_without_a_world_the_sun_is_as_it_is_asked_for():
     sun = SunSpec(direction=(0.1, 0.2, -1.0), diffuse=0.3, shines=((0.0005, 0.4), (1.0, 2.0)))
-    found = around(Experiment(sun=sun), PACKAGES)
+    found = read_surroundings(Experiment(sun=sun), PACKAGES)
     assert found.ground_plane and not found.models
     (light,) = found.lights
-    assert (light.direction, light.diffuse, light.shines) == (
+    assert (light.direction, light.diffuse, light.lit_intervals) == (
         (0.1, 0.2, -1.0), (0.3, 0.3, 0.3, 1.0), sun.shines)
     for shines, kept in ((None, None), (((0.0, 0.4),), None), (((0.0005, 0.4),), None), (((0.0005,
             0.001),), None), (((0.001, 0.4),), ()), (((0.0, 0.0009),), ())):  # at 1 ms
         asked = Experiment(sun=replace(sun, shines=shines))
-        assert around(asked, PACKAGES, exactly=True).lights[0].shines == kept
+        assert read_surroundings(asked, PACKAGES, is_teaching=True).lights[0].lit_intervals == kept
 
 
 def test_a_world_is_read_by_its_name_or_path(world, monkeypatch, tmp_path):
     shipped = PACKAGES.find("aras_visual_servo_gazebo")
-    assert world_path(Experiment(world="workbench"), PACKAGES) == f"{shipped}/world/workbench.world"
-    assert world_path(Experiment(), PACKAGES) == "" and read_world("", PACKAGES) == WorldFile()
+    assert (
+        find_world_path(Experiment(world="workbench"), PACKAGES)
+        == f"{shipped}/world/workbench.world"
+    )
+    assert find_world_path(Experiment(), PACKAGES) == "" and read_world("", PACKAGES) == WorldFile()
     monkeypatch.chdir(tmp_path)
     for given in ("a.world", "./a.world", world):
-        found = around(Experiment(world=given), PACKAGES)
+        found = read_surroundings(Experiment(world=given), PACKAGES)
         assert [model.name for model in found.models] == ["crate", "pair", "bare"]
         assert found.lights[0].name == "lamp"
     (tmp_path / "b").write_text("<no")
@@ -82,20 +85,20 @@ def test_a_world_is_read_by_its_name_or_path(world, monkeypatch, tmp_path):
 
 
 def test_a_link_of_a_world_is_a_solid_at_its_place(world):
-    path, pose, link = link_of_world(world, PACKAGES, "crate", "")
+    path, pose, link = find_world_link(world, PACKAGES, "crate", "")
     assert link == "body"
     np.testing.assert_allclose(pose, [0.02, 0.01, 0.6, 0.0, 0.0, 0.4], atol=1e-9)
-    corners = solid_target(Path(path)).solid.vertices
+    corners = read_solid_target(Path(path)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.04, -0.025, 0.02), (0.04, 0.025, 0.08)], atol=1e-9)
     for name, wanted, why in (
-            ("crat", "", f"no model 'crat' stands in world '{world}': did you mean 'crate'"),
-            ("crate", "hid", "model 'crate' shows no link 'hid': "),
-            ("pair", "", "model 'pair' has 2 links that are seen: name one of a, b"),
-            ("bare", "", "model 'bare' has 0 links that are seen: name one of none")):
+            ("crat", "", f"there is no model 'crat' in world '{world}': did you mean 'crate'"),
+            ("crate", "hid", "model 'crate' has no link 'hid' with visuals: "),
+            ("pair", "", "model 'pair' has 2 links with visuals: set it to one of a, b"),
+            ("bare", "", "model 'bare' has 0 links with visuals: set it to one of none")):
         with pytest.raises(ExperimentError, match=why):
-            link_of_world(world, PACKAGES, name, wanted)
-    made = with_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
+            find_world_link(world, PACKAGES, name, wanted)
+    made = with_target_link(Experiment(world=world, target={"model": "crate"}), PACKAGES).target
     assert (made.link, made.model, made.shape) == ("body", "crate", path)
     np.testing.assert_allclose(made.pose, pose)
 
@@ -114,15 +117,15 @@ def test_a_link_of_the_robot_s_that_stands_is_one_too(tmp_path):
 
     def asked(link):
         robot = {"urdf": str(tmp_path / "r.urdf")}
-        return with_link(Experiment(robot=robot, target={"link": link}), PACKAGES).target
+        return with_target_link(Experiment(robot=robot, target={"link": link}), PACKAGES).target
 
     found = asked("post")
     np.testing.assert_allclose(found.pose, [1, 2, 3, 0, 0, 0.5], atol=1e-9)
-    corners = solid_target(Path(found.shape)).solid.vertices
+    corners = read_solid_target(Path(found.shape)).solid.vertices
     np.testing.assert_allclose([corners.min(axis=0), corners.max(axis=0)],
                                [(-0.05, -0.1, -0.05), (0.05, 0.1, 0.25)], atol=1e-9)
-    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': where the arm "),
-                      ("pst", "^target.link: model 'r' shows no link 'pst': did you mean 'post'")):
+    for link, why in (("tool", "^target.link: a joint of the robot moves 'tool': for a target "),
+                      ("pst", "^target.link: model 'r' has no link 'pst' with visuals: did")):
         with pytest.raises(ExperimentError, match=why):
             asked(link)
     (tmp_path / "r.urdf").write_text(ARM.replace('type="revolute"', 'type="none"'))
@@ -138,53 +141,60 @@ class Told(Postures):
 
     part, what = 0.37, "its link 'a' is in 'b'"
 
-    def hidden(self, joints, time=0.0):
+    def compute_occlusion(self, joints, time=0.0):
         return self.part
 
-    def touched(self, joints):
+    def find_collision(self, joints):
         return self.what
 
 
 def of(kind=Postures, **more):
     spec = TargetSpec("square", (0.1, 0.05), (0.0, 0.0, 0.6, 0.0, 0.0, 0.0))
-    given = {"drawn": True, "near": 0.02, **more}
+    given = {"is_visible": True, "near": 0.02, **more}
     return kind("urdf", ("search",), "eye", "", spec, **given)
 
 
 def test_what_speaks_against_a_posture_is_said_and_weighed():
     joints = (0.1, 0.2)
-    assert of(Told).against(joints) == 2.37 and of(Told, drawn=False).against(joints) == 2.0
-    assert of(Told).faults(joints, "goal", True) == [
-        "the arm runs into something at the goal, its link 'a' is in 'b': give it other joints",
-        "the arm hides 37 % of the target at the goal: give it other joints"]
-    assert of(Told).faults(joints, "start", False) == [
-        "the arm runs into something at the start, its link 'a' is in 'b', and clear of all in no "
-        "posture that was found: give another pose",
-        "the arm hides 37 % of the target at the start, and less in no posture that was found: give"
-        " another pose"]
-    assert len(of(Told, drawn=False).faults(joints, "goal", True)) == 1
+    assert (
+        of(Told).compute_cost(joints) == 2.37
+        and of(Told, is_visible=False).compute_cost(joints) == 2.0
+    )
+    assert of(Told).list_faults(joints, "goal", True) == [
+        "the arm is in collision at the goal, its link 'a' is in 'b': give other joints",
+        "the arm hides 37 % of the target at the goal: give other joints"]
+    assert of(Told).list_faults(joints, "start", False) == [
+        "the arm is in collision at the start, its link 'a' is in 'b', and no posture without a "
+        "collision was found: give another pose",
+        "the arm hides 37 % of the target at the start, and no posture that hides less was found: "
+        "give another pose"]
+    assert len(of(Told, is_visible=False).list_faults(joints, "goal", True)) == 1
 
 
 def test_what_is_asked_of_a_posed_arm(monkeypatch):
     arm = SimpleNamespace(names=("a", "b"), pose=lambda q: np.eye(4) * q[0])
-    monkeypatch.setattr(postures, "arm_from", lambda *given: arm if given == (
+    monkeypatch.setattr(postures, "read_arm", lambda *given: arm if given == (
         "urdf", "eye", "") else None)
     asked = []
-    posed = SimpleNamespace(hidden=lambda *given: asked.append(given) or posed.part,
-                            touched=lambda joints: asked.append(joints) or "it")
-    monkeypatch.setattr(postures, "_posed", lambda given: posed)
-    found = of(solid=True)
+    posed = SimpleNamespace(compute_occlusion=lambda *given: asked.append(given) or posed.part,
+                            find_collision=lambda joints: asked.append(joints) or "it")
+    monkeypatch.setattr(postures, "_make_static_arm", lambda given: posed)
+    found = of(is_solid=True)
     for part, counts in ((0.0099, 0.0), (0.01, 0.01), (0.8, 0.8)):
         posed.part = part
-        assert found.hidden((part, 0.2), 0.5) == counts
+        assert found.compute_occlusion((part, 0.2), 0.5) == counts
     joints, pose, shape, place, near = asked[-1]
-    assert joints == {"a": 0.8, "b": 0.2} and near == 0.02 and shape is found.target.placed.shape
+    assert (
+        joints == {"a": 0.8, "b": 0.2}
+        and near == 0.02
+        and shape is found.target.placed_target.shape
+    )
     np.testing.assert_array_equal(pose, 0.8 * np.eye(4))
-    np.testing.assert_allclose(place, transform((0, 0, 0.6), (0, 0, 0)))
-    assert found.touched((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
-    assert of(solid=False).touched((0.3, 0.4)) == ""
-    monkeypatch.setattr(postures, "_posed", lambda given: None)
-    assert found.hidden((0.7, 0.7)) == 0.0 and found.touched((0.7, 0.7)) == ""
+    np.testing.assert_allclose(place, matrix_from_xyz_rpy((0, 0, 0.6), (0, 0, 0)))
+    assert found.find_collision((0.3, 0.4)) == "it" and asked[-1] == {"a": 0.3, "b": 0.4}
+    assert of(is_solid=False).find_collision((0.3, 0.4)) == ""
+    monkeypatch.setattr(postures, "_make_static_arm", lambda given: None)
+    assert found.compute_occlusion((0.7, 0.7)) == 0.0 and found.find_collision((0.7, 0.7)) == ""
 
 
 @pytest.mark.parametrize(("solid", "carrier", "target", "placed", "bared"), [
@@ -195,20 +205,20 @@ def test_what_is_asked_of_a_posed_arm(monkeypatch):
 def test_what_a_posed_arm_is_put_among(monkeypatch, solid, carrier, target, placed, bared):
     made = []
 
-    class Posed(PosedArm):
+    class Posed(StaticArm):
         def __init__(self, *given):
             made.append(given)
 
         def close(self):
             pass
 
-    monkeypatch.setattr(postures, "described", lambda *given: ("robot", given))
+    monkeypatch.setattr(postures, "parse_robot_description", lambda *given: ("robot", given))
     monkeypatch.setattr(postures, "without_visuals", lambda robot, *links: (*robot, *links))
     monkeypatch.setattr(postures, "read_world", lambda path, _: f"world {path}")
-    monkeypatch.setattr(postures, "PosedArm", Posed)
+    monkeypatch.setattr(postures, "StaticArm", Posed)
     found = Postures(f"urdf {solid}{carrier}{target}", ("search",), "eye", carrier,
                      TargetSpec(**target), None, True, solid, "w")
-    assert isinstance(postures._posed(found), Posed)
+    assert isinstance(postures._make_static_arm(found), Posed)
     ((robot, held, world, shape),) = made
     assert robot == ("robot", (found.urdf, ("search",)), *bared) and held == carrier
     assert world == ("world w" if solid else None) and (shape is not None) is placed
@@ -216,8 +226,8 @@ def test_what_a_posed_arm_is_put_among(monkeypatch, solid, carrier, target, plac
     def fail(*_):
         raise SimError("no")
 
-    monkeypatch.setattr(postures, "PosedArm", fail)
-    assert postures._posed(replace(found, urdf=f"other {solid}{carrier}{target}")) is None
+    monkeypatch.setattr(postures, "StaticArm", fail)
+    assert postures._make_static_arm(replace(found, urdf=f"other {solid}{carrier}{target}")) is None
 
 
 def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypatch):
@@ -229,34 +239,34 @@ def test_a_posture_is_looked_for_from_zero_and_a_start_from_the_goal_s(monkeypat
             raise UnreachableError("too far", 0.25)
         return np.array([0.5, 0.6])
 
-    arm = SimpleNamespace(names=("a", "b"), inverse=solve)
-    monkeypatch.setattr(postures, "arm_from", lambda *given: arm)
-    pose = transform((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
+    arm = SimpleNamespace(names=("a", "b"), inverse_kinematics=solve)
+    monkeypatch.setattr(postures, "read_arm", lambda *given: arm)
+    pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.1, 0.2, 0.3))
     for drawn, solid, weighs in ((True, False, True), (False, True, True), (False, False, False)):
-        found = of(drawn=drawn, solid=solid, world=f"{drawn}{solid}")
+        found = of(is_visible=drawn, is_solid=solid, world=f"{drawn}{solid}")
         for _ in range(2):
-            np.testing.assert_array_equal(found.at(pose), [0.5, 0.6])
+            np.testing.assert_array_equal(found.find_joints(pose), [0.5, 0.6])
         np.testing.assert_array_equal(asked[-1][0], pose)
         np.testing.assert_array_equal(asked[-1][1], np.zeros(2))
-        assert (asked[-1][2] == found.against) is weighs
+        assert (asked[-1][2] == found.compute_cost) is weighs
     assert len(asked) == 3  # once a goal
     goal = np.array([0.1, 0.2])
-    found.start(pose, goal)
-    assert asked[-1][1] is goal and asked[-1][2] == found.against
-    np.testing.assert_array_equal(found.start(pose, None), [0.5, 0.6])
+    found.find_start_joints(pose, goal)
+    assert asked[-1][1] is goal and asked[-1][2] == found.compute_cost
+    np.testing.assert_array_equal(found.find_start_joints(pose, None), [0.5, 0.6])
     for _ in range(2):
         with pytest.raises(UnreachableError, match="too far") as told:
-            found.at(transform((2.0, 0.0, 0.0), (0, 0, 0)))
-        assert told.value.excess == 0.25
+            found.find_joints(matrix_from_xyz_rpy((2.0, 0.0, 0.0), (0, 0, 0)))
+        assert told.value.distance == 0.25
 
 
 def test_postures_are_of_the_robot_and_its_camera():
     robot = Robot(RobotSpec())
     eye = SimpleNamespace(name="camera", settings={"near": 0.05})
-    found = Postures.of(robot, eye, "target", True, False, "w")
+    found = Postures.for_robot(robot, eye, "target", True, False, "w")
     assert found == Postures(robot.urdf, (), "camera_optical_frame", "", "target", 0.05, True,
                              False, "w")
-    assert found.arm.names == robot.arm().names
+    assert found.arm.names == robot.make_arm().names
 
 
 # -- an experiment's parts -----------------------------------------------------------------------
@@ -266,29 +276,33 @@ BASE = {"plant": "free", "features": "exact", "scheme": "points", "camera": EYE,
         "target": {"shape": "l_shape", "size": [0.06, 0.05], "pose": [0, 0, 0.59, 0, 0, 0.2]},
         "goal": {"pose": [0.01, 0.0, 0.85, np.pi, 0.05, 0.0]},
         "start": {"pose": [0.03, 0.0, 0.9, np.pi, 0.0, 0.2]}}  # fmt: skip
-ABOVE = transform((0.01, 0.0, 0.85), (np.pi, 0.05, 0.0))
+ABOVE = matrix_from_xyz_rpy((0.01, 0.0, 0.85), (np.pi, 0.05, 0.0))
 
 
 def parts(**keys):
-    wrap = {k: keys.pop(k) for k in ("wrap", "watched", "depth") if k in keys}
+    wrap = {k: keys.pop(k) for k in ("wrap_scheme", "has_unread_cameras", "has_depth") if k in keys}
     return assemble(Experiment.from_mapping({**BASE, **keys}), **wrap)
 
 
 TWO = {"camera": "original", "cameras": {
     "left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "delay": 0.03,
-                                      "believed": {"depth": 2.0}}, "other": {"model": EYE}},
+                                      "calibration_offset": {"depth": 2.0}},
+                                      "other": {"model": EYE}},
     "scheme": "points@left+points@right"}  # fmt: skip
 
 
 def test_the_cameras_that_watch_are_there_where_they_are_wanted():
-    assert list(parts(**TWO).eyes) == ["left", "right", "other"]
-    found = parts(**TWO, watched=False)
-    assert list(found.eyes) == ["left", "right"] == list(found.rig.observers)
-    assert list(found.places) == ["right"] and found.camera is found.eyes["left"].believed
+    assert list(parts(**TWO).cameras) == ["left", "right", "other"]
+    found = parts(**TWO, has_unread_cameras=False)
+    assert list(found.cameras) == ["left", "right"] == list(found.rig.observers)
+    assert (
+        list(found.placements) == ["right"]
+        and found.calibrated_camera is found.cameras["left"].calibrated_camera
+    )
     assert found.needs == found.rig.control.needs and found.postures is None
-    assert parts(depth=True).plant.sight.depth and not parts().plant.sight.depth
+    assert parts(has_depth=True).plant.imaging.has_depth and not parts().plant.imaging.has_depth
     wrapped = []
-    found = parts(wrap=lambda scheme: wrapped.append(scheme) or scheme)
+    found = parts(wrap_scheme=lambda scheme: wrapped.append(scheme) or scheme)
     assert wrapped == [found.servo.scheme]
 
 
@@ -297,12 +311,12 @@ def test_each_camera_s_depth_is_as_it_is_believed():
         **TWO["cameras"], "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}})
     assert found.goal.depth == plain.goal.depth
     np.testing.assert_allclose(found.goal.plane, plain.goal.plane)
-    deep, true = found.goal.others["right"], plain.goal.others["right"]
+    deep, true = found.goal.other_cameras["right"], plain.goal.other_cameras["right"]
     np.testing.assert_allclose(deep.plane, np.array(true.plane) / 2.0)
-    believed = parts(believed={"depth": 1.5, "xyz": [0.01, 0, 0]})
-    off = ABOVE @ transform((0.01, 0, 0), (0, 0, 0))
+    believed = parts(calibration_offset={"depth": 1.5, "xyz": [0.01, 0, 0]})
+    off = ABOVE @ matrix_from_xyz_rpy((0.01, 0, 0), (0, 0, 0))
     np.testing.assert_allclose(believed.goal.world_T_camera, off, atol=1e-12)
-    shape, at = believed.target.shape, believed.target.seen_from(off)
+    shape, at = believed.target.shape, believed.target.target_T_camera(off)
     assert believed.goal.depth == pytest.approx(1.5 * shape.depth(at))
     np.testing.assert_allclose(believed.goal.plane, np.array(shape.plane(at)) / 1.5, atol=1e-12)
     assert believed.goal.name == "goal" and believed.goal.joints == {}
@@ -311,12 +325,17 @@ def test_each_camera_s_depth_is_as_it_is_believed():
 
 def test_a_flying_camera_begins_at_its_start_about_the_goal():
     found = parts()
-    np.testing.assert_allclose(found.plant.at_rest(), transform((0.03, 0, 0.9), (np.pi, 0, 0.2)),
-                               atol=1e-9)
+    np.testing.assert_allclose(
+        found.plant.read_rest_pose(),
+        matrix_from_xyz_rpy((0.03, 0, 0.9), (np.pi, 0, 0.2)),
+        atol=1e-9,
+    )
     np.testing.assert_allclose(found.servo.arm.pose(np.zeros(6)), ABOVE, atol=1e-12)
-    robot = Robot(RobotSpec()).arm()
+    robot = Robot(RobotSpec()).make_arm()
     q = np.array([0.05, 0.0, -0.09, 0.045, 0.045, 0.1])
-    np.testing.assert_allclose(parts(start=q.tolist()).plant.at_rest(), robot.pose(q), atol=1e-9)
+    np.testing.assert_allclose(
+        parts(start=q.tolist()).plant.read_rest_pose(), robot.pose(q), atol=1e-9
+    )
     shown = parts(goal=q.tolist(), target={}, start=q.tolist())
     np.testing.assert_allclose(shown.goal_pose, robot.pose(q), atol=1e-12)
     named = parts(goal="2016", scheme="moments", target={}, start="2016")
@@ -332,18 +351,20 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
     q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
     chain = {"plant": "chain", "target": {}, "start": q}
     found = parts(**chain, goal=q)
-    arm = Robot(RobotSpec()).arm()
-    assert found.goal.joint_values(arm.names) == pytest.approx(q)
+    arm = Robot(RobotSpec()).make_arm()
+    assert found.goal.get_joints(arm.names) == pytest.approx(q)
     np.testing.assert_allclose(found.goal_pose, arm.pose(np.array(q)), atol=1e-12)
     assert found.postures is not None and found.notes == ()
     asked = []
-    monkeypatch.setattr(Postures, "at", lambda self, pose: asked.append(pose) or np.array(q) + 0.01)
-    monkeypatch.setattr(Postures, "start", lambda self, pose, goal: asked.append(
+    monkeypatch.setattr(
+        Postures, "find_joints", lambda self, pose: asked.append(pose) or np.array(q) + 0.01
+    )
+    monkeypatch.setattr(Postures, "find_start_joints", lambda self, pose, goal: asked.append(
         (pose, goal)) or np.array(q))
-    monkeypatch.setattr(Postures, "faults", lambda self, joints, where, given: [
+    monkeypatch.setattr(Postures, "list_faults", lambda self, joints, where, given: [
         f"{where} {given} {joints[0]:.2f}"])
     there = arm.pose(np.array(q) + 0.01)
-    posed = {"pose": [*np.concatenate(to_xyz_rpy(there)).tolist()]}
+    posed = {"pose": [*np.concatenate(xyz_rpy_from_matrix(there)).tolist()]}
     found = parts(**{**chain, "start": posed, "goal": posed})
     np.testing.assert_allclose(asked[0], there, atol=1e-12)
     np.testing.assert_allclose(asked[1][1], np.array(q) + 0.01)
@@ -355,28 +376,36 @@ def test_an_arm_is_shown_its_goal_where_it_can_be(monkeypatch):
     def fail(self, pose):
         raise UnreachableError("too far", 1.0)
 
-    monkeypatch.setattr(Postures, "at", fail)  # which is an outcome
+    monkeypatch.setattr(Postures, "find_joints", fail)  # which is an outcome
     found = parts(**chain, goal=posed)
     assert found.notes == () and found.goal.joints == {}
 
 
 def test_another_camera_of_an_arm_is_where_it_is_believed():
     q = [0.05, 0.0, -0.09, 0.045, 0.045, 0.1]
-    eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0], "believed": {
-        "xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]}}}
+    eyes = {
+        "left": {"model": EYE},
+        "right": {
+            "model": EYE,
+            "xyz": [0.0, -0.02, 0.0],
+            "calibration_offset": {"xyz": [0.002, 0.0, 0.001], "rpy": [0.01, 0.02, 0.03]},
+        },
+    }
     asked = {**TWO, "plant": "chain", "target": {}, "goal": q, "start": q, "cameras": eyes}
     found = parts(**asked)
     robot = Robot(RobotSpec(), cameras=Experiment.from_mapping({**BASE, **asked}).cameras)
-    wrong = robot.arm_of("right", robot.arm("left"), believed=True).pose(np.array(q))
-    np.testing.assert_allclose(found.goal.others["right"].world_T_camera, wrong, atol=1e-9)
-    assert np.abs(wrong - robot.arm("right").pose(np.array(q))).max() > 1e-3
+    wrong = robot.make_camera_kinematics("right", robot.make_arm("left"), is_calibrated=True).pose(
+        np.array(q)
+    )
+    np.testing.assert_allclose(found.goal.other_cameras["right"].world_T_camera, wrong, atol=1e-9)
+    assert np.abs(wrong - robot.make_arm("right").pose(np.array(q))).max() > 1e-3
 
 
 def test_a_goal_that_is_worked_out_is_in_view_of_all_that_read_it():
     named = {"goal": "2016", "target": {}, "scheme": "moments@left+area@right", "start": "2016"}
     eyes = {"left": {"model": EYE}, "right": {"model": EYE, "xyz": [0.0, -0.02, 0.0]}}
     asked = {**TWO, **named, "plant": "chain", "cameras": eyes}
-    assert parts(**asked).goal.others["right"].moments is not None
+    assert parts(**asked).goal.other_cameras["right"].moments is not None
     eyes["right"]["rpy"] = [0.0, 0.0, 1.0]
     with pytest.raises(ExperimentError, match="it is not in view of camera 'right'"):
         parts(**asked)
@@ -387,21 +416,21 @@ class Joints(JointController):
 
     names, tolerances = ("x",), (1.0,)
 
-    def see(self, observation, goal, t): ...
-    def tick(self, t, dt, joints): ...
+    def process_image(self, observation, goal, t): ...
+    def update(self, t, dt, joints): ...
 
 
 LABEL = {"segmentation": {"method": "label", "label": "target"}}
 
 
 @pytest.mark.parametrize(("keys", "why"), [
-    ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "answers joints, the ideal camera has no"),
-    ({"scheme": "luminance"}, "looks at pictures, and there are none with exact features"),
-    ({"features": "pictures", "scheme": "moments", "options": {"segmentation": {
+    ({"plant": "ideal", "scheme": f"{__name__}:Joints"}, "commands joints, and the ideal camera"),
+    ({"scheme": "luminance"}, "needs images: set features: images"),
+    ({"features": "images", "scheme": "moments", "controller_parameters": {"segmentation": {
         "method": "colour", "colour_low": [0, 0, 0], "colour_high": [9, 9, 9]}}},
-     "segmentation 'colour' needs colours, and the pictures of plant 'free' are grey"),
+     "segmentation 'colour' needs colours, and the images of plant 'free' are grey"),
     ({"target": {"shape": "circle"}}, "target 'circle' has no corners, which scheme 'points' n"),
-    ({"start": "none"}, "start is 'none', but a plant has to begin somewhere"),
+    ({"start": "none"}, "start is 'none', but a plant needs a start"),
     ({"goal": [0.0] * 5, "target": {}}, "goal is .0.0, 0.0"),
     ({"goal": [9.0, 0, 0, 0, 0, 0], "target": {}}, "goal puts gantry at 9.0000"),
     ({"start": [9.0, 0, 0, 0, 0, 0]}, "start puts gantry at 9.0000"),
@@ -422,7 +451,9 @@ def test_what_can_be_passes():
 
 def test_the_ideal_camera_s_plane_counts_as_measured():
     found = parts(plant="ideal")
-    joints = found.servo.arm.sample(found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3]))
+    joints = found.servo.arm.read_joints(
+        found.plant.joint_names, np.array([0.02, 0, 0.01, 0.1, 0, 0.3])
+    )
     pixels = np.array([[150.0, 90.0], [210.0, 95.0], [205.0, 140.0]])
     reading = Frame(40_000_000, outline=pixels, points=pixels, camera=found.plant.camera)
     plane = found.observe(reading, joints).plane

@@ -13,25 +13,25 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import parse_urdf
-from aras_visual_servo_bench.asked.experiment import Experiment, TargetSpec
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.ros.move_target import motion_of
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment, TargetSpec
+from aras_visual_servo_bench.ros.move_target import parse_motion
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_bench.targets.files import (
-    description_file,
     main,
-    occluder_file,
-    triangles,
-    write,
+    triangulate,
+    write_description,
+    write_occluder,
+    write_target,
 )
 from aras_visual_servo_bench.targets.geometry import Motion
-from aras_visual_servo_bench.targets.outlines import shape_of
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_bench.targets.target_spec import BoxSpec
 from aras_visual_servo_camera.trackers.dots import DotTracker
 from aras_visual_servo_camera.trackers.marker import MarkerTracker
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.image_reader import ImageReader
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.image_reader import ImageReader
 
 GAZEBO = Path(__file__).parents[3] / "src" / "aras_visual_servo_gazebo"
 GOAL = (0.05, 0.0, -0.09, 0.045, 0.045, 0.0)
@@ -59,8 +59,8 @@ def seen(experiment, wanted=1):
                 if isinstance(reading, Frame):
                     wanted -= 1
                     if wanted == 0:
-                        grey = ImageReader.image_of(reading).grey
-                        return grey, reading.stamp_ns * 1e-9, parts, plant.pose()
+                        grey = ImageReader.decode_image(reading).grey
+                        return grey, reading.stamp_ns * 1e-9, parts, plant.read_pose()
     finally:
         plant.close()
     raise AssertionError("no picture")
@@ -68,9 +68,9 @@ def seen(experiment, wanted=1):
 
 def missed(parts, found, pose, stamp):
     """Greatest distance, px, of points (n, 2) found from where the geometry has them."""
-    x, y = parts.target.shape.points(parts.target.seen_from(pose, stamp)).T
+    x, y = parts.target.shape.points(parts.target.target_T_camera(pose, stamp)).T
     exact = np.column_stack(parts.plant.camera.project(x, y))
-    if len(found) == 4 and parts.target.shape is shape_of("four_dots", (0.1, 0.1)):
+    if len(found) == 4 and parts.target.shape is make_target("four_dots", (0.1, 0.1)):
         offset = exact - exact.mean(axis=0)
         exact = exact[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
     return np.linalg.norm(found - exact, axis=1).max()
@@ -128,7 +128,7 @@ def test_the_table_is_as_bright_as_its_sun_makes_it(direction, diffuse, exposure
 
 def test_under_a_low_sun_the_target_is_not_told_from_the_table_and_that_is_said():
     lit = run(on_the_arm("l_shape", (0.05, 0.05), sun={"direction": [-1, 0, -1]}))
-    assert lit.outcome == "converged" and lit.verdict.reached
+    assert lit.outcome == "converged" and lit.verdict.is_reached
     dark = {"sun": {"direction": [-1, 0, -0.05]}, "goal": "2016", "scheme": "moments"}
     found = run(on_the_arm("l_shape", (0.05, 0.05), **{**dark, "duration": 1.0}))
     assert found.outcome in ("target_lost", "wrong_object")
@@ -137,15 +137,15 @@ def test_under_a_low_sun_the_target_is_not_told_from_the_table_and_that_is_said(
 def test_the_arm_servoes_on_a_target_that_was_put_there():
     result = run(on_the_arm("l_shape", (0.05, 0.05)))
     assert result.outcome == "converged", result.reason
-    assert result.verdict.reached
+    assert result.verdict.is_reached
 
 
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
         ({"shape": "four_dots"}, "its top is at z = 0.59"),
-        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "lies still where that has it"),
-        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the table's"),
+        ({"shape": SQUARE, "motion": {"step": [0.01, 0, 0]}}, "is fixed at the pose given there"),
+        ({"shape": "square", "pose": PLACE, "size": [3, 1]}, "the size of the table"),
         ({"shape": "nowhere.png", "pose": PLACE}, "there is no file"),
     ],
 )
@@ -156,11 +156,11 @@ def test_what_cannot_lie_on_the_table_is_told(changes, told):
 
 def test_a_target_without_a_picture_cannot_be_perturbed():
     spec = TargetSpec("square", (0.1, 0.1), tuple(PLACE))
-    with pytest.raises(ExperimentError, match="no picture that could be perturbed"):
-        description_file(spec, 3)
+    with pytest.raises(ExperimentError, match="no texture that could be perturbed"):
+        write_description(spec, 3)
     poster = replace(spec, shape="poster")
     one, other = (
-        cv2.imread(str(description_file(poster, seed).with_suffix(".png"))) for seed in (3, None)
+        cv2.imread(str(write_description(poster, seed).with_suffix(".png"))) for seed in (3, None)
     )
     assert (one != other).any()
 
@@ -169,7 +169,7 @@ def test_a_target_without_a_picture_cannot_be_perturbed():
     path.stem for path in (GAZEBO / "targets").glob("*.urdf") if path.stem != "aras"))
 def test_what_ships_is_what_is_made(name, tmp_path):
     size = (0.4, 0.3) if name == "poster" else (0.1, 0.1)
-    write(shape_of(name, size), tmp_path, name, "package://aras_visual_servo_gazebo/targets")
+    write_target(make_target(name, size), tmp_path, name, "package://aras_visual_servo_gazebo/targets")
     for made in sorted(tmp_path.iterdir()):
         kept = GAZEBO / "targets" / made.name
         if made.suffix == ".png":
@@ -179,9 +179,9 @@ def test_what_ships_is_what_is_made(name, tmp_path):
 
 
 def test_ears_are_cut_to_the_polygon_s_area():
-    corners = np.array([(x, y) for x, y, _ in shape_of("l_shape", (1.0, 1.0)).vertices()])
+    corners = np.array([(x, y) for x, y, _ in make_target("l_shape", (1.0, 1.0)).vertices()])
     for given in (corners, corners[::-1]):
-        parts = triangles(given)
+        parts = triangulate(given)
         areas = [np.linalg.det(np.array([given[b] - given[a], given[c] - given[a]])) / 2
                  for a, b, c in parts]  # fmt: skip
         assert len(parts) == len(corners) - 2
@@ -192,11 +192,12 @@ def test_ears_are_cut_to_the_polygon_s_area():
     for k in range(6):
         given = np.roll(straight, k, axis=0)
         areas = [np.linalg.det([given[b] - given[a], given[c] - given[a]]) / 2
-                 for a, b, c in triangles(given)]
+                 for a, b, c in triangulate(given)]
         assert min(areas) > 0.0 and sum(areas) == pytest.approx(2.0)
     random = np.random.default_rng(2)
     for corners in random.uniform(-1.0, 1.0, (30, 3, 2)) + random.uniform(-2.0, 2.0, (30, 1, 2)):
-        a, b, c = triangles(corners)[0]  # a triangle is its own ear, the one way round or the other
+        # a triangle is its own ear, the one way round or the other
+        a, b, c = triangulate(corners)[0]
         assert np.linalg.det([corners[b] - corners[a], corners[c] - corners[a]]) > 0.0
     for _ in range(20):  # stars about a place off the origin, first corner anywhere
         around = np.sort(random.uniform(0.0, 2.0 * np.pi, 9))
@@ -207,12 +208,12 @@ def test_ears_are_cut_to_the_polygon_s_area():
         x, y = star.T
         for given in (star, star[::-1]):
             areas = [np.linalg.det([given[b] - given[a], given[c] - given[a]]) / 2
-                     for a, b, c in triangles(given)]
+                     for a, b, c in triangulate(given)]
             assert min(areas) > 0.0
             assert sum(areas) == pytest.approx(
                 (x @ np.roll(y, -1) - y @ np.roll(x, -1)) / 2, abs=1e-9)
     with pytest.raises(ExperimentError, match="edges cross"):
-        triangles(np.array([(0, 0), (1, 0), (0, 0), (1, 0)], float))
+        triangulate(np.array([(0, 0), (1, 0), (0, 0), (1, 0)], float))
 
 
 def test_files_by_command(tmp_path, capsys):
@@ -238,7 +239,9 @@ def mesh_of(path):
 
 def test_a_loose_target_is_a_box_with_its_face_on_top(tmp_path):
     box = BoxSpec(size=(0.1, 0.2, 0.3), mass=2.5, friction=0.7)
-    made = parse_urdf(write(shape_of("square", (0.1, 0.2)), tmp_path, "thing", box=box).read_text())
+    made = parse_urdf(
+        write_target(make_target("square", (0.1, 0.2)), tmp_path, "thing", box=box).read_text()
+    )
     link = made.links["thing"]
     assert not made.static and made.name == "thing" and link.mu == 0.7
     (body,) = link.collisions
@@ -253,8 +256,8 @@ def test_a_loose_target_is_a_box_with_its_face_on_top(tmp_path):
 
 
 def test_a_picture_spans_its_rectangle_and_what_covers_it_lies_above(tmp_path):
-    poster = shape_of("poster", (0.4, 0.3))
-    path = write(poster, tmp_path / "a" / "b", "p", occluder=((-0.1, -0.05), (0.02, 0.15)))
+    poster = make_target("poster", (0.4, 0.3))
+    path = write_target(poster, tmp_path / "a" / "b", "p", occluder=((-0.1, -0.05), (0.02, 0.15)))
     folder = tmp_path / "a" / "b"
     corners, places, faces = mesh_of(folder / "p.obj")
     np.testing.assert_array_equal(corners, poster.vertices())
@@ -279,10 +282,10 @@ def test_what_covers_a_target_always_is_part_of_it():
     covered = ((-0.01, -0.02), (0.03, 0.04))
     for occluded, count in ((None, 2), (((1.0, 2.0),), 1)):
         spec = TargetSpec("triangle", (0.1, 0.2), occluder=covered, occluded=occluded)
-        made = parse_urdf(description_file(spec).read_text())
+        made = parse_urdf(write_description(spec).read_text())
         assert len(made.links["target"].visuals) == count
-        assert description_file(spec) == description_file(spec)
-    alone = occluder_file(covered)
+        assert write_description(spec) == write_description(spec)
+    alone = write_occluder(covered)
     (visual,) = parse_urdf(alone.read_text()).links["occluder"].visuals
     corners, _, _ = mesh_of(alone.with_suffix(".obj"))
     assert visual.origin_xyz == (0.0, 0.0, 0.0)
@@ -296,10 +299,10 @@ def test_the_command_s_words_are_explained(capsys):
     assert " ".join(usage.split()) == (
         "usage: target_files [-h] [--size SIZE [SIZE ...]] [--scale SCALE] [--marker MARKER] "
         "[--occluder X0 Y0 X1 Y1] [--name NAME] [--meshes MESHES] --out OUT shape")
-    assert does.startswith("Targets as descriptions") and "l_shape --size 0.1 0.08" in example
+    assert does.startswith("Write the files of a target") and "l_shape --size 0.1 0.08" in example
     told = " ".join(" ".join(told).split())
-    for words in ("a target's name, a picture", "of a solid x, y and z", "white rectangle",
-                  "of the files", "names the folder", "--out OUT folder"):
+    for words in ("name of a target, or path", "of a solid along x, y and z", "white rectangle",
+                  "name of the files", "URL of the folder", "--out OUT folder"):
         assert words in told
 
 
@@ -312,7 +315,7 @@ def test_every_word_of_the_command_counts(tmp_path, capsys):
     text = path.read_text()
     assert 'filename="package://p/q/mine.obj"' in text and 'name="mine"' in text
     corners, _, _ = mesh_of(tmp_path / "mine.obj")
-    np.testing.assert_allclose(corners, shape_of("l_shape", (0.3, 0.2)).vertices())
+    np.testing.assert_allclose(corners, make_target("l_shape", (0.3, 0.2)).vertices())
     cover, _, _ = mesh_of(tmp_path / "mine_occluder.obj")
     assert cover.min(axis=0)[:2].tolist() == [-0.1, -0.2]
     assert cover.max(axis=0)[:2].tolist() == [0.01, 0.02]
@@ -339,7 +342,7 @@ def outlines(monkeypatch):
 def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
     picture = tmp_path / "mine.png"
     cv2.imwrite(str(picture), np.full((20, 30), 90, np.uint8))
-    text = SCRIPT["described"](str(picture), (0.3, 0.2), tmp_path / "made")
+    text = SCRIPT["describe"](str(picture), (0.3, 0.2), tmp_path / "made")
     assert parse_urdf(text).static
     lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
@@ -349,7 +352,7 @@ def test_a_picture_by_its_path_is_a_plane_of_that_size(tmp_path):
 def test_an_outline_by_its_path_is_a_polygon_of_that_size(tmp_path, outlines):
     outline = tmp_path / "mine.svg"
     outline.write_text('<svg><polygon points="0,0 40,0 40,20 20,20 20,40 0,40"/></svg>')
-    text = SCRIPT["described"](str(outline), (0.3, 0.2), tmp_path / "made")
+    text = SCRIPT["describe"](str(outline), (0.3, 0.2), tmp_path / "made")
     assert parse_urdf(text).static
     lines = next((tmp_path / "made").rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
@@ -359,26 +362,26 @@ def test_an_outline_by_its_path_is_a_polygon_of_that_size(tmp_path, outlines):
 
 def test_an_outline_without_what_makes_it_is_told(tmp_path, monkeypatch):
     (tmp_path / "mine.svg").write_text("<svg/>")
-    monkeypatch.setitem(SCRIPT["made"].__globals__, "MAKER", ("/no/such/program",))
+    monkeypatch.setitem(SCRIPT["make"].__globals__, "MAKER", ("/no/such/program",))
     with pytest.raises(ValueError, match="needs /no/such/program, which makes its mesh"):
-        SCRIPT["described"](str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
+        SCRIPT["describe"](str(tmp_path / "mine.svg"), (0.1, 0.1), tmp_path)
 
 
 def test_a_name_comes_as_it_ships_or_in_another_size(tmp_path, outlines):
     shipped = (GAZEBO / "targets" / "poster.urdf").read_text()
-    assert SCRIPT["described"]("poster", None, tmp_path) == shipped
-    assert parse_urdf(SCRIPT["described"]("circle", (0.04, 0.06), tmp_path)).static
+    assert SCRIPT["describe"]("poster", None, tmp_path) == shipped
+    assert parse_urdf(SCRIPT["describe"]("circle", (0.04, 0.06), tmp_path)).static
     lines = next(tmp_path.rglob("*.obj")).read_text().split("\n")
     corners = np.array([line.split()[1:] for line in lines if line.startswith("v ")], float)
     assert np.ptp(corners, axis=0) == pytest.approx([0.04, 0.06, 0.0])
     with pytest.raises(ValueError, match="'aras' has one size"):
-        SCRIPT["described"]("aras", (0.1, 0.1), tmp_path)
+        SCRIPT["describe"]("aras", (0.1, 0.1), tmp_path)
 
 
 @pytest.mark.parametrize(
     ("given", "told"),
     [("four_dot", "did you mean 'four_dots'"), ("/none.png", "there is no file"),
-     ("{}/text.png", "no picture that can be read"), ("{}/a.svg", "holds no outline"),
+     ("{}/text.png", "is not a readable image"), ("{}/a.svg", "has no outline"),
      ("{}/b.SVG", "is no SVG: ")],
 )  # fmt: skip
 def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
@@ -386,7 +389,7 @@ def test_what_cannot_be_a_target_is_told(given, told, tmp_path, outlines):
     (tmp_path / "a.svg").write_text("<svg/>")
     (tmp_path / "b.SVG").write_text("no tree at all")
     with pytest.raises(ValueError, match=told):
-        SCRIPT["described"](given.format(tmp_path), (0.1, 0.1), tmp_path)
+        SCRIPT["describe"](given.format(tmp_path), (0.1, 0.1), tmp_path)
 
 
 def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkeypatch, capsys):
@@ -404,18 +407,18 @@ def test_a_picture_too_large_is_told_before_anything_is_written(tmp_path, monkey
 
 def test_a_motion_by_words():
     words = ["circle=0.02", "frequency=0.2", "velocity=[0.1, 0, 0, 0, 0, 0]"]
-    assert motion_of(words) == Motion((0.1, 0, 0, 0, 0, 0), frequency=0.2, circle=0.02)
-    assert motion_of(["path=[[2, 0.05, 0, 0], [4, 0, 0.03, 0]]"]) == Motion(
+    assert parse_motion(words) == Motion((0.1, 0, 0, 0, 0, 0), frequency=0.2, circle=0.02)
+    assert parse_motion(["path=[[2, 0.05, 0, 0], [4, 0, 0.03, 0]]"]) == Motion(
         path=((2.0, 0.05, 0.0, 0.0), (4.0, 0.0, 0.03, 0.0))
     )
 
 
 @pytest.mark.parametrize(
     ("words", "told"),
-    [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "needs a frequency"),
-     ([], "nothing moves"), (["circle"], "key=value"),
+    [(["circl=0.02"], "did you mean 'circle'"), (["circle=0.02"], "need a frequency"),
+     ([], "the target does not move"), (["circle"], "key=value"),
      (["hold=-1"], "motion.hold is -1.0, must be >= 0")],
 )  # fmt: skip
 def test_a_wrong_motion_is_told(words, told):
     with pytest.raises(ExperimentError, match=told):
-        motion_of(words)
+        parse_motion(words)

@@ -5,9 +5,9 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import inverse, transform
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.targets.geometry import project
-from aras_visual_servo_bench.targets.pictures import seen
+from aras_visual_servo_bench.targets.rendering import render_target
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -56,21 +56,25 @@ def test_the_centroid_of_what_a_poster_shows_is_where_it_is_projected(name):
     rim = np.column_stack([rim, np.zeros(len(rim))])
     for _ in range(30):
         turn = random.uniform(-0.4, 0.4, 2)
-        target_T_camera = transform((0, 0, 0), (np.pi, 0, 0)) @ transform(
-            (0, 0, 0), (*turn, random.uniform(-np.pi, np.pi))) @ transform(
+        target_T_camera = matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0)) @ matrix_from_xyz_rpy(
+            (0, 0, 0), (*turn, random.uniform(-np.pi, np.pi))) @ matrix_from_xyz_rpy(
             (*random.uniform(-0.03, 0.03, 2), -random.uniform(0.35, 0.6)), (0, 0, 0))
         outline = np.column_stack(camera.project(*project(rim, target_T_camera).T))
         assert (outline > 3).all() and (outline < (316, 236)).all()
-        errors.append(dark_centroid(seen(target, camera, target_T_camera)) - centroid(outline))
+        errors.append(
+            dark_centroid(render_target(target, camera, target_T_camera)) - centroid(outline)
+        )
     assert np.sqrt((np.array(errors) ** 2).sum(axis=1).mean()) < 0.004
 
 
 def test_an_occluder_is_white_and_lies_on_the_picture():
     """What it covers of the rectangle is the half with y below its middle."""
     camera, target = CAMERAS["pinhole"], rectangle()
-    above = transform((0, 0, 0), (np.pi, 0, 0)) @ transform((0.01, 0.0, -0.45), (0, 0, 0.3))
+    above = matrix_from_xyz_rpy((0, 0, 0), (np.pi, 0, 0)) @ matrix_from_xyz_rpy(
+        (0.01, 0.0, -0.45), (0, 0, 0.3)
+    )
     cover = ((-0.1, -0.15), (0.15, float(OFF[1])))
-    whole, half = seen(target, camera, above), seen(target, camera, above, cover)
+    whole, half = render_target(target, camera, above), render_target(target, camera, above, cover)
     assert (half >= whole).all()
     assert (255.0 - half).sum() == pytest.approx(0.5 * (255.0 - whole).sum(), rel=0.02)
     there = inverse(above) @ [OFF[0], OFF[1] - 0.01, 0.0, 1.0]
@@ -80,4 +84,6 @@ def test_an_occluder_is_white_and_lies_on_the_picture():
 
 def test_a_poster_shows_nothing_from_behind():
     camera = CAMERAS["pinhole"]
-    assert (seen(rectangle(), camera, transform((0, 0, -0.5), (0, 0, 0))) == 255).all()
+    assert (
+        render_target(rectangle(), camera, matrix_from_xyz_rpy((0, 0, -0.5), (0, 0, 0))) == 255
+    ).all()

@@ -8,31 +8,36 @@ import pytest
 from scipy.spatial import ConvexHull
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.description.shapes import make_meshes
 from aras_sim_bridge.description.types import Geometry
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
-from aras_visual_servo_bench.targets import outlines, pictures
-from aras_visual_servo_bench.targets.files import description_file, write
+from aras_visual_servo_bench.targets import rendering, target_factory
+from aras_visual_servo_bench.targets.files import write_description, write_target
 from aras_visual_servo_bench.targets.geometry import (
     ARAS,
     BoxesTarget,
-    Course,
     PlacedTarget,
     PolygonTarget,
+    PoseHistory,
     RoundTarget,
     project,
 )
-from aras_visual_servo_bench.targets.outlines import is_solid, read_svg, shape_of, tracker_of
-from aras_visual_servo_bench.targets.pictures import seen, shows
-from aras_visual_servo_bench.targets.scratch import scratch
-from aras_visual_servo_bench.targets.solids import made_solid, solid_target
+from aras_visual_servo_bench.targets.rendering import render_mask, render_target
+from aras_visual_servo_bench.targets.scratch import make_scratch_folder
+from aras_visual_servo_bench.targets.solids import make_solid, read_solid_target
+from aras_visual_servo_bench.targets.target_factory import (
+    find_tracker,
+    is_solid,
+    make_target,
+    read_svg,
+)
 from aras_visual_servo_bench.targets.target_spec import TargetSpec
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import ModelError
-from aras_visual_servo_camera.model import read_solid
+from aras_visual_servo_camera.model_tracker import read_solid
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 
 SIZE = (0.3, 0.2)
 CAMERA = CameraModel(320, 240, (301.0, 0, 163.2, 0, 285.0, 114.7, 0, 0, 1))
@@ -55,7 +60,7 @@ def above(x, y, z):
       for name, n in (("heptagon", 7), ("circle", 180))),
 ])  # fmt: skip
 def test_named_outlines_have_their_corners_in_their_size(name, corners):
-    target = shape_of(name, SIZE)
+    target = make_target(name, SIZE)
     flat = np.column_stack([corners, np.zeros(len(corners))])
     np.testing.assert_allclose(target.vertices(), flat, atol=1e-12)
     pose = above(0.05, -0.02, 0.5)
@@ -92,11 +97,11 @@ def test_the_demo_s_plates_are_where_the_robot_s_description_has_them():
     assert x.min() == pytest.approx((-0.025 - 0.5) / 0.3095, abs=1e-9)
     with pytest.raises(ViewError):
         ARAS.outline(above(0.0, 0.0, 0.3))
-    assert shape_of("aras", SIZE) is ARAS
+    assert make_target("aras", SIZE) is ARAS
 
 
 def test_one_box_alone_has_four_corners_on_its_top():
-    box = BoxesTarget(TargetGeometry.checked(
+    box = BoxesTarget(TargetGeometry.from_values(
         np.array([[(-0.1, -0.2, 0.3), (0.3, 0.5, 0.4)]]), ground=0.3, surface=0.4))
     found = box.vertices()
     np.testing.assert_allclose(
@@ -112,21 +117,24 @@ def test_what_is_nearer_than_a_millimetre_has_no_view():
 
 
 def test_a_view_that_is_none_is_none():
-    square = shape_of("square", SIZE)
-    placed = PlacedTarget(square, transform((0.1, 0.2, 0.3), (0.0, 0.0, 0.4)))
-    pose = transform((0.1, 0.2, 0.9), (np.pi, 0.1, 0.2))
-    found = placed.view(square.outline, pose)
+    square = make_target("square", SIZE)
+    placed = PlacedTarget(square, matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.0, 0.0, 0.4)))
+    pose = matrix_from_xyz_rpy((0.1, 0.2, 0.9), (np.pi, 0.1, 0.2))
+    found = placed.project(square.outline, pose)
     np.testing.assert_allclose(found, square.outline(np.linalg.inv(placed.pose) @ pose), atol=1e-12)
-    assert placed.view(square.outline, np.full((4, 4), np.nan)) is None
-    assert placed.view(square.outline, transform((0.1, 0.2, 0.9), (0.0, 0.0, 0.0))) is None
+    assert placed.project(square.outline, np.full((4, 4), np.nan)) is None
+    assert (
+        placed.project(square.outline, matrix_from_xyz_rpy((0.1, 0.2, 0.9), (0.0, 0.0, 0.0)))
+        is None
+    )
 
 
 def test_a_course_notes_a_change_of_a_micrometre():
-    course = Course()
+    course = PoseHistory()
     for k, shift in enumerate((0.0, 1e-6, 1e-6 + 1e-10)):
-        course.add(float(k), transform((shift, 0.0, 0.0), (0.0, 0.0, 0.0)))
-    assert [course.at(t)[0, 3] for t in (0.5, 1.0, 2.5)] == [0.0, 1e-6, 1e-6]
-    assert course.at(-1e-3) is None
+        course.add(float(k), matrix_from_xyz_rpy((shift, 0.0, 0.0), (0.0, 0.0, 0.0)))
+    assert [course.find_pose(t)[0, 3] for t in (0.5, 1.0, 2.5)] == [0.0, 1e-6, 1e-6]
+    assert course.find_pose(-1e-3) is None
 
 
 # -- solids --------------------------------------------------------------------------------------
@@ -136,22 +144,22 @@ def test_a_course_notes_a_change_of_a_micrometre():
     ("box", 1.0, 1e-9), ("cylinder", np.pi / 4, 0.03), ("sphere", np.pi / 6, 0.06)])
 def test_a_primitive_fills_its_size_about_its_origin(name, share, rel):
     size = (0.3, 0.2, 0.16)
-    target = shape_of(name, size)
+    target = make_target(name, size)
     corners = target.solid.vertices
     np.testing.assert_allclose(corners.max(axis=0), 0.5 * np.array(size), rtol=0.01)
     np.testing.assert_allclose(corners.min(axis=0), -0.5 * np.array(size), rtol=0.01)
     assert ConvexHull(corners).volume == pytest.approx(share * np.prod(size), rel=rel)
-    assert target.made and not target.coloured and shape_of(name, size) is target
-    again = solid_target(target.path)  # what was written is what it is
-    assert not again.made
+    assert target.is_temporary and not target.has_colour and make_target(name, size) is target
+    again = read_solid_target(target.path)  # what was written is what it is
+    assert not again.is_temporary
     np.testing.assert_allclose(ConvexHull(again.solid.vertices).volume, ConvexHull(corners).volume)
     with pytest.raises(ExperimentError, match=r"target.size is \[0.3, 0.2\], must be three"):
-        shape_of(name, (0.3, 0.2))
+        make_target(name, (0.3, 0.2))
 
 
 def test_a_solid_s_outline_is_the_hull_of_its_view():
-    target = shape_of("box", (0.3, 0.2, 0.16))
-    pose = transform((0.4, -0.3, 0.5), (-2.4, 0.3, 0.5))
+    target = make_target("box", (0.3, 0.2, 0.16))
+    pose = matrix_from_xyz_rpy((0.4, -0.3, 0.5), (-2.4, 0.3, 0.5))
     corners = (target.solid.vertices - pose[:3, 3]) @ pose[:3, :3]
     flat = corners[:, :2] / corners[:, 2:]
     hull = flat[ConvexHull(flat).vertices]
@@ -160,7 +168,7 @@ def test_a_solid_s_outline_is_the_hull_of_its_view():
     away = np.linalg.norm(found[:, None] - hull[None], axis=2)
     assert away.min(axis=0).max() < 1e-9
     with pytest.raises(ViewError, match="behind the camera"):
-        target.outline(transform((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
+        target.outline(matrix_from_xyz_rpy((0.0, 0.0, 0.05), (0.0, 0.0, 0.0)))
     plane = target.outline_plane(above(0.0, 0.0, 0.9))
     # Square from above only the rim of the top, at 0.9 - 0.08 m, bounds the view.
     assert pytest.approx(1 / 0.82, rel=1e-3) == plane.C
@@ -170,23 +178,23 @@ def test_a_solid_s_outline_is_the_hull_of_its_view():
 def test_what_is_a_solid():
     assert is_solid("box") and is_solid("a/b.STL") and is_solid("x.gltf")
     assert not is_solid("square") and not is_solid("a.png") and not is_solid(((0, 0), (1, 0)))
-    assert tracker_of("x.obj") == tracker_of("sphere") == "model"
+    assert find_tracker("x.obj") == find_tracker("sphere") == "model"
 
 
 def test_what_is_no_closed_solid_is_refused(tmp_path):
     with pytest.raises(ExperimentError, match="^target: m::l is open"):
-        made_solid(np.array([[(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)]], float), "m::l")
+        make_solid(np.array([[(0, 0, 0), (0.1, 0, 0), (0, 0.1, 0)]], float), "m::l")
     with pytest.raises(ExperimentError, match=f"there is no file {tmp_path}/a.stl"):
-        solid_target(tmp_path / "a.stl")
+        read_solid_target(tmp_path / "a.stl")
     (tmp_path / "b.stl").write_text("nothing")
     with pytest.raises(ExperimentError, match="^target.shape: .*b.stl"):
-        solid_target(tmp_path / "b.stl")
+        read_solid_target(tmp_path / "b.stl")
 
 
 def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(tmp_path):
-    made = shape_of("box", (0.1, 0.2, 0.3))
-    text = write(made, tmp_path / "new" / "a", "crate").read_text()
-    assert write(made, tmp_path / "new" / "a", "crate").read_text() == text
+    made = make_target("box", (0.1, 0.2, 0.3))
+    text = write_target(made, tmp_path / "new" / "a", "crate").read_text()
+    assert write_target(made, tmp_path / "new" / "a", "crate").read_text() == text
     robot = parse_urdf(text)
     assert robot.static and "Gazebo/Grey" in text and 'reference="crate"' in text
     (visual,) = robot.links["crate"].visuals
@@ -194,23 +202,25 @@ def test_a_solid_s_description_names_its_mesh_and_makes_what_has_no_colour_grey(
     assert (tmp_path / "new" / "a" / "crate.obj").read_text() == made.path.read_text()
     (tmp_path / "own.mtl").write_text("newmtl red\nKd 0.7 0.1 0.1\n")
     (tmp_path / "own.obj").write_text("mtllib own.mtl\nusemtl red\n" + made.path.read_text())
-    own = solid_target(tmp_path / "own.obj")
-    text = write(own, tmp_path / "b", "mine").read_text()
-    assert own.coloured and "Grey" not in text and f"file://{tmp_path}/own.obj" in text
+    own = read_solid_target(tmp_path / "own.obj")
+    text = write_target(own, tmp_path / "b", "mine").read_text()
+    assert own.has_colour and "Grey" not in text and f"file://{tmp_path}/own.obj" in text
     assert not (tmp_path / "b" / "mine.obj").exists()
 
 
 def test_no_files_are_made_of_the_demo_s_plates(tmp_path):
-    with pytest.raises(ExperimentError, match="'aras' is part of the robot's description: no fil"):
-        write(ARAS, tmp_path)
+    with pytest.raises(
+        ExperimentError, match="'aras' is part of the robot description and has no fil"
+    ):
+        write_target(ARAS, tmp_path)
 
 
 def test_what_is_made_for_one_process_lies_in_folders_of_its_own():
-    one, other = scratch(), scratch()
+    one, other = make_scratch_folder(), make_scratch_folder()
     assert one != other and one.is_dir() and one.parent == other.parent
     assert one.parent.name.startswith("aras_targets_")
     spec = TargetSpec("poster", (0.2, 0.1))
-    assert description_file(spec).parent.parent == one.parent
+    assert write_description(spec).parent.parent == one.parent
 
 
 # -- what a camera without a world sees ----------------------------------------------------------
@@ -221,7 +231,7 @@ def test_a_picture_has_its_own_grey_levels_on_white(camera):
     pixels = np.full((40, 60), 77, np.uint8)
     pixels[:, 30:] = 200
     target = TexturedTarget(pixels, SIZE)
-    image = seen(target, camera, above(0.0, 0.0, 0.6))
+    image = render_target(target, camera, above(0.0, 0.0, 0.6))
     assert set(np.unique(image[80:150, 100:150])) == {77}
     assert set(np.unique(image[80:150, 175:230])) == {200}
     assert (image[:40] == 255).all() and (image[:, :50] == 255).all()
@@ -231,11 +241,11 @@ def test_a_lens_is_drawn_by_unit_rays(monkeypatch):
     """Of a fisheye's pixels, some of which see nothing."""
     made, fish = [], CameraModel(60, 40, (8.0, 0, 31.0, 0, 8.0, 18.0, 0, 0, 1), (0.0,) * 4,
                                  "equidistant")  # fmt: skip
-    monkeypatch.setattr(pictures, "shared", lambda width, height, key, make: make())
-    monkeypatch.setattr(pictures.Tiles, "of_lens", lambda *given: made.append(given))
-    monkeypatch.setattr(pictures, "_renderer", lambda *_: SimpleNamespace(
+    monkeypatch.setattr(rendering, "get_shared_tiles", lambda width, height, key, make: make())
+    monkeypatch.setattr(rendering.Tiles, "of_lens", lambda *given: made.append(given))
+    monkeypatch.setattr(rendering, "_make_renderer", lambda *_: SimpleNamespace(
         render=lambda view: np.full((2, 3, 3), 9)))
-    seen(shape_of("poster", (0.2, 0.1)), fish, above(0.0, 0.0, 0.5))
+    render_target(make_target("poster", (0.2, 0.1)), fish, above(0.0, 0.0, 0.5))
     ((width, height, rays),) = made
     pixels = np.array([(31.0, 18.0), (35.0, 18.0), (31.0, 24.0), (0.0, 0.0)])
     found = rays(pixels)
@@ -245,9 +255,9 @@ def test_a_lens_is_drawn_by_unit_rays(monkeypatch):
 
 
 def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
-    box = shape_of("box", (0.1, 0.1, 0.1))
-    pose = transform((0.2, -0.3, 0.45), (-2.5, 0.2, 0.3))
-    image, label = seen(box, CAMERA, pose), shows(box, CAMERA, pose)
+    box = make_target("box", (0.1, 0.1, 0.1))
+    pose = matrix_from_xyz_rpy((0.2, -0.3, 0.45), (-2.5, 0.2, 0.3))
+    image, label = render_target(box, CAMERA, pose), render_mask(box, CAMERA, pose)
     assert label.dtype == np.uint8 and set(np.unique(label)) == {0, 255}
     assert (image[cv2.dilate(label, np.ones((3, 3))) == 0] == 255).all()
     assert len(np.unique(image[cv2.erode(label, np.ones((5, 5))) > 0])) >= 2  # its faces differ
@@ -259,11 +269,11 @@ def test_a_solid_is_lit_on_white_and_its_pixels_are_shown():
 def test_what_is_beyond_a_kilometre_is_not_drawn():
     far = CameraModel(320, 240, (1e5, 0, 159.5, 0, 1e5, 119.5, 0, 0, 1))
     black = TexturedTarget(np.zeros((8, 8), np.uint8), (1.0, 1.0))
-    levels = [seen(black, far, above(0.0, 0.0, z))[120, 160] for z in (950.0, 1050.0)]
+    levels = [render_target(black, far, above(0.0, 0.0, z))[120, 160] for z in (950.0, 1050.0)]
     assert levels == [0, 255]
     near = CameraModel(320, 240, (100.0, 0, 159.5, 0, 100, 119.5, 0, 0, 1))
     small = TexturedTarget(np.zeros((8, 8), np.uint8), (0.01, 0.01))
-    levels = [seen(small, near, above(0.0, 0.0, z))[120, 160] for z in (1.1e-3, 0.9e-3)]
+    levels = [render_target(small, near, above(0.0, 0.0, z))[120, 160] for z in (1.1e-3, 0.9e-3)]
     assert levels == [0, 255]
 
 
@@ -285,13 +295,13 @@ def test_an_svg_has_bounds(tmp_path, monkeypatch):
     file.write_text(body.format(" " * (1_000_001 - len(body) + 2)))
     with pytest.raises(ExperimentError, match="a.svg is larger than 1000000 bytes"):
         read_svg(file)
-    monkeypatch.setattr(outlines, "LARGEST_SVG", len(body) - 2)
-    monkeypatch.setattr(outlines, "MOST_ELEMENTS", 2)
+    monkeypatch.setattr(target_factory, "MAX_SVG_BYTES", len(body) - 2)
+    monkeypatch.setattr(target_factory, "MAX_ELEMENTS", 2)
     file.write_text(body.format(""))
     square = [(-2.0, 1.0), (2.0, 1.0), (2.0, -1.0), (-2.0, -1.0)]
     np.testing.assert_allclose(read_svg(file).corners, square)
-    monkeypatch.setattr(outlines, "MOST_ELEMENTS", 1)
-    with pytest.raises(ExperimentError, match="draws more than 1 elements"):
+    monkeypatch.setattr(target_factory, "MAX_ELEMENTS", 1)
+    with pytest.raises(ExperimentError, match="has more than 1 elements"):
         read_svg(file)
 
 
@@ -328,10 +338,12 @@ def test_png_svg_and_outline_of_one_drawing_look_alike(tmp_path, text, own):
     cv2.imwrite(str(tmp_path / "f.png"), image)
     size = (0.1, 0.12)
     outline = tuple(map(tuple, (F + (20, 10) - (50, 60)) * (1e-3, -1e-3)))
-    shapes = [shape_of(outline), shape_of(str(tmp_path / "f.png"), size),
-              shape_of(str(tmp_path / "f.svg"), size)]  # fmt: skip
-    shapes += [shape_of(str(tmp_path / "f.svg"))] if own else []
-    first, *others = (seen(shape, CAMERA, above(0.01, -0.02, 0.4)).astype(int) for shape in shapes)
+    shapes = [make_target(outline), make_target(str(tmp_path / "f.png"), size),
+              make_target(str(tmp_path / "f.svg"), size)]  # fmt: skip
+    shapes += [make_target(str(tmp_path / "f.svg"))] if own else []
+    first, *others = (
+        render_target(shape, CAMERA, above(0.01, -0.02, 0.4)).astype(int) for shape in shapes
+    )
     assert (first < 128).sum() > 1500
     for other in others:
         assert np.abs(other - first).max() < 128 and np.abs(other - first).mean() < 0.3
@@ -350,28 +362,28 @@ def test_what_is_transparent_in_a_png_is_white(tmp_path):
         image[..., 3] = np.round(ink / 255.0 * full)
         path = str(tmp_path / f"ink_{full}_{hidden}.png")
         cv2.imwrite(path, image)
-        target = shape_of(path, (0.1, 0.1))
+        target = make_target(path, (0.1, 0.1))
         assert np.abs(target.pixels - expected).max() <= 1.0
 
 
 def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
     """The description draws it so, the tracker's model is as large, and both are not given."""
-    (mesh,) = triangles(Geometry("box", size=(60.0, 40.0, 20.0)))  # mm
+    (mesh,) = make_meshes(Geometry("box", size=(60.0, 40.0, 20.0)))  # mm
     path = tmp_path / "part.obj"
     corners = mesh.positions[mesh.triangles].reshape(-1, 3)
     lines = [f"v {x} {y} {z}" for x, y, z in corners]
     lines += [f"f {k} {k + 1} {k + 2}" for k in range(1, len(corners), 3)]
     path.write_text("\n".join(lines))
     with pytest.raises(ExperimentError, match=r"is 60 m long.* by 0.001 \(target.scale\)"):
-        shape_of(str(path))
+        make_target(str(path))
     for given, box in (({"scale": 0.001}, (0.06, 0.04, 0.02)),
                        ({"size": (0.1, 0.2, 0.3)}, (0.1, 0.2, 0.3))):  # fmt: skip
-        target = shape_of(str(path), **given)
+        target = make_target(str(path), **given)
         np.testing.assert_allclose(np.ptp(target.solid.vertices, axis=0), box)
         np.testing.assert_allclose(np.ptp(read_solid(str(target.path)).vertices, axis=0), box)
-        urdf = parse_urdf(description_file(TargetSpec(str(path), **given)).read_text())
+        urdf = parse_urdf(write_description(TargetSpec(str(path), **given)).read_text())
         drawn = np.concatenate([part.positions for visual in urdf.links["target"].visuals
-                                for part in triangles(visual.geometry)])  # fmt: skip
+                                for part in make_meshes(visual.geometry)])  # fmt: skip
         np.testing.assert_allclose(np.ptp(drawn, axis=0), box, rtol=1e-6)
     with pytest.raises(ModelError, match=r"by 0.001 \(model_scale\)"):  # of the node
         read_solid(str(path))
@@ -379,15 +391,15 @@ def test_a_mesh_gets_a_scale_or_a_size(tmp_path):
     for given, words in (({"scale": 0.1, "size": (1, 1, 1)}, "leave one out"),
                          ({"size": (0.1, 0.1)}, "three lengths")):  # fmt: skip
         with pytest.raises(ExperimentError, match=words):
-            shape_of(str(path), **given)
-    with pytest.raises(ExperimentError, match="target.scale is a factor on a mesh's lengths"):
-        shape_of("square", None, 0.5)
+            make_target(str(path), **given)
+    with pytest.raises(ExperimentError, match="target.scale is for meshes"):
+        make_target("square", None, 0.5)
 
 
 def test_a_polygon_s_own_corners_need_no_size():
     corners = ((0.0, 0.0), (0.1, 0.0), (0.0, 0.2))
-    assert shape_of(corners, (9.0,)) == PolygonTarget(corners)
+    assert make_target(corners, (9.0,)) == PolygonTarget(corners)
     with pytest.raises(ExperimentError, match=r"target.size is \[0.1\], must be two lengths"):
-        shape_of("square", (0.1,))
+        make_target("square", (0.1,))
     with pytest.raises(ExperimentError, match="target.shape is 'squar': did you mean 'square'"):
-        shape_of("squar", SIZE)
+        make_target("squar", SIZE)

@@ -6,10 +6,15 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import rotation_vector, transform
-from aras_visual_servo_bench.asked import cameras
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, rotation_vector
 from aras_visual_servo_bench.errors import ExperimentError, ViewError
-from aras_visual_servo_bench.targets.geometry import Course, Motion, PlacedTarget, PolygonTarget
+from aras_visual_servo_bench.experiment import cameras
+from aras_visual_servo_bench.targets.geometry import (
+    Motion,
+    PlacedTarget,
+    PolygonTarget,
+    PoseHistory,
+)
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
@@ -54,7 +59,7 @@ def test_a_target_moves_about_its_own_origin():
     np.testing.assert_allclose(moved[:3, 3], [1.1, 0.02, 0.0], atol=1e-12)
     np.testing.assert_allclose(moved[:3, :3], np.diag([-1.0, -1.0, 1.0]), atol=1e-12)
     np.testing.assert_allclose(
-        target.world_T_target(2.0) @ target.seen_from(above(), 2.0), above(), atol=1e-12
+        target.world_T_target(2.0) @ target.target_T_camera(above(), 2.0), above(), atol=1e-12
     )
 
 
@@ -75,9 +80,11 @@ def test_a_drawn_picture_has_the_outlines_moments(lens):
     K = (105.0, 0.0, 159.5, 0.0, 105.0, 119.5, 0.0, 0.0, 1.0)
     camera = CameraModel(320, 240, K, **lens)
     outline = SQUARE.outline(above(0.03, 0.02, 0.45))
-    picture = cameras.draw(outline, camera)
+    picture = cameras.draw_outline(outline, camera)
     assert picture.shape == (240, 320)
-    coverage = (cameras.WHITE - picture.astype(float)) / (cameras.WHITE - cameras.DARK)
+    coverage = (cameras.WHITE_LEVEL - picture.astype(float)) / (
+        cameras.WHITE_LEVEL - cameras.DARK_LEVEL
+    )
     exact = Moments.from_polygon(outline, 2)
     tables = camera.tables
     seen = Moments.from_samples(
@@ -92,13 +99,13 @@ def test_in_view_is_about_the_whole_outline():
     K = (100.0, 0.0, 159.5, 0.0, 100.0, 119.5, 0.0, 0.0, 1.0)
     camera = CameraModel(320, 240, K)
     square = np.array([(-0.1, -0.1), (0.1, -0.1), (0.1, 0.1), (-0.1, 0.1)])
-    assert cameras.in_view(square + (1.45, 0.0), camera)
-    assert not cameras.in_view(square + (1.48, 0.0), camera)  # 157.5 + 0.5: inside of the margin
-    assert cameras.in_view(square + (1.48, 0.0), camera, 0.0)
-    assert not cameras.in_view(square - (1.5, 0.0), camera, 0.0)
-    assert not cameras.in_view(square + (0.0, 1.15), camera, 0.0)
-    assert not cameras.in_view(square - (0.0, 1.15), camera, 0.0)
-    assert cameras.draw(square + (9.0, 0.0), camera).min() == cameras.WHITE
+    assert cameras.is_in_view(square + (1.45, 0.0), camera)
+    assert not cameras.is_in_view(square + (1.48, 0.0), camera)  # 157.5 + 0.5: inside of the margin
+    assert cameras.is_in_view(square + (1.48, 0.0), camera, 0.0)
+    assert not cameras.is_in_view(square - (1.5, 0.0), camera, 0.0)
+    assert not cameras.is_in_view(square + (0.0, 1.15), camera, 0.0)
+    assert not cameras.is_in_view(square - (0.0, 1.15), camera, 0.0)
+    assert cameras.draw_outline(square + (9.0, 0.0), camera).min() == cameras.WHITE_LEVEL
 
 
 EVERYTHING = Motion(
@@ -110,7 +117,7 @@ EVERYTHING = Motion(
 
 @pytest.mark.parametrize("since", [0.0, 0.2, 0.74, 0.76, 1.0, 1.49, 1.51, 2.2, 2.9, 7.3])
 def test_all_motions_are_one_on_top_of_the_other(since):
-    pose = transform((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
+    pose = matrix_from_xyz_rpy((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
     swing, share = 2 * np.pi * 0.3 * since, np.clip((since - 1.0) / 2.0, 0.0, 1.0)
     first, last = np.array([0.1, 0.2, 0.3]), np.array([-0.1, 0.4, 0.2])
     on_path = since * first if since < 1.0 else first + share * (last - first)
@@ -135,12 +142,15 @@ def test_all_motions_are_one_on_top_of_the_other(since):
     {"circle": 0.1, "frequency": 1.0}, {"step": (0.0, 0.0, 0.1)}, {"path": ((1.0, 0.1, 0.0, 0.0),)},
 ])
 def test_each_kind_of_motion_is_one(kind):
-    assert not Motion(**kind).still and Motion(begin=3.0, hold=1.0, frequency=2.0).still
+    assert not Motion(**kind).is_static and Motion(begin=3.0, hold=1.0, frequency=2.0).is_static
 
 
 def test_a_course_knows_the_pose_of_the_last_change():
-    course, poses = Course(), [transform((k, 0.0, 0.0), (0.0, 0.0, 0.1 * k)) for k in range(3)]
-    assert course.at(5.0) is None
+    course, poses = (
+        PoseHistory(),
+        [matrix_from_xyz_rpy((k, 0.0, 0.0), (0.0, 0.0, 0.1 * k)) for k in range(3)],
+    )
+    assert course.find_pose(5.0) is None
     for time, k in ((1.0, 0), (1.5, 0), (2.0, 1), (3.0, 2)):
         course.add(time, poses[k] + 1e-10)
     target = PlacedTarget(SQUARE, np.eye(4), Motion(velocity=(1.0, 0, 0, 0, 0, 0)), course)
@@ -158,13 +168,13 @@ PATH = ((1.0, 0.1, 0.0, 0.02), (3.0, 0.1, -0.06, 0.02, 0.0, 0.4, 1.2), (3.5, 0.0
     (3.75, (0.05, -0.03, 0.01), None), (4.0, (0, 0, 0), (0, 0, 0)), (9.0, (0, 0, 0), (0, 0, 0)),
 ])  # fmt: skip
 def test_it_goes_along_a_path_of_waypoints(time, place, rpy):
-    pose = transform((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
+    pose = matrix_from_xyz_rpy((0.3, 0.2, 0.1), (0.1, 0.2, 0.3))
     target = PlacedTarget(SQUARE, pose, Motion(path=PATH, begin=0.5))
-    assert not target.motion.still
+    assert not target.motion.is_static
     found = target.world_T_target(time)
     np.testing.assert_allclose(found[:3, 3] - pose[:3, 3], place, atol=1e-12)
     if rpy is not None:
-        turned = transform((0, 0, 0), rpy)[:3, :3] @ pose[:3, :3]
+        turned = matrix_from_xyz_rpy((0, 0, 0), rpy)[:3, :3] @ pose[:3, :3]
         np.testing.assert_allclose(found[:3, :3], turned, atol=1e-12)
 
 
@@ -177,8 +187,8 @@ def test_a_path_turns_evenly():
 
 
 @pytest.mark.parametrize(("path", "complaint"), [
-    (((0.0, 0.1, 0.0, 0.0),), "times are 0 s, must rise from above 0"),
-    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must rise"),
+    (((0.0, 0.1, 0.0, 0.0),), "times are 0 s, must increase and be above 0"),
+    (((2.0, 0.1, 0.0, 0.0), (1.0, 0.0, 0.0, 0.0)), "times are 2, 1 s, must increase"),
     (((1.0, 0.1, 0.0),), r"\[1.0, 0.1, 0.0\] is no waypoint: give t, x, y, z"),
 ])  # fmt: skip
 def test_a_path_that_is_none_is_refused(path, complaint):

@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import exponential, inverse, transform
-from aras_visual_servo_bench.asked.experiment import Experiment, Sampler
+from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.learning import learned, learned_pictures, policy
+from aras_visual_servo_bench.experiment.experiment import Experiment, Sampler
+from aras_visual_servo_bench.learning import learned, learned_pose, policy
 from aras_visual_servo_bench.learning.policy import PolicyNetwork
-from aras_visual_servo_bench.learning.regressor import Regressor, fitted, teach
+from aras_visual_servo_bench.learning.regressor import Regressor, fit_network, run_training
 from aras_visual_servo_bench.setup.assembly import assemble
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -22,25 +22,25 @@ from aras_visual_servo_controller.errors import ConfigurationError, MeasurementE
 
 
 def test_moments_are_those_of_the_target_from_where_the_answer_says():
-    x, y = learned.pictures(12, seed=3)
+    x, y = learned.make_training_data(12, seed=3)
     parts = assemble(Experiment(plant="ideal", features="exact", goal="2016", start="2016"))
     np.testing.assert_allclose(np.hypot(y[:, 3], y[:, 4]), 1.0, atol=1e-6)
     for row, (*place, c, s) in zip(x, y, strict=True):
-        c_T_g = transform(place, (0.0, 0.0, np.arctan2(s, c)))
-        seen_from = parts.target.seen_from(parts.goal_pose @ inverse(c_T_g))
+        c_T_g = matrix_from_xyz_rpy(place, (0.0, 0.0, np.arctan2(s, c)))
+        seen_from = parts.target.target_T_camera(parts.goal_pose @ inverse(c_T_g))
         outline = parts.target.shape.outline(seen_from)
-        exact = learned.inputs(Moments.from_polygon(outline, 3))
+        exact = learned.make_inputs(Moments.from_polygon(outline, 3))
         np.testing.assert_allclose(row, exact, atol=2e-2)
         assert np.abs(row[:3] - exact[:3]).max() < 2e-3
     assert np.ptp(y[:, 2]) > 0.05 and np.ptp(np.arctan2(y[:, 4], y[:, 3])) > 1.0
-    np.testing.assert_array_equal(learned.pictures(2, seed=3)[1], y[:2])
-    assert (learned.pictures(2, seed=4)[1] != y[:2]).any()
+    np.testing.assert_array_equal(learned.make_training_data(2, seed=3)[1], y[:2])
+    assert (learned.make_training_data(2, seed=4)[1] != y[:2]).any()
 
 
 def test_inputs_are_free_of_the_moments_units():
     corners = np.array([(0.1, 0.2), (0.5, 0.3), (0.2, 0.6)])
-    one = learned.inputs(Moments.from_polygon(corners, 3))
-    scaled = learned.inputs(Moments.from_polygon(3.0 * corners, 3))
+    one = learned.make_inputs(Moments.from_polygon(corners, 3))
+    scaled = learned.make_inputs(Moments.from_polygon(3.0 * corners, 3))
     np.testing.assert_allclose(scaled[3:], one[3:], atol=1e-12)
     np.testing.assert_allclose(scaled[:3] - one[:3], [*(2 * corners.mean(axis=0)), np.log(3.0)])
     a, b, c = corners - corners.mean(axis=0)
@@ -54,22 +54,22 @@ def test_inputs_are_free_of_the_moments_units():
 
 
 def test_pictures_of_the_poster_are_seen_from_where_the_answers_say(monkeypatch):
-    monkeypatch.setattr(learned_pictures, "TEXTURES", 2)
-    x, y = learned_pictures.pictures(6, seed=2)
+    monkeypatch.setattr(learned_pose, "TEXTURE_COUNT", 2)
+    x, y = learned_pose.make_training_data(6, seed=2)
     assert x.shape == (6, 28 * 21) and y.shape == (6, 6)
     from pathlib import Path
 
-    from aras_visual_servo_bench.commands.running import study_file
-    from aras_visual_servo_bench.study.study import Study
+    from aras_visual_servo_bench.cli.run import find_study_file
+    from aras_visual_servo_bench.studies.study import Study
 
-    study = Study.from_yaml(study_file(Path("convergence_domain")))
+    study = Study.from_yaml(find_study_file(Path("convergence_domain")))
     start = study.combinations[0].set["start"]
     parts = assemble(Experiment.from_mapping({
         **study.experiment, "scheme": "luminance", "start": start}))
-    camera, poster = parts.camera, parts.target.shape
-    disturbed = [poster.perturbed(300_000 + k) for k in range(2)]
+    camera, poster = parts.calibrated_camera, parts.target.shape
+    disturbed = [poster.perturb(300_000 + k) for k in range(2)]
     for k, (row, motion) in enumerate(zip(x, y, strict=True)):
-        t_T_c = parts.target.seen_from(parts.goal_pose @ exponential(motion))
+        t_T_c = parts.target.target_T_camera(parts.goal_pose @ exponential(motion))
         corners = (poster.vertices() - t_T_c[:3, 3]) @ t_T_c[:3, :3]
         u, v = camera.project(*(corners[:, :2] / corners[:, 2:]).T)
         rows, columns = poster.pixels.shape
@@ -93,7 +93,7 @@ def test_pictures_of_the_poster_are_seen_from_where_the_answers_say(monkeypatch)
 def test_the_smaller_picture_is_of_the_same_view():
     K = (301.0, 0.0, 163.2, 0.0, 295.0, 114.7, 0.0, 0.0, 1.0)
     camera = CameraModel(320, 240, K)
-    smaller = learned_pictures._smaller(camera)
+    smaller = learned_pose._reduce_camera(camera)
     assert (smaller.width, smaller.height) == (80, 60)
     rays = np.random.default_rng(0).uniform(-0.4, 0.4, (2, 20))
     np.testing.assert_allclose((np.array(camera.project(*rays)) + 0.5) / 4 - 0.5,
@@ -128,16 +128,16 @@ class Flown:
 @pytest.mark.parametrize("flies", ["teacher", "policy"])
 def test_a_policy_is_told_where_the_goal_was_in_each_picture(monkeypatch, flies):
     flown, given = Flown(3), []
-    monkeypatch.setattr(policy, "ASTRAY", 0.0)
+    monkeypatch.setattr(policy, "PERTURBATION", 0.0)
     monkeypatch.setattr(policy.gymnasium, "make_vec",
                         lambda *a, **k: given.append((a, k)) or flown)
     told = (lambda one: np.array([0.1, -0.05, 9.0, -0.2]) * one[0]) if flies == "policy" else None
-    x, y = policy.practise(told, 10, seed=4, environments=3)
+    x, y = policy.collect_demonstrations(told, 10, seed=4, environments=3)
     assert given == [((policy.ENVIRONMENT, 3, "async"),
-                      {"experiment": policy.PRACTICE, "observes": "picture"})]
+                      {"experiment": policy.TRAINING_EXPERIMENT, "observes": "image"})]
     assert flown.seed == 4 and flown.closed and len(x) == len(y) == 12
     poses = flown.poses[:4].reshape(12, 4, 4)
-    np.testing.assert_allclose(x, [policy.inputs(one)
+    np.testing.assert_allclose(x, [policy.make_inputs(one)
                                    for one in flown.pictures[:4].reshape(12, 240, 320)])
     np.testing.assert_array_equal(y[:, :3], poses[:, :3, 3])
     turn = Rotation.from_matrix(poses[:, :3, :3]).as_euler("xyz")[:, 2]
@@ -153,11 +153,11 @@ def test_a_policy_is_told_where_the_goal_was_in_each_picture(monkeypatch, flies)
 
 def test_additions_to_actions_last_for_some_steps_and_are_new_then(monkeypatch):
     monkeypatch.setattr(policy, "GAIN", 0.0)
-    monkeypatch.setattr(policy, "HELD", 8)
+    monkeypatch.setattr(policy, "MAX_PERTURBATION_STEPS", 8)
     flown = Flown(6)
     flown.pictures = flown.pictures[:, :, :24, :32]
     monkeypatch.setattr(policy.gymnasium, "make_vec", lambda *_, **__: flown)
-    policy.practise(None, 6 * 39, seed=1, environments=6)
+    policy.collect_demonstrations(None, 6 * 39, seed=1, environments=6)
     asked = np.array(flown.asked)
     assert asked.dtype == np.float32 and abs(asked).max() <= 1.0
     changes = (np.diff(asked, axis=0) != 0).any(axis=2)
@@ -166,7 +166,7 @@ def test_additions_to_actions_last_for_some_steps_and_are_new_then(monkeypatch):
     for seed in range(8):  # half of them begin at once
         again = Flown(2)
         monkeypatch.setattr(policy.gymnasium, "make_vec", lambda *_, again=again, **__: again)
-        policy.practise(None, 2, seed=seed, environments=2)
+        policy.collect_demonstrations(None, 2, seed=seed, environments=2)
         begun.append(again.asked[0].any())
     assert 0 < sum(begun) < 8
     moving = asked[(asked != 0).any(axis=2)]
@@ -192,7 +192,7 @@ def test_the_policy_s_program_learns_by_what_it_has_met(monkeypatch, tmp_path, c
         def __call__(self, row):
             return np.array([0.003, 0.004, 0.0, np.radians(2.0)]) * (self.number + 1)
 
-    monkeypatch.setattr(policy, "practise", practise)
+    monkeypatch.setattr(policy, "collect_demonstrations", practise)
     monkeypatch.setattr(policy, "train", train)
     monkeypatch.setattr(policy, "PolicyNetwork", Known)
     out = tmp_path / "a" / "mine.npz"
@@ -204,8 +204,8 @@ def test_the_policy_s_program_learns_by_what_it_has_met(monkeypatch, tmp_path, c
     assert np.load(out)["w0"] == [3]
     lines = capsys.readouterr().out.splitlines()
     assert lines == [
-        f"round {k + 1} of 4: before, it told half of 2 unseen pictures within {5.0 * k:.1f} mm "
-        f"and {2.0 * k:.2f} degrees" for k in (1, 2, 3)] + [f"wrote {out}"]
+        f"round {k + 1} of 4: median error on 2 new images before training: {5.0 * k:.1f} mm, "
+        f"{2.0 * k:.2f} degrees" for k in (1, 2, 3)] + [f"wrote {out}"]
 
     def fail(*_):
         raise ExperimentError("no library")
@@ -216,11 +216,11 @@ def test_the_policy_s_program_learns_by_what_it_has_met(monkeypatch, tmp_path, c
 
 def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, capsys):
     class Sums(Regressor):
-        what, module = "sums", "sums"
+        user, module = "sums", "sums"
         activation = staticmethod(lambda values: values)
 
         def __call__(self, x):
-            return self.answer(x)
+            return self.predict(x)
 
     asked = []
 
@@ -236,21 +236,32 @@ def test_a_program_says_how_well_its_network_knows_unseen_pictures(tmp_path, cap
     out = tmp_path / "deep" / "sums.npz"
     for _ in range(2):  # the second time its folder is there
         asked.clear()
-        assert teach(Sums, ["--pictures", "7", "--out", str(out)], "text", 99, 5, pictures, train,
-                     lambda found, y: (found[:, 0], found[:, 0] / 100.0)) == 0
+        assert (
+            run_training(
+                Sums,
+                ["--pictures", "7", "--out", str(out)],
+                "text",
+                99,
+                5,
+                pictures,
+                train,
+                lambda found, y: (found[:, 0], found[:, 0] / 100.0),
+            )
+            == 0
+        )
         assert asked == [(7, 0), (5, 1)] and sorted(np.load(out)) == [
             "b0", "mean", "out_mean", "out_scale", "scale", "w0"]
         assert capsys.readouterr().out == (  # sums of 1, 5, 9, 13, 17
-            f"wrote {out}; of 5 unseen pictures half are within 9000.0 mm and 5.16 degrees\n")
+            f"wrote {out}; median error on 5 test images: 9000.0 mm, 5.16 degrees\n")
 
 
     def fail(*_):
         raise ExperimentError("no library")
 
-    assert teach(Sums, ["--out", str(out)], "text", 99, 5, pictures, fail, None) == 1
+    assert run_training(Sums, ["--out", str(out)], "text", 99, 5, pictures, fail, None) == 1
     assert asked[-1] == (99, 0) and capsys.readouterr().err == "sums: no library\n"
     with pytest.raises(SystemExit):
-        teach(Sums, ["--help"], "what it does", 99, 5, pictures, train, None)
+        run_training(Sums, ["--help"], "what it does", 99, 5, pictures, train, None)
     said = " ".join(capsys.readouterr().out.split())
     assert "what it does" in said and "learning.sums --pictures 1000 --out mine.npz" in said
 
@@ -271,7 +282,7 @@ def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
         return fit(self, *given)
 
     monkeypatch.setattr(MLPRegressor, "fit", watched)
-    arrays = fitted(x, y, 0.25, np.float64, ((1e-3, 4), (1e-4, 2)), **options)
+    arrays = fit_network(x, y, 0.25, np.float64, ((1e-3, 4), (1e-4, 2)), **options)
     assert steps == [(0.01, 40, False), (1e-3, 4, True), (1e-4, 2, True)]
     np.testing.assert_allclose(arrays["mean"], x.mean(axis=0))
     np.testing.assert_allclose(arrays["scale"], [x[:, 0].std(), x[:, 1].std(), 0.25])
@@ -283,9 +294,9 @@ def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
 
     scaled = (x - arrays["mean"]) / arrays["scale"]
     own = watched.network.predict(scaled) * arrays["out_scale"] + arrays["out_mean"]
-    found = np.array([Tanh(arrays).answer(row) for row in x])
+    found = np.array([Tanh(arrays).predict(row) for row in x])
     np.testing.assert_allclose(found, own, atol=1e-4)
-    half = fitted(x, y, 1e-6, np.float16, **options)
+    half = fit_network(x, y, 1e-6, np.float16, **options)
     assert half["w0"].dtype == np.float16 and half["b1"].dtype == np.float32
     assert half["scale"][2] == 1e-6 and len([name for name in half if name[0] in "wb"]) == 6
 
@@ -293,16 +304,16 @@ def test_a_network_s_arrays_answer_as_scikit_learn_s_own(monkeypatch):
 def test_how_far_off_answers_are_is_in_metres_and_radians():
     found = np.array([[0.1, 0.2, 0.3, 3.1], [0.0, 0.0, 0.0, 0.2]])
     y = np.array([[0.1, 0.2, 0.7, np.cos(-3.1), np.sin(-3.1)], [0.3, 0.4, 0.0, 1.0, 0.0]])
-    far, turn = learned.off(found, y)
+    far, turn = learned.compute_errors(found, y)
     np.testing.assert_allclose(far, [0.4, 0.5])
     np.testing.assert_allclose(turn, [2 * np.pi - 6.2, 0.2])
-    far, turn = learned_pictures.off(np.arange(12.0).reshape(2, 6), np.zeros((2, 6)))
+    far, turn = learned_pose.compute_errors(np.arange(12.0).reshape(2, 6), np.zeros((2, 6)))
     np.testing.assert_allclose(far, [np.sqrt(5.0), np.sqrt(36 + 49 + 64)])
     np.testing.assert_allclose(turn, [np.sqrt(50.0), np.sqrt(81 + 100 + 121)])
 
 
 def test_where_weights_are_looked_for(monkeypatch, tmp_path):
-    assert learned.Network.weights().parts[-2:] == ("config", "learned.npz")
+    assert learned.GoalPoseNetwork.find_weights().parts[-2:] == ("config", "learned.npz")
     random = np.random.default_rng(1)
     arrays = {"mean": random.random(10), "scale": 1 + random.random(10), "out_mean": np.zeros(5),
               "out_scale": np.ones(5), "w0": random.random((10, 5)), "b0": random.random(5)}
@@ -310,20 +321,24 @@ def test_where_weights_are_looked_for(monkeypatch, tmp_path):
     monkeypatch.setenv("ARAS_LEARNED_WEIGHTS", str(tmp_path / "own.npz"))
     x = random.random(10)
     *place, c, s = ((x - arrays["mean"]) / arrays["scale"]) @ arrays["w0"] + arrays["b0"]
-    np.testing.assert_allclose(learned.Network.load()(x), [*place, np.arctan2(s, c)])
+    np.testing.assert_allclose(learned.GoalPoseNetwork.load()(x), [*place, np.arctan2(s, c)])
 
 
 # ------------------------------------------------------------------ what the networks are asked
 
 
 @pytest.mark.parametrize(("module", "inputs", "told"), [
-    (learned, 10, 5), (learned_pictures, 28 * 21, 6), (policy, 40 * 30, 5)])
+    (learned, 10, 5), (learned_pose, 28 * 21, 6), (policy, 40 * 30, 5)])
 def test_what_ships_has_the_layers_that_are_taught(module, inputs, told):
-    kind = {learned: learned.Network, learned_pictures: learned_pictures.PoseNetwork,
+    kind = {learned: learned.GoalPoseNetwork, learned_pose: learned_pose.PoseNetwork,
             policy: PolicyNetwork}[module]
-    with np.load(kind.weights()) as file:
+    with np.load(kind.find_weights()) as file:
         shapes = [file[f"w{k}"].shape for k in range(3)]
-    assert shapes == [(inputs, module.HIDDEN[0]), module.HIDDEN, (module.HIDDEN[1], told)]
+    assert shapes == [
+        (inputs, module.HIDDEN_LAYERS[0]),
+        module.HIDDEN_LAYERS,
+        (module.HIDDEN_LAYERS[1], told),
+    ]
 
 
 ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rate_init": 1e-3,
@@ -334,7 +349,7 @@ ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rat
     (learned, (0.0, np.float32), {
         "hidden_layer_sizes": (64, 64), "activation": "tanh", "solver": "lbfgs", "max_iter": 800,
         "max_fun": 1200, "alpha": 1e-6, "random_state": 5, "tol": 1e-9}),
-    (learned_pictures, (1e-6, np.float16), {
+    (learned_pose, (1e-6, np.float16), {
         **ADAM, "hidden_layer_sizes": (160, 96), "alpha": 1e-4, "max_iter": 60,
         "n_iter_no_change": 60}),
     (policy, (0.3, np.float16, ((1e-4, 15), (1e-5, 5))), {
@@ -344,21 +359,21 @@ ADAM = {"activation": "relu", "solver": "adam", "batch_size": 100, "learning_rat
 def test_networks_learn_with_these_settings(monkeypatch, module, given, options):
     """Adam makes all its epochs: no change is too small to go on."""
     seen = []
-    monkeypatch.setattr(module, "fitted", lambda *a, **k: seen.append((a, k)) or "arrays")
+    monkeypatch.setattr(module, "fit_network", lambda *a, **k: seen.append((a, k)) or "arrays")
     assert module.train("x", "y", 5) == "arrays"
     assert seen == [(("x", "y", *given), options)]
 
 
 @pytest.mark.parametrize(("module", "kind", "count", "unseen"), [
-    (learned, learned.Network, 4000, 200),
-    (learned_pictures, learned_pictures.PoseNetwork, 24000, 400)])
+    (learned, learned.GoalPoseNetwork, 4000, 200),
+    (learned_pose, learned_pose.PoseNetwork, 24000, 400)])
 def test_programs_teach_their_own_network(monkeypatch, module, kind, count, unseen):
     seen = []
-    monkeypatch.setattr(module, "teach", lambda *a: seen.append(a) or 3)
+    monkeypatch.setattr(module, "run_training", lambda *a: seen.append(a) or 3)
     assert module.main(["--out", "x"]) == 3
     (got, argv, text, *rest), = seen
     assert (got, argv, rest) == (kind, ["--out", "x"], [
-        count, unseen, module.pictures, module.train, module.off])
+        count, unseen, module.make_training_data, module.train, module.compute_errors])
     assert text and "\n" not in text
 
 
@@ -369,12 +384,12 @@ def test_a_policy_is_learned_from_twelve_thousand_pictures_unless_told(monkeypat
         met.append((steps, environments))
         raise ExperimentError("enough")
 
-    monkeypatch.setattr(policy, "practise", practise)
+    monkeypatch.setattr(policy, "collect_demonstrations", practise)
     monkeypatch.setattr(policy.os, "cpu_count", lambda: 3)
     assert policy.main([]) == 1 and met == [(3000, 6)]
     monkeypatch.setattr(policy.os, "cpu_count", lambda: None)
     assert policy.main([]) == 1 and met[1] == (3000, 2)
-    for module in (policy, learned, learned_pictures):
+    for module in (policy, learned, learned_pose):
         with pytest.raises(SystemExit):
             module.main(["--out"])
 
@@ -400,16 +415,16 @@ def flown(request, monkeypatch):
 
     network, moments = Says(AT_GOAL), Moments.from_polygon(
         np.array([(0.1, 0.2), (0.5, 0.3), (0.2, 0.6)]), 3)
-    monkeypatch.setattr(learned.Network, "load", classmethod(lambda cls: network))
+    monkeypatch.setattr(learned.GoalPoseNetwork, "load", classmethod(lambda cls: network))
     image = np.random.default_rng(0).integers(0, 255, (240, 320), np.uint8)
     seen = SimpleNamespace(valid=True, reason="", moments=moments, dt=0.04,
                            image=SimpleNamespace(grey=image))
-    monkeypatch.setattr(policy, "grey_of", lambda one: one.image.grey)
-    scheme = (learned.Learned if request.param is learned else policy.Policy)()
+    monkeypatch.setattr(policy, "get_grey_image", lambda one: one.image.grey)
+    scheme = (learned.LearnedScheme if request.param is learned else policy.Policy)()
     goal = SimpleNamespace(name="home", moments=moments, features=scheme.teach(seen))
     scheme.check(goal)
     network.told = np.array(NOW)
-    wanted = learned.inputs(moments) if request.param is learned else policy.inputs(image)
+    wanted = learned.make_inputs(moments) if request.param is learned else policy.make_inputs(image)
     return scheme, seen, goal, network, wanted
 
 
@@ -444,13 +459,13 @@ def test_what_is_not_seen_or_was_not_shown_is_said(flown):
     if isinstance(scheme, policy.Policy):
         for told in ([0.0] * 3, [0.0, 0.0, 0.0, np.nan]):
             goal.features = {"policy": {"told": told}}
-            with pytest.raises(ConfigurationError, match="home was not shown to the policy"):
+            with pytest.raises(ConfigurationError, match="home was not taught with the policy"):
                 scheme.check(goal)
     else:
         seen.valid, seen.moments, goal.moments = True, None, None
         with pytest.raises(MeasurementError, match="not visible"):
             scheme.compute(seen, goal, 0.0)
-        with pytest.raises(ConfigurationError, match="home holds no moments: teach it anew"):
+        with pytest.raises(ConfigurationError, match="home holds no moments: teach it again"):
             scheme.check(goal)
 
 
@@ -459,18 +474,25 @@ def test_a_picture_of_one_grey_level_s_contrast_counts_as_of_one():
     fine = np.tile([0.0, 1.0], (21, 14))
     for step, deviation in ((1, 0.5), (2, 1.0), (3, 1.0), (40, 1.0)):
         grey = (100 + step * fine).astype(np.uint8)
-        assert learned_pictures.inputs(grey).std() == pytest.approx(deviation)
+        assert learned_pose.make_inputs(grey).std() == pytest.approx(deviation)
 
 
 def test_starts_of_the_learned_scheme_are_as_the_arm_can_begin():
     starts = Sampler(height=(0.15, 0.4), side=0.1, turn=np.pi / 4)
-    flown = Experiment(plant="bullet", start=starts, duration=4.0, linger=None, delay=0.0)
-    found = learned.SAMPLER, policy.STARTS, policy.PRACTICE
+    flown = Experiment(
+        plant="bullet", start=starts, duration=4.0, time_after_convergence=None, delay=0.0
+    )
+    found = learned.TRAINING_STARTS, policy.TRAINING_STARTS, policy.TRAINING_EXPERIMENT
     assert found == (Sampler(height=(0.15, 0.5), side=0.1), starts, flown)
-    assert (policy.ROUNDS, policy.GAIN, policy.ASTRAY, policy.HELD) == (4, 1.5, 0.3, 30)
+    assert (
+        policy.DAGGER_ROUNDS,
+        policy.GAIN,
+        policy.PERTURBATION,
+        policy.MAX_PERTURBATION_STEPS,
+    ) == (4, 1.5, 0.3, 30)
 
 
 def test_training_without_its_library_says_what_to_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.neural_network", None)
     with pytest.raises(ExperimentError, match="training needs scikit-learn: pip install -r requir"):
-        fitted(np.zeros((3, 2)), np.zeros((3, 1)), 0.1, np.float32)
+        fit_network(np.zeros((3, 2)), np.zeros((3, 1)), 0.1, np.float32)

@@ -8,18 +8,18 @@ import numpy as np
 import pytest
 from scipy.stats import kstest
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.loop_settings import settings_of
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.plants.sight import Sight, capture
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.loop_settings import make_loop_settings
+from aras_visual_servo_bench.plants.imaging import ImagingSettings, capture
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble, check
 from aras_visual_servo_bench.targets import textures
 from aras_visual_servo_bench.targets.geometry import PlacedTarget
-from aras_visual_servo_bench.targets.outlines import read_svg, shape_of, tracker_of
-from aras_visual_servo_bench.targets.pictures import seen as picture_of
+from aras_visual_servo_bench.targets.rendering import render_target as picture_of
 from aras_visual_servo_bench.targets.shapes import SHAPES
+from aras_visual_servo_bench.targets.target_factory import find_tracker, make_target, read_svg
 from aras_visual_servo_bench.targets.textures import TexturedTarget
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.trackers import TRACKERS as KNOWN
@@ -29,37 +29,40 @@ from aras_visual_servo_camera.trackers.marker import MarkerTracker
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.image_reader import ImageReader
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.image_reader import ImageReader
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 LENS = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
-FACING = transform((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))  # the target's z towards the camera
+# the target's z towards the camera
+FACING = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (np.pi, 0.0, 0.0))
 SIZE = (0.2, 0.2)
 FISHEYE = CameraModel(
     320, 240, (200.0, 0, 159.5, 0, 200.0, 119.5, 0, 0, 1), (0.0,) * 4, "equidistant"
 )
-VIEW = transform((0.02, -0.015, -0.5), (0.08, -0.06, 0.4))
-NEAR = transform((0.0, 0.01, -0.3), (0.0, 0.05, 0.1))
-ASKEW = transform((0.2, -0.1, -0.45), (-0.2, -0.4, 0.0)) @ transform((0, 0, 0), (0, 0, 0.7))
-CLOSE = transform((0.0, 0.0, -0.15), (0.0, 0.0, 0.0))
-AWAY = transform((0.0, 0.0, -8.0), (0.0, 0.0, 0.0))
+VIEW = matrix_from_xyz_rpy((0.02, -0.015, -0.5), (0.08, -0.06, 0.4))
+NEAR = matrix_from_xyz_rpy((0.0, 0.01, -0.3), (0.0, 0.05, 0.1))
+ASKEW = matrix_from_xyz_rpy((0.2, -0.1, -0.45), (-0.2, -0.4, 0.0)) @ matrix_from_xyz_rpy(
+    (0, 0, 0), (0, 0, 0.7)
+)
+CLOSE = matrix_from_xyz_rpy((0.0, 0.0, -0.15), (0.0, 0.0, 0.0))
+AWAY = matrix_from_xyz_rpy((0.0, 0.0, -8.0), (0.0, 0.0, 0.0))
 
 
 def seen(name, camera=CAMERA, view=VIEW, occluder=None):
-    target = PlacedTarget(shape_of(name, SIZE), FACING)
-    sight = Sight(camera, target, pictures=True, occluder=occluder)
+    target = PlacedTarget(make_target(name, SIZE), FACING)
+    sight = ImagingSettings(camera, target, has_images=True, occluder=occluder)
     image = capture(sight, view, 0, np.random.default_rng(0)).image
-    points = target.shape.points(target.seen_from(view))
+    points = target.shape.points(target.target_T_camera(view))
     return image, None if points is None else np.column_stack(camera.project(*points.T))
 
 
 def test_every_name_is_a_target():
     for name, kind in SHAPES.items():
         size = (*SIZE, 0.1) if kind.is_solid else SIZE
-        assert shape_of(name, size).vertices().shape[1] == 3
+        assert make_target(name, size).vertices().shape[1] == 3
 
 
 @pytest.mark.parametrize("camera", [CAMERA, LENS], ids=["pinhole", "lens"])
@@ -85,13 +88,13 @@ def dotted(middles, radius=9):
 def test_dots_of_three_pixels_are_found_wherever_they_lie_on_the_pixels():
     """On the arm, 0.19 m before a target of 0.06 m: two of four were lost for some images."""
     wide = CameraModel(320, 240, (102.74, 0, 159.5, 0, 102.74, 119.5, 0, 0, 1))
-    target = PlacedTarget(shape_of("four_dots", (0.06, 0.06)), FACING)
-    sight = Sight(wide, target, pictures=True)
+    target = PlacedTarget(make_target("four_dots", (0.06, 0.06)), FACING)
+    sight = ImagingSettings(wide, target, has_images=True)
     for k in range(40):
         step = 1e-4 * k
-        view = transform((step, 0.7 * step, -0.192), (0.0, 0.0, 0.05 * k))
+        view = matrix_from_xyz_rpy((step, 0.7 * step, -0.192), (0.0, 0.0, 0.05 * k))
         found = DotTracker().find(capture(sight, view, 0, np.random.default_rng(0)).image)
-        x, y = target.shape.points(target.seen_from(view)).T
+        x, y = target.shape.points(target.target_T_camera(view)).T
         exact = np.column_stack(wide.project(x, y))
         assert np.linalg.norm(found[:, None] - exact, axis=2).min(axis=1).max() < 0.25, k
 
@@ -116,7 +119,7 @@ def test_a_line_s_place_is_told_where_nothing_else_is_beside_it():
     at = 50.3 + 0.04 * (v - 60.0)
     grey = 255.0 - 200.0 * np.clip(1.5 - np.abs(u - at), 0.0, 1.0)
     grey[(v % 30 < 10) & (u > at + 1.5) & (u < at + 3.0)] = 55.0
-    place, way = LineTracker()._fitted(
+    place, way = LineTracker()._fit_side(
         grey.astype(np.uint8), CameraModel(100, 120, (1, 0, 0, 0, 1, 0, 0, 0, 1)), 1.0,
         (np.array([48.0, 5.0]), np.array([52.6, 115.0])), 8.0)
     assert way[0] / way[1] == pytest.approx(0.04, abs=2e-3)
@@ -145,7 +148,9 @@ def pictured(target, camera, view, fine=8):
         camera.width * fine, camera.height * fine,
         (fine * fx, 0, fine * (cx + 0.5) - 0.5, 0, fine * fy, fine * (cy + 0.5) - 0.5, 0, 0, 1),
     )  # fmt: skip
-    drawn = capture(Sight(whole, target, pictures=True), view, 0, np.random.default_rng(0)).image
+    drawn = capture(
+        ImagingSettings(whole, target, has_images=True), view, 0, np.random.default_rng(0)
+    ).image
     parts = drawn.reshape(camera.height, fine, camera.width, fine)
     return np.round(parts.mean(axis=(1, 3))).astype(np.uint8)
 
@@ -164,9 +169,9 @@ def grainy(image, grain):
 def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, view):
     """In a picture whose every pixel is the mean of what it covers. No disc is seen askew: its
     middle is not that of its ellipse."""
-    target = PlacedTarget(shape_of(name, (size, size)), FACING)
+    target = PlacedTarget(make_target(name, (size, size)), FACING)
     picture = pictured(target, CAMERA, view)
-    points = np.column_stack(CAMERA.project(*target.shape.points(target.seen_from(view)).T))
+    points = np.column_stack(CAMERA.project(*target.shape.points(target.target_T_camera(view)).T))
     for grain, exact in ((0.0, 1.0), (5.0, 4.0)):
         found = tracker.find(grainy(picture, grain))
         nearest = np.linalg.norm(found[:, None] - points[None], axis=2).min(axis=1)
@@ -177,10 +182,12 @@ def test_points_are_found_to_a_hundredth_of_a_pixel(name, tracker, far, size, vi
 @pytest.mark.parametrize("size", [0.2, 0.06], ids=["large", "small"])
 def test_a_marker_is_found_corner_by_corner(camera, size):
     """From its own first corner on, through any lens; a cell of the small one is 3 px wide."""
-    target = PlacedTarget(shape_of("marker", (size, size)), FACING)
-    image = capture(Sight(camera, target, pictures=True), VIEW, 0, np.random.default_rng(0)).image
-    exact = target.shape.points(target.seen_from(VIEW))
-    found = MarkerTracker().places(image, camera)
+    target = PlacedTarget(make_target("marker", (size, size)), FACING)
+    image = capture(
+        ImagingSettings(camera, target, has_images=True), VIEW, 0, np.random.default_rng(0)
+    ).image
+    exact = target.shape.points(target.target_T_camera(VIEW))
+    found = MarkerTracker().find_normalised(image, camera)
     assert np.abs(found - exact).max() * camera.K[0] < 0.1  # px
 
 
@@ -188,15 +195,17 @@ def test_a_marker_is_found_corner_by_corner(camera, size):
 @pytest.mark.parametrize("view", [VIEW, ASKEW], ids=["view", "askew"])
 def test_a_disc_is_the_ellipse_that_it_looks_like(camera, view):
     """By its segmented picture, the lens taken off: middle and n20, n11, n02."""
-    target = PlacedTarget(shape_of("circle", (0.12, 0.12)), FACING)
+    target = PlacedTarget(make_target("circle", (0.12, 0.12)), FACING)
     feature = FEATURES.create("ellipse")
-    exactly = target.shape.outline(target.seen_from(view))
-    plane = target.shape.plane(target.seen_from(view))
-    observer = Observer(None, feature.needs)
-    exact = observer.of_exact(0.0, camera, contour=exactly, plane=plane)
-    goal = Goal.teach(Composed(feature), exact, depth=0.5)
-    image = capture(Sight(camera, target, pictures=True), view, 0, np.random.default_rng(0)).image
-    found = feature.measure(observer.of_image(0.1, image, camera, plane=plane), goal)
+    exactly = target.shape.outline(target.target_T_camera(view))
+    plane = target.shape.plane(target.target_T_camera(view))
+    observer = FeatureObserver(None, feature.needs)
+    exact = observer.observe_exact_features(0.0, camera, contour=exactly, plane=plane)
+    goal = Goal.teach(FeatureScheme(feature), exact, depth=0.5)
+    image = capture(
+        ImagingSettings(camera, target, has_images=True), view, 0, np.random.default_rng(0)
+    ).image
+    found = feature.measure(observer.observe_image(0.1, image, camera, plane=plane), goal)
     assert np.abs(found.error[:2]).max() * camera.K[0] < 0.02  # px
     assert found.s[2:] == pytest.approx(found.desired[2:], rel=2e-3, abs=2e-6)
 
@@ -220,8 +229,8 @@ def test_a_line_grid_has_its_crossings_where_they_are_said():
 @pytest.mark.parametrize("view", [VIEW, NEAR, ASKEW], ids=["view", "near", "askew"])
 def test_outermost_lines_cross_where_they_are_said(camera, view):
     grey = seen("line_grid", camera, view)[0]
-    exact = shape_of("line_grid", SIZE).points(np.linalg.inv(FACING) @ view)
-    found = LineTracker().places(grey, camera)
+    exact = make_target("line_grid", SIZE).points(np.linalg.inv(FACING) @ view)
+    found = LineTracker().find_normalised(grey, camera)
     away = np.linalg.norm(found[:, None] - exact[None], axis=2) * camera.K[0]
     assert away.min(axis=0).max() < 0.12, away.min(axis=0)  # px
     assert sorted(away.argmin(axis=0)) == [0, 1, 2, 3]
@@ -242,9 +251,11 @@ def test_a_picture_stands_upright_and_in_its_size(tmp_path):
     pixels = np.full((100, 200), 200, np.uint8)
     pixels[:50, :100] = 20  # first quarter: seen at the upper left
     cv2.imwrite(str(tmp_path / "mine.png"), pixels)
-    target = shape_of(str(tmp_path / "mine.png"), (0.2, 0.1))
-    sight = Sight(CAMERA, PlacedTarget(target, FACING), pictures=True)
-    image = capture(sight, transform((0, 0, -0.3), (0, 0, 0)), 0, np.random.default_rng(0)).image
+    target = make_target(str(tmp_path / "mine.png"), (0.2, 0.1))
+    sight = ImagingSettings(CAMERA, PlacedTarget(target, FACING), has_images=True)
+    image = capture(
+        sight, matrix_from_xyz_rpy((0, 0, -0.3), (0, 0, 0)), 0, np.random.default_rng(0)
+    ).image
     u, v = 159.5, 119.5
     assert image[int(v - 20), int(u - 40)] < 40
     assert image[int(v + 20), int(u - 40)] > 180
@@ -256,7 +267,9 @@ def test_a_picture_stands_upright_and_in_its_size(tmp_path):
 
 def test_smaller_pictures_are_averaged_not_sampled():
     checks = TexturedTarget((np.indices((1024, 1024)).sum(axis=0) % 2 * 255).astype(np.uint8), SIZE)
-    image = picture_of(checks, CAMERA, np.linalg.inv(FACING) @ transform((0, 0, -0.5), (0, 0, 0)))
+    image = picture_of(
+        checks, CAMERA, np.linalg.inv(FACING) @ matrix_from_xyz_rpy((0, 0, -0.5), (0, 0, 0))
+    )
     inside = image[90:150, 130:190]
     assert inside.mean() == pytest.approx(127.5, abs=2.0)
     assert inside.std() < 10.0
@@ -275,9 +288,9 @@ def test_an_occluder_hides_what_lies_under_it():
     [
         (DotTracker(), "square", VIEW, "in view"),
         (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50, DICT_APRIL"),
-        (LineTracker(), "square", VIEW, "is no line: use tracker 'outline'"),
-        (LineTracker(), "circle", VIEW, "is no line|not four"),
-        (LineTracker(), "line_grid", CLOSE, "touch the picture's border"),
+        (LineTracker(), "square", VIEW, "is not bounded by lines: use tracker 'outline'"),
+        (LineTracker(), "circle", VIEW, "not bounded by lines|not four"),
+        (LineTracker(), "line_grid", CLOSE, "touch the border of the image"),
         (LineTracker(), "line_grid", AWAY, "no dark lines are in view"),
     ],
 )
@@ -316,9 +329,9 @@ def test_dots_are_discs_about_the_known_points(coarse, size):
     assert max(target.pixels.shape) == 300 and target.size == size
     w, h = size
     np.testing.assert_allclose(
-        target.known, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
+        target.known_points, [(-w / 4, h / 4), (w / 4, h / 4), (w / 4, -h / 4), (-w / 4, -h / 4)])
     x, y = middles(target)
-    away = np.min([np.hypot(x - p, y[:, None] - q) for p, q in target.known], axis=0)
+    away = np.min([np.hypot(x - p, y[:, None] - q) for p, q in target.known_points], axis=0)
     pixel = w / target.pixels.shape[1]
     assert (target.pixels[away < w / 20 - pixel] == 0).all()
     assert (target.pixels[away > w / 20 + pixel] == 255).all()
@@ -339,14 +352,14 @@ def test_a_grid_is_five_by_five_lines_a_hundredth_of_the_width_thick(coarse, siz
                    | (near_y < w / 200 + slack)[:, None] & (long_x < slack)
                    for slack in (-pixel, pixel))
     assert not target.pixels[sure].any() and (target.pixels[~maybe] == 255).all()
-    np.testing.assert_allclose(target.known, np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
+    np.testing.assert_allclose(target.known_points, np.array([(-1, 1), (1, 1), (1, -1), (-1, -1)])
                                * 0.4 * np.array(size), atol=1e-12)
 
 
 @pytest.mark.parametrize("size", [OBLONG, (0.2, 0.3)])
 def test_a_marker_is_square_in_the_middle_and_its_corners_are_known(coarse, size):
     target = SHAPES.create("marker", size=size).make()
-    columns, rows = np.round([at(target, *corner) for corner in target.known], 6).T
+    columns, rows = np.round([at(target, *corner) for corner in target.known_points], 6).T
     assert np.ptp(columns) == np.ptp(rows) == 160  # 8 of 10 cells of the shorter side's 200
     (first, last), (top, bottom) = ((int(np.ceil(n.min())), int(np.floor(n.max())) + 1)
                                     for n in (columns, rows))
@@ -369,8 +382,8 @@ def test_a_disturbed_picture_is_as_the_protocols_have_it():
     target = TexturedTarget(plain, (0.3, 0.2), np.ones((4, 2)))
     everywhere, patches, grains = [], [], []
     for seed in range(200):
-        made = target.perturbed(seed)
-        assert made.size == target.size and made.known is target.known
+        made = target.perturb(seed)
+        assert made.size == target.size and made.known_points is target.known_points
         level = np.bincount(made.pixels.ravel()).argmax()
         block = cv2.morphologyEx((made.pixels == level).view(np.uint8), cv2.MORPH_OPEN,
                                  np.ones((7, 7), np.uint8))  # fmt: skip
@@ -384,7 +397,7 @@ def test_a_disturbed_picture_is_as_the_protocols_have_it():
         brightness = (bright.mean() + dark.mean()) / 200.0
         everywhere.append([brightness, (bright.mean() - dark.mean()) / 50.0 / brightness])
         grains.append(bright.std())
-    np.testing.assert_array_equal(target.perturbed(199).pixels, made.pixels)
+    np.testing.assert_array_equal(target.perturb(199).pixels, made.pixels)
     assert np.median(grains) == pytest.approx(12.75, rel=0.01)
     assert len(patches) == pytest.approx(100, abs=21)
     bounds = [(0.4, 1.6), (0.6, 1.4), (0.02, 0.33), (-1.0, 1.0), (0.0, 1.0), (0.0, 1.0), (0, 255)]
@@ -420,7 +433,7 @@ def test_a_patch_may_lie_in_any_corner_and_keeps_its_size(monkeypatch, last):
     """17.5 % of the area, as high as it is wide in parts of the picture's sides."""
     monkeypatch.setattr(np.random, "default_rng", lambda seed: Drawn(last))
     plain = np.full((120, 180), 100, np.uint8)
-    made = TexturedTarget(plain, (0.3, 0.2)).perturbed(3).pixels
+    made = TexturedTarget(plain, (0.3, 0.2)).perturb(3).pixels
     rows, columns = np.nonzero(made == 128)  # half of white
     high, wide = int(np.sqrt(0.175) * 120), int(np.sqrt(0.175) * 180)
     top, left = (120 - high, 180 - wide) if last else (0, 0)
@@ -510,40 +523,41 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
 @pytest.mark.parametrize(
     ("name", "content", "told"),
     [
-        ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is not understood"),
+        ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 X 2 2'/></svg>", "command 'X' is unknown"),
         ("a.svg", "<svg><path d='M0 0 L 4 0 4 4 2'/></svg>", "outline: numbers are missing"),
-        ("a.svg", "<svg><path/></svg>", "wrong outline"),
+        ("a.svg", "<svg><path/></svg>", "invalid outline"),
         ("a.svg", "<svg><rect width='1e400' height='2'/></svg>", "has no area"),
-        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "holds 2 outlines"),
-        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "holds 2 outlines, .* leave one"),
+        ("a.svg", "<svg><rect width='3' height='2'/><circle r='1'/></svg>", "has 2 outlines"),
+        ("a.svg", "<svg><path d='M0 0h9v9zM5 1h2v2z'/></svg>", "has 2 outlines, .* keep only one"),
         ("a.svg", "<svg><polygon points='0,0 1e400,0 4,4'/></svg>", "has no area"),
         ("a.svg", "<html/>", "is no SVG: its root"),
-        ("a.svg", "<svg><text>hm</text></svg>", "holds no outline"),
+        ("a.svg", "<svg><text>hm</text></svg>", "has no outline"),
         ("a.svg", "no xml", "is no SVG"),
         ("a.svg", LAUGHS + "<svg><path d='M0 0h9v9z' id='&c;'/></svg>", "entity declarations are"),
-        ("a.svg", nested_uses(5), "more than 10000 elements, copies by <use> counted"),
+        ("a.svg", nested_uses(5), "more than 10000 elements, including copies by <use>"),
         ("a.svg", nested_uses(5).replace("href", "xlink:href"), "more than 10000 elements"),
         ("a.svg", "<svg><g id='a'><use href='#a'/></g></svg>", "more than 10000 elements"),
-        ("a.png", "no picture", "no picture that can be read"),
+        ("a.png", "no picture", "no readable image"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
     (tmp_path / name).write_text(content)
     with pytest.raises(ExperimentError, match=told) as caught:
-        shape_of(str(tmp_path / name), SIZE)
+        make_target(str(tmp_path / name), SIZE)
     assert "\n" not in str(caught.value)
     with pytest.raises(ExperimentError, match="there is no file"):
-        shape_of(str(tmp_path / f"missing{name}"), SIZE)
+        make_target(str(tmp_path / f"missing{name}"), SIZE)
 
 
 # -- in the loop -----------------------------------------------------------------------------------
 
 RUN = {
-    "plant": "ideal", "features": "pictures", "gain": 4.0, "duration": 4.0, "linger": 0.0,
+    "plant": "ideal", "features": "images", "gain": 4.0, "duration": 4.0,
+    "time_after_convergence": 0.0,
     "camera": {"width": 320, "height": 240, "horizontal_fov": 0.98, "update_rate": 25.0},
     "goal": {"pose": [0.0, 0.0, -0.35, 0.0, 0.0, 0.0]},
     "start": {"pose": [0.02, -0.015, -0.4, 0.05, -0.04, 0.2]},
-    "options": {"hold": 0.2}, "reached": [1e-3, 0.01],
+    "controller_parameters": {"hold": 0.2}, "reached": [1e-3, 0.01],
 }  # fmt: skip
 TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
 
@@ -563,9 +577,9 @@ TURNED = [0.0, 0.0, 0.0, 3.141592653589793, 0.0, 0.0]
 def test_it_is_servoed_on_by_pictures(shape, scheme, options, size):
     result = run(Experiment.from_mapping({
         **RUN, "target": {"shape": shape, "size": size, "pose": TURNED}, "scheme": scheme,
-        "options": {**RUN["options"], **options},
+        "controller_parameters": {**RUN["controller_parameters"], **options},
     }))  # fmt: skip
-    assert result.verdict.reached, (result.outcome, result.reason, result.verdict)
+    assert result.verdict.is_reached, (result.outcome, result.reason, result.verdict)
 
 
 def test_a_disc_has_no_corners_and_says_so():
@@ -581,7 +595,7 @@ def test_a_disc_has_no_corners_and_says_so():
     }  # fmt: skip
     recommended = str(refused.value).rpartition("use ")[2]
     result = run(Experiment.from_mapping({**flat, "scheme": recommended}))
-    assert result.outcome == "converged" and result.verdict.reached
+    assert result.outcome == "converged" and result.verdict.is_reached
 
 
 def test_a_plain_target_gives_too_few_matches():
@@ -598,7 +612,7 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
     result = run(Experiment.from_mapping({**spec, "duration": 0.2}))
     assert result.outcome == "timed_out"
     assert result.reason == (
-        "not at the goal after 0.2 s: 0 keypoints match the goal's picture, 8 that agree are "
+        "not at the goal after 0.2 s: 0 keypoints match the goal image, 8 consistent ones are "
         "needed: is the target in view, and textured?"
     )
 
@@ -606,8 +620,8 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
 def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
     file = tmp_path / "cut.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n" + 50 * b"0")
-    with pytest.raises(ExperimentError, match="no picture that can be read"):
-        shape_of(str(file), SIZE)
+    with pytest.raises(ExperimentError, match="no readable image"):
+        make_target(str(file), SIZE)
     assert capfd.readouterr().err == ""
 
 
@@ -638,32 +652,32 @@ def test_a_target_brings_the_tracker_of_its_points():
         if SHAPES[shape].is_solid:
             continue
         spec = {**RUN, "target": {"shape": shape, "pose": TURNED}}
-        assert settings_of(Experiment.from_mapping(spec)).tracker == tracker
-        own = Experiment.from_mapping({**spec, "options": {"tracker": "outline"}})
-        assert settings_of(own).tracker == "outline"
-    assert tracker_of("/some/where/marker.urdf") == "marker"
-    assert tracker_of(((0.0, 0.0), (0.1, 0.0), (0.0, 0.1))) == "outline"
+        assert make_loop_settings(Experiment.from_mapping(spec)).tracker == tracker
+        own = Experiment.from_mapping({**spec, "controller_parameters": {"tracker": "outline"}})
+        assert make_loop_settings(own).tracker == "outline"
+    assert find_tracker("/some/where/marker.urdf") == "marker"
+    assert find_tracker(((0.0, 0.0), (0.1, 0.0), (0.0, 0.1))) == "outline"
 
 
 def test_an_unknown_tracker_names_those_there_are():
     spec = {**RUN, "target": {"shape": "square", "pose": TURNED}, "scheme": "numbered_points"}
     with pytest.raises(ExperimentError, match="did you mean 'dots'"):
-        run(Experiment.from_mapping({**spec, "options": {"tracker": "dot"}}))
+        run(Experiment.from_mapping({**spec, "controller_parameters": {"tracker": "dot"}}))
 
 
 def test_a_picture_is_taught_by_the_camera_as_it_is_believed():
     """The controller's own camera_info told it so then; else it refused the goal as another's."""
     there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
-    spec = {**RUN, "target": there, "scheme": "luminance", "believed": {"focal": 0.9}}
+    spec = {**RUN, "target": there, "scheme": "luminance", "calibration_offset": {"focal": 0.9}}
     parts = assemble(Experiment.from_mapping(spec))
-    assert parts.goal.camera == parts.camera
+    assert parts.goal.camera == parts.calibrated_camera
 
 
 def test_a_camera_in_the_targets_plane_sees_nothing_and_the_run_has_an_outcome():
     there = {"shape": "poster", "size": [0.8, 0.6], "pose": TURNED}
     spec = {**RUN, "target": there, "scheme": "luminance", "start": {"pose": [0.7, 0, 0, 0, -1, 0]}}
     result = run(Experiment.from_mapping(spec))
-    assert not result.converged and not result.verdict.reached
+    assert not result.converged and not result.verdict.is_reached
 
 
 LEVEL = (0.591, 0.0, 0.0, 0.0)  # z and angles on the table
@@ -684,10 +698,13 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
             reading = None
             while not isinstance(reading, Frame):
                 reading = parts.plant.advance(10**9)[-1]
-            camera, seen_from = parts.plant.camera, parts.target.seen_from(parts.plant.pose())
+            camera, seen_from = (
+                parts.plant.camera,
+                parts.target.target_T_camera(parts.plant.read_pose()),
+            )
         finally:
             parts.plant.close()
-        found = MarkerTracker().places(ImageReader.image_of(reading).grey, camera)
+        found = MarkerTracker().find_normalised(ImageReader.decode_image(reading).grey, camera)
         exact = parts.target.shape.points(seen_from)
         round_ = exact - exact.mean(axis=0)
         off = found - exact
@@ -700,11 +717,12 @@ def test_the_arm_s_camera_draws_a_marker_where_it_is():
 def test_a_marker_is_servoed_to_as_it_lies_however_it_was_turned(scheme):
     """Its corners are known by themselves: nothing is matched, and nothing stays open."""
     result = run(Experiment.from_mapping({
-        "plant": "free", "features": "pictures", "scheme": scheme, "gain": 4.0, "linger": 0.1,
+        "plant": "free", "features": "images", "scheme": scheme, "gain": 4.0,
+        "time_after_convergence": 0.1,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 1.0, "update_rate": 20.0},
         "target": {"shape": "marker", "size": [0.06, 0.06], "pose": [0, 0, 0, 0, 0, 0.2]},
         "goal": {"pose": [0.0, 0.01, 0.25, np.pi, 0.05, 0.1]},
         "start": {"pose": [0.01, 0.0, 0.35, np.pi, 0.0, 1.3]},
     }))  # fmt: skip
-    assert result.converged and result.verdict.reached, result.verdict
+    assert result.converged and result.verdict.is_reached, result.verdict
     assert "°" not in result.outcome

@@ -3,9 +3,9 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_controller.features.base import Feature, Measured
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_controller.features.base import Feature, FeatureMeasurement
 from aras_visual_servo_controller.features.corners import NumberedPoints
 from aras_visual_servo_controller.laws import Proportional
 
@@ -36,27 +36,31 @@ def answering(name, answer, every=1):
 
 
 def changed(**fields):
-    return lambda m: Measured(**{**{n: getattr(m, n) for n in ("s", "desired", "error", "L")},
+    return lambda m: FeatureMeasurement(**{**{n: getattr(m, n)
+        for n in ("s", "desired", "error", "L")},
                                  **{n: f(m) for n, f in fields.items()}})  # fmt: skip
 
 
 CLEAR = {
     "Lists": changed(s=lambda m: m.s.tolist(), error=lambda m: m.error.tolist(),
                      L=lambda m: m.L.tolist()),
-    "Tuples": changed(desired=lambda m: tuple(m.desired), rate=lambda m: (0,) * 8),
+    "Tuples": changed(desired=lambda m: tuple(m.desired), error_drift=lambda m: (0,) * 8),
     "Columns": changed(s=lambda m: m.s[:, None], error=lambda m: m.error[None]),
-    "Singles": changed(L=lambda m: m.L.astype(np.float32), rate=lambda m: 0,
+    "Singles": changed(L=lambda m: m.L.astype(np.float32), error_drift=lambda m: 0,
                        notes=lambda m: "a word"),
 }  # fmt: skip
 WRONG = {
-    "Nothing": (lambda m: None, "measure returned NoneType None: a Measured is needed"),
+    "Nothing": (lambda m: None, "measure returned NoneType None: a FeatureMeasurement is needed"),
     "Short": (changed(L=lambda m: m.L[:3]), r"L ndarray of shape \(3, 6\).*\(8, 6\) finite"),
     "Texts": (changed(s=lambda m: ["a"] * 8), r"returned s list \['a'"),
     "Missing": (changed(error=lambda m: None), "returned error NoneType None"),
     "Complex": (changed(L=lambda m: m.L * 1j), "returned L ndarray"),
     "Ragged": (changed(L=lambda m: [[1.0], [1.0, 2.0]]), "returned L list"),
     "Infinite": (changed(L=lambda m: m.L * np.inf), "returned L that is not finite"),
-    "Text": (changed(rate=lambda m: "fast"), "returned rate str 'fast': a finite number"),
+    "Text": (
+        changed(error_drift=lambda m: "fast"),
+        "returned error_drift str 'fast': a finite number",
+    ),
 }
 
 
@@ -65,7 +69,7 @@ def servoed(scheme, **changes):
         "plant": "free", "features": "exact", "scheme": scheme, "gain": 4.0, "duration": 1.5,
         "camera": {"width": 320, "height": 240, "horizontal_fov": 1.05},
         "target": {"shape": [[-A, -A], [-A, A], [A, A], [A, -A]]},
-        "goal": {"pose": [0, 0, 0.5, np.pi, 0, 0]}, "options": {"hold": 0.2},
+        "goal": {"pose": [0, 0, 0.5, np.pi, 0, 0]}, "controller_parameters": {"hold": 0.2},
         "start": {"pose": [0.02, 0.01, 0.52, np.pi + 0.03, 0.02, 0.1]}, **changes,
     }))  # fmt: skip
 
@@ -90,7 +94,9 @@ def test_what_is_not_is_one_line_that_names_class_method_and_what_is_needed(name
 def test_numbers_that_are_none_now_and_then_are_counted(duration, kind):
     name = answering("Sometimes", changed(s=lambda m: m.s * np.nan), every=5)
     result = servoed(name, duration=duration)
-    faults = sum(state.decision is None and state.phase == "holding" for state in result.states)
+    faults = sum(
+        state.scheme_output is None and state.phase == "holding" for state in result.states
+    )
     assert faults > 0 and f"{faults} image" in result.reason and "at 0." in result.reason or (
         f"{faults} images of " in result.reason and "from 0." in result.reason
     )
@@ -109,7 +115,9 @@ class Aside(Feature):
 
     def measure(self, observation, goal):
         x, wanted = observation.moments.xg, goal.features[self.name]["x"]
-        return Measured(x, wanted, x - wanted, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
+        return FeatureMeasurement(
+            x, wanted, x - wanted, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0]
+        )
 
 
 def test_a_feature_that_teaches_needs_no_check_and_one_number_no_tuple():
@@ -129,7 +137,7 @@ class Centred(Aside):
 
     def measure(self, observation, goal):
         x = observation.moments.xg
-        return Measured(x, 0.0, x, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
+        return FeatureMeasurement(x, 0.0, x, [-1.0 / goal.depth, 0, 0, 0, -1.0 - x * x, 0])
 
 
 def test_what_a_feature_keeps_may_be_empty():
@@ -138,16 +146,18 @@ def test_what_a_feature_keeps_may_be_empty():
 
 
 class Halves(Proportional):
-    def rate(self, error, L, rotated_error, t, dt):
+    def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         return (-2.0 * error).tolist()
 
 
 class Lost(Proportional):
-    def rate(self, error, L, rotated_error, t, dt):
+    def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         return None
 
 
 def test_so_is_what_a_law_returns():
     assert servoed("numbered_points", law=f"{__name__}:Halves", gain=None, duration=3.0).converged
     result = servoed("numbered_points", law=f"{__name__}:Lost", gain=None, duration=0.3)
-    assert result.reason.startswith("Lost.rate returned NoneType None: (8,) finite numbers")
+    assert result.reason.startswith(
+        "Lost.desired_error_rate returned NoneType None: (8,) finite numbers"
+    )

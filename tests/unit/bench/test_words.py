@@ -8,26 +8,26 @@ import pytest
 import yaml
 
 from aras_visual_servo_bench import load_run
-from aras_visual_servo_bench.commands import (
-    analyzing,
-    browsing,
+from aras_visual_servo_bench.cli import (
+    analyze,
+    browse,
     dataset,
-    looking,
     main,
     protocol,
-    reading,
-    running,
+    results,
+    run,
+    show_tune,
 )
 from aras_visual_servo_bench.errors import BenchError, StudyError
-from aras_visual_servo_bench.numbers import summary
-from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.study import folder as folders
-from aras_visual_servo_bench.study import replay, tuner
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.metrics import summary
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.studies import replay, tuner
+from aras_visual_servo_bench.studies import study_folder as folders
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.web.report import video
 from aras_visual_servo_bench.web.report import write as reports
 
-STUDY = """experiment: {plant: free, features: pictures}
+STUDY = """experiment: {plant: free, features: images}
 repeats: 4
 seed: 10
 vary: {gain: [1.0, 2.0], delay: [0.0, 0.1]}
@@ -50,45 +50,48 @@ def asked(monkeypatch):
         monkeypatch.setattr(place, name, called)
 
     stub.found = found
-    for place in (reading, protocol):
+    for place in (results, protocol):
         monkeypatch.setattr(place.Results, "read", lambda folder: f"<{folder}>")
     return stub
 
 
 def test_a_table_is_of_the_rows_and_columns_that_were_asked_for(asked, tmp_path, capsys):
-    asked(reading.tables, "tabulated", "rows")
-    asked(reading.tables, "written", "a b\n")
+    asked(results.tables, "make_table", "rows")
+    asked(results.tables, "format_table", "a b\n")
     words = ["table", "x", "y", "--by", "p, q,", "--metrics", "m"]
     assert main([*words, "--format", "tex"]) == 0
-    assert asked.found == [("tabulated", ["<x>", "<y>"], ["p", "q"], ["m"]),
-                           ("written", "rows", "tex")]
+    assert asked.found == [("make_table", ["<x>", "<y>"], ["p", "q"], ["m"]),
+                           ("format_table", "rows", "tex")]
     assert capsys.readouterr().out == "a b\n"
     assert main([*words, "--out", str(tmp_path / "t.md")]) == 0
-    assert asked.found[-1] == ("written", "rows", "md") and not capsys.readouterr().out
+    assert asked.found[-1] == ("format_table", "rows", "md") and not capsys.readouterr().out
     assert (tmp_path / "t.md").read_text() == "a b\n"
     assert main([*words, "--out", str(tmp_path)]) == 1
     assert main([*words, "--format", "pdf"]) == 1 and "pdf" in capsys.readouterr().err
 
 
 def test_plots_are_put_where_they_are_wanted(asked, tmp_path, capsys):
-    asked(figures, "write_all", ["one.png", "two.svg"])
+    asked(study_figures, "write_figures", ["one.png", "two.svg"])
     assert main(["plot", "x", "y", "--metrics", "m,n"]) == 0
     assert capsys.readouterr().out == "one.png\ntwo.svg\n"
     assert main(["plot", "x", "--format", "svg, pdf", "--out", "there"]) == 0
     assert [[str(one) if not isinstance(one, list) else list(map(str, one)) for one in call]
             for call in asked.found] == [
-        ["write_all", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"]],
-        ["write_all", ["<x>"], "there", ["svg", "pdf"], [], ["x"]]]
+        ["write_figures", ["<x>", "<y>"], "x/plots", ["png"], ["m", "n"], ["x", "y"]],
+        ["write_figures", ["<x>"], "there", ["svg", "pdf"], [], ["x"]]]
 
 
 def test_differences_are_of_the_first_folder_and_the_second(asked, capsys):
-    asked(reading.compare, "differences", "found")
-    asked(reading.compare, "told", "so and so")
+    asked(results.compare, "find_differences", "found")
+    asked(results.compare, "describe_differences", "so and so")
     assert main(["diff", "x", "y", "--by", "p", "--metrics", "m,n"]) == 0
     assert main(["diff", "x", "y", "--all"]) == 0
     assert asked.found == [
-        ("differences", "<x>", "<y>", ["p"], ["m", "n"]), ("told", "found", False),
-        ("differences", "<x>", "<y>", [], []), ("told", "found", True)]
+        ("find_differences", "<x>", "<y>", ["p"], ["m", "n"]),
+        ("describe_differences", "found", False),
+        ("find_differences", "<x>", "<y>", [], []),
+        ("describe_differences", "found", True),
+    ]
     assert capsys.readouterr().out == 2 * "so and so\n"
 
 
@@ -98,8 +101,8 @@ def study(tmp_path, asked, monkeypatch):
     path = tmp_path / "mine.yaml"
     path.write_text(STUDY)
     for place in (protocol, dataset):
-        monkeypatch.setattr(place.Folder, "create", lambda *given: given)
-    asked(running, "carry_out", 7)
+        monkeypatch.setattr(place.StudyFolder, "create", lambda *given: given)
+    asked(run, "carry_out", 7)
     return path
 
 
@@ -133,7 +136,7 @@ def test_a_protocol_is_carried_out_in_part(asked, study, tmp_path, capsys, monke
 def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, study, tmp_path,
                                                                         capsys):
     asked(dataset.images, "check_room", "takes 3 MB")
-    asked(dataset, "kept_runs", 2)
+    asked(dataset, "count_stored_runs", 2)
     out = tmp_path / "out"
     words = ["dataset", str(study), "repeats=3", "--out", str(out)]
     for more, pictures, depth in (([], "all", False), (["--views"], "first", False),
@@ -141,7 +144,7 @@ def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, st
         asked.found.clear()
         assert main([*words, *more, "--in-process"]) == 7
         kept, room, (_, (folder, made, text), options) = asked.found
-        assert kept == ("kept_runs", out) and room == ("check_room", made, out, 2)
+        assert kept == ("count_stored_runs", out) and room == ("check_room", made, out, 2)
         assert folder == out and (made.pictures, made.depth, made.repeats) == (pictures, depth, 3)
         assert Study.from_mapping(yaml.safe_load(text)).digest == made.digest
         assert options.in_process and options.no_report and not options.mix | options.fail_fast
@@ -149,7 +152,7 @@ def test_a_data_set_is_of_all_images_or_of_views_with_depth_or_without(asked, st
 
 
 def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(looking.Folder, "open", lambda path: f"<{path.name}>")
+    monkeypatch.setattr(show_tune.StudyFolder, "open", lambda path: f"<{path.name}>")
     asked(replay, "replay", ("run", {"decay": (1, 2)}))
     asked(video, "write_with_video", ["a.html", "b.mp4"])
     assert main(["show", str(tmp_path / "s"), "12"]) == 0
@@ -158,7 +161,7 @@ def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, mon
         ("replay", "<s>", "12"), ("write_with_video", "run", str(tmp_path / "s" / "show-12")),
         ("replay", "<s>", "3"), ("write_with_video", "run", "there")]
     assert capsys.readouterr().out == 2 * (
-        "a.html\nb.mp4\nnot as it was recorded: decay was 1, is 2\n")
+        "a.html\nb.mp4\ndiffers from the recorded run: decay was 1, is 2\n")
 
     def fail(*_):
         raise StudyError("run 3 failed") from ZeroDivisionError("by nothing")
@@ -167,7 +170,7 @@ def test_a_run_is_shown_again_with_what_has_changed(asked, tmp_path, capsys, mon
     out = tmp_path / "deep" / "er"
     assert main(["show", str(tmp_path / "s"), "3", "--out", str(out)]) == 1
     told = capsys.readouterr().err
-    assert told.endswith(f": run 3 failed; where it was raised: {out / 'traceback.txt'}\n")
+    assert told.endswith(f": run 3 failed; traceback: {out / 'traceback.txt'}\n")
     assert "ZeroDivisionError: by nothing" in (out / "traceback.txt").read_text()
 
 
@@ -176,7 +179,7 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
                                      excursion=0.456, violation=0.0)
 
     class Tuner:
-        tried = range(9)
+        candidates = range(9)
 
         def __init__(self, *given):
             made.append(given)
@@ -196,7 +199,7 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
             made.append("closed")
 
     monkeypatch.setattr(tuner, "Tuner", Tuner)
-    monkeypatch.setattr(running, "pool", lambda options: Pool())
+    monkeypatch.setattr(run, "make_pool", lambda options: Pool())
     words = ["tune", str(study), "repeats=2", "--over", "gain=0.5:4", "--over", "lag=0:1",
              "--out", str(tmp_path / "o")]
     assert main([*words, "--metric", "decay_rate", "--evaluations", "5", "--success", "0.5"]) == 0
@@ -205,26 +208,27 @@ def test_settings_are_searched_for_as_the_words_say(asked, study, tmp_path, caps
     assert sought.repeats == 2 and list(sought.vary) == ["delay"]
     assert (metric, out, part, count, closed) == ("decay_rate", tmp_path / "o", 0.5, 5, "closed")
     assert capsys.readouterr().out == (
-        "gain=1.5, lag=0.25: decay_rate 0.1235, success 75%, farthest in the image 0.46; of 9 "
+        "gain=1.5, lag=0.25: decay_rate 0.1235, success 75%, image excursion 0.46; best of 9 "
         "candidates (tuned.yaml)\n")
     best.violation = 0.1
     made.clear()
-    assert main(words) == 1 and "no candidate keeps all in the image" in capsys.readouterr().err
+    assert main(words) == 1
+    assert "no candidate keeps the target in the image" in capsys.readouterr().err
     assert made[0][2] == "settled" and made[0][5] == 1.0 and made[1] == 48
 
 
 def test_runs_that_are_analyzed_have_the_names_that_they_are_given(asked, tmp_path, capsys,
                                                                     monkeypatch):
     shown = []
-    monkeypatch.setattr(analyzing, "Bar", lambda _stream: SimpleNamespace(
+    monkeypatch.setattr(analyze, "ProgressBar", lambda _stream: SimpleNamespace(
         show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
 
     def read(given, progress):
         progress(0.5)
         return SimpleNamespace(name=f"of {given}")
 
-    monkeypatch.setattr(analyzing, "load_run", read)
-    asked(analyzing, "report")
+    monkeypatch.setattr(analyze, "load_run", read)
+    asked(analyze, "write_reports")
     words = ["analyze", "a", "b", "--out", str(tmp_path)]
     assert main([*words, "--names", "one, two", "--formats", "svg,png", "--paper"]) == 0
     assert main([*words, "--names", "one,one"]) == 0
@@ -244,14 +248,14 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
 
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.setenv(name, display if name == "DISPLAY" else "")
-    seen = [SimpleNamespace(name="s", runs=3, of=9, note="cut off"),
-            SimpleNamespace(name="t", runs=1, of=1, note="")]
+    seen = [SimpleNamespace(name="s", stored_run_count=3, run_count=9, note="cut off"),
+            SimpleNamespace(name="t", stored_run_count=1, run_count=1, note="")]
     found, closed, opened = SimpleNamespace(studies=seen, note="more below"), [], []
-    served = SimpleNamespace(studies=SimpleNamespace(look=lambda: found),
+    served = SimpleNamespace(studies=SimpleNamespace(read_snapshot=lambda: found),
                              access=SimpleNamespace(address="http://x"),
                              close=lambda: closed.append(1))
     asked(pages, "serve", served)
-    monkeypatch.setattr(browsing.webbrowser, "open", lambda page: opened.append(page) or opens)
+    monkeypatch.setattr(browse.webbrowser, "open", lambda page: opened.append(page) or opens)
 
     waited = []
 
@@ -259,7 +263,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
         waited.append(len(closed))
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(browsing.threading.Event, "wait", wait)
+    monkeypatch.setattr(browse.threading.Event, "wait", wait)
     assert main(["browse", "d", "e", "--port", "99", "--address", "0.0.0.0"]) == 0
     _, folders, address, port, say = asked.found[0]
     assert (list(map(str, folders)), address, port, closed) == (["d", "e"], "0.0.0.0", 99, [1])
@@ -267,11 +271,11 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
     lines = capsys.readouterr().out.splitlines()
     assert lines[1:4] == ["s: 3 of 9 runs; cut off", "t: 1 of 1 runs", "more below"]
     assert opened == ([] if opens is None else ["http://x"])
-    assert any("no browser could be opened" in line for line in lines) is not (opens is True)
+    assert any("cannot open a browser" in line for line in lines) is not (opens is True)
     found.studies, found.note = [], ""
     assert main(["browse", "d", "--no-open"]) == 0 and len(opened) == (opens is not None)
     assert asked.found[-1][2:4] == ("127.0.0.1", 8090)
-    assert "no studies there yet" in capsys.readouterr().out
+    assert "no studies yet" in capsys.readouterr().out
     say("hello")
     assert capsys.readouterr().out == "hello\n"
     for port in ("1", "65535"):
@@ -289,7 +293,7 @@ def test_browsing_serves_until_it_is_interrupted(asked, capsys, monkeypatch, dis
 def bar(monkeypatch):
     """What the bar of progress shows."""
     shown = []
-    monkeypatch.setattr(analyzing, "Bar", lambda _stream: SimpleNamespace(
+    monkeypatch.setattr(analyze, "ProgressBar", lambda _stream: SimpleNamespace(
         show=lambda part, what: shown.append((part, what)), close=lambda: shown.append("closed")))
     return shown
 
@@ -316,7 +320,7 @@ def test_a_word_names_a_bag_however_it_was_left(bags, tmp_path):
                         (tmp_path / "b.bag", tmp_path / "b.bag.active")):
         assert load_run(str(given), parts.append) == f"bag {read}"
     assert parts == [0.25] * 5
-    for given, why in ((none, f"{none} holds no run.bag; a study's run is named as {none}:NUMBER"),
+    for given, why in ((none, f"{none} has no run.bag; for a run of a study give {none}:NUMBER"),
                        (tmp_path / "c.bag", f"there is no file {tmp_path / 'c.bag'}")):
         with pytest.raises(BenchError) as told:
             load_run(str(given), parts.append)
@@ -326,7 +330,7 @@ def test_a_word_names_a_bag_however_it_was_left(bags, tmp_path):
 def test_a_word_names_a_study_s_run_or_an_experiment(asked, bags, tmp_path, monkeypatch):
     folder = SimpleNamespace(path=tmp_path / "mine")
     opened = []
-    monkeypatch.setattr(folders.Folder, "open", lambda path: opened.append(path) or folder)
+    monkeypatch.setattr(folders.StudyFolder, "open", lambda path: opened.append(path) or folder)
     asked(replay, "replay", ("run", {}))
     assert load_run("a/b:12", print) == "run" and str(opened[0]) == "a/b"
     assert asked.found == [("replay", folder, 12, "mine:12")]
@@ -356,19 +360,19 @@ def test_a_report_tells_what_came_of_each_run(bar, capsys, monkeypatch, tmp_path
         return ["page.html", "a.png"]
 
     monkeypatch.setattr(summary, "summarise", lambda run: f"of {run.name}")
-    monkeypatch.setattr(summary, "told", lambda run, found: f"{run.name} {found}")
+    monkeypatch.setattr(summary, "describe_run", lambda run, found: f"{run.name} {found}")
     monkeypatch.setattr(reports, "write_report", write)
-    analyzing.report(runs, tmp_path, ("svg",), True)
+    analyze.write_reports(runs, tmp_path, ("svg",), True)
     said = "\na:\na of a\n  Note: late\n  Note: dark\n\nb:\nb of b\n"
-    assert capsys.readouterr().out == said + "\n2 files, the page is page.html\n"
+    assert capsys.readouterr().out == said + "\nwrote 2 files; the page is page.html\n"
     assert written == [(runs, tmp_path, ("svg",), True)] and bar == [(0.75, "figures"), "closed"]
-    analyzing.report(runs, None)
+    analyze.write_reports(runs, None)
     assert capsys.readouterr().out == said and len(written) == 1
-    analyzing.report(runs, tmp_path)
+    analyze.write_reports(runs, tmp_path)
     assert written[1][2:] == (("png",), False)
     bar.clear()
     with pytest.raises(BenchError):
-        analyzing.report(runs, tmp_path / "bad")
+        analyze.write_reports(runs, tmp_path / "bad")
     assert bar[-1] == "closed"
 
 
@@ -399,11 +403,12 @@ def test_a_bag_becomes_a_file_beside_it(bar, capsys, monkeypatch, tmp_path):
 def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
     bag, out = tmp_path / "a.bag", tmp_path / "deep" / "er"
     bag.write_text("")
-    found = SimpleNamespace(mapping=lambda: {"scheme": "points", "goal": [0.1, 0.2]},
-                            files=lambda: {"goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>"},
+    found = SimpleNamespace(make_mapping=lambda: {"scheme": "points", "goal": [0.1, 0.2]},
+                            collect_files=lambda: {"goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>"},
                             notes=["no start"])
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.ros.bag",
-                        SimpleNamespace(described=lambda path: found if path == bag else None))
+                        SimpleNamespace(read_recorded_experiment=lambda path: (
+                            found if path == bag else None)))
     told = "scheme: points\ngoal: [0.1, 0.2]\n"
     for more in ([], ["--out", str(out)]):
         assert main(["show", str(bag), *more]) == 0
@@ -411,32 +416,32 @@ def test_a_bag_s_experiment_is_shown_and_kept(capsys, monkeypatch, tmp_path):
     assert {path.name: path.read_text() for path in out.iterdir()} == {
         "goal.yaml": "depth: 0.2\n", "arm.urdf": "<é/>", "experiment.yaml": told}
     assert main(["show", str(bag), "3"]) == 1
-    assert f"{bag} is a bag: it holds one run" in capsys.readouterr().err
+    assert f"{bag} is a bag and contains only one run" in capsys.readouterr().err
     assert main(["show", str(tmp_path)]) == 1
-    assert f"say which run: bench show {tmp_path} 0" in capsys.readouterr().err
+    assert f"give the number of a run: bench show {tmp_path} 0" in capsys.readouterr().err
 
 
 def test_a_browser_that_fails_is_no_fault(monkeypatch):
     def fail(_page):
-        raise browsing.webbrowser.Error
+        raise browse.webbrowser.Error
 
-    monkeypatch.setattr(browsing.webbrowser, "open", fail)
+    monkeypatch.setattr(browse.webbrowser, "open", fail)
     for name in ("DISPLAY", "WAYLAND_DISPLAY"):
         monkeypatch.setenv("DISPLAY", "")
         monkeypatch.setenv("WAYLAND_DISPLAY", "")
-        assert browsing._opened("x") is False
+        assert browse._open_browser("x") is False
         monkeypatch.setenv(name, ":0")
-        assert browsing._opened("x") is False
+        assert browse._open_browser("x") is False
         with monkeypatch.context() as opens:
-            opens.setattr(browsing.webbrowser, "open", lambda page: page == "x")
-            assert browsing._opened("x") is True
+            opens.setattr(browse.webbrowser, "open", lambda page: page == "x")
+            assert browse._open_browser("x") is True
 
 
 def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_path, monkeypatch):
     told, given = [], []
 
     class Tuner:
-        tried = ()
+        candidates = ()
 
         def __init__(self, base, ranges, metric, out, carry_out, part):
             self.carry_out, self.base = carry_out, base
@@ -452,11 +457,11 @@ def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_
         def check_code(self):
             told.append("code")
 
-        def done(self):
+        def count_stored_runs(self):
             return 3
 
         @contextmanager
-        def locked(self):
+        def lock(self):
             told.append("lock")
             yield
             told.append("free")
@@ -465,14 +470,16 @@ def test_a_candidate_s_study_is_carried_out_in_its_own_folder(asked, study, tmp_
         __enter__ = __exit__ = lambda self, *_: None
 
     monkeypatch.setattr(tuner, "Tuner", Tuner)
-    monkeypatch.setattr(running, "pool", lambda options: Pool())
-    monkeypatch.setattr(looking.Folder, "create", lambda *made: given.append(made) or Folder())
-    monkeypatch.setattr(looking, "Progress", lambda *made: SimpleNamespace(
+    monkeypatch.setattr(run, "make_pool", lambda options: Pool())
+    monkeypatch.setattr(
+        show_tune.StudyFolder, "create", lambda *made: given.append(made) or Folder()
+    )
+    monkeypatch.setattr(show_tune, "Progress", lambda *made: SimpleNamespace(
         close=lambda: told.append(made)))
-    asked(looking.engine, "carry_out")
+    asked(show_tune.engine, "carry_out")
     assert main(["tune", str(study), "--out", str(tmp_path / "o")]) == 0
     ((path, made, text),) = given
     assert path == tmp_path / "1" and Study.from_mapping(yaml.safe_load(text)).digest == made.digest
     assert list(yaml.safe_load(text)) == list(made.to_mapping())
-    assert told == ["code", "lock", (made.runs, 3), "free"]
+    assert told == ["code", "lock", (made.run_count, 3), "free"]
     assert len(asked.found) == 1

@@ -6,10 +6,10 @@ import numpy as np
 
 from aras_sim_bridge.description import Geometry, Inertial, Link, RobotDescription, Visual
 from aras_sim_bridge.description.gazebo_materials import COLOURS
-from aras_sim_bridge.rendering import Sun
+from aras_sim_bridge.rendering import Lighting
 from aras_sim_bridge.world import Model, Pose, World
 
-BRIGHT = Sun(exposure="gazebo")  # white that faces up is 255, the background less
+BRIGHT = Lighting(exposure="gazebo")  # white that faces up is 255, the background less
 SENSOR_R_OPTICAL = np.array([[0.0, 0, 1], [-1, 0, 0], [0, -1, 0]])
 
 

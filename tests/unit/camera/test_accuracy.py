@@ -84,7 +84,7 @@ def picture(sensor, world_T_optical):
     config = sensor.config
     return sensor.renderer.render(
         View(config.width, config.height, world_T_optical, config.K, 0.005, 20.0,
-             sensor._whole[2]))
+             sensor._full_view[2]))
 
 
 def poses(config, count, seed=1, aside=0.5):

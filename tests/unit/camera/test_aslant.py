@@ -6,10 +6,10 @@ import numpy as np
 import pytest
 from wall import aslant, blocks, errors, wall
 
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 
 K = np.array([[300.0, 0.0, 161.3], [0.0, 310.0, 117.2], [0.0, 0.0, 1.0]])
-FLAT = Sun(ambient=1.0, diffuse=0.0)
+FLAT = Lighting(ambient=1.0, diffuse=0.0)
 # Towards +x, -x, +y, -y and between them; the rows of the picture across the slant and along it.
 VIEWS = [(0.0, 0.0), (np.pi, 0.0), (np.pi / 2, 0.0), (-np.pi / 2, 0.0), (0.0, np.pi / 2),
          (np.pi / 2, -np.pi / 2), (0.7, 0.7), (2.4, -0.8)]
@@ -38,7 +38,7 @@ def test_what_is_brighter_than_white_is_white_before_it_is_mixed(bench, tmp_path
     pixels = blocks(8, high=high)
     wall(bench, tmp_path, pixels)
     view = View(320, 240, aslant(np.radians(80.0), 0.7, 0.7, 2.5), K)
-    light = Sun(ambient=ambient, diffuse=0.0, exposure="gazebo")
+    light = Lighting(ambient=ambient, diffuse=0.0, exposure="gazebo")
     picture = create_renderer("exact", bench.world, light).render(view)
     off = errors(np.minimum(pixels * ambient, 255.0), view, picture)
     assert abs(off.mean()) < 4.0

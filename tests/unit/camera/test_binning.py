@@ -7,13 +7,13 @@ import pytest
 from scenes import looking
 from test_recomputed import AT, EYE, things
 
-from aras_sim_bridge.rendering import Sun, View, create_renderer
-from aras_sim_bridge.rendering.binning import Binning
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
+from aras_sim_bridge.rendering.binning import TileBinning
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.rendering.tiles import TILE
 from aras_sim_bridge.rendering.triangles import Triangles
 
-LIGHT = Sun(direction=(-0.5, 0.4, -0.8), ambient=0.3, diffuse=0.9)
+LIGHT = Lighting(direction=(-0.5, 0.4, -0.8), ambient=0.3, diffuse=0.9)
 # Over 16 tiles wide or high: three levels of tiles joined 4 x 4, the last ones in part.
 VIEWS = {"wide": ((195, 61), (150.0, 140.0, 88.2, 33.1)),
          "high": ((75, 170), (170.0, 160.0, 31.2, 90.4))}
@@ -33,7 +33,7 @@ def seen_of(bench, tmp_path, plainly):
         (width, height), (fx, fy, cx, cy) = VIEWS[name]
         K = np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1.0]])
         view = View(width, height, looking(EYE, AT, (0.2, 0.1, 1.0)), K, near, far)
-        return renderer, view, renderer.sample(view, 1.0, 0.0).seen
+        return renderer, view, renderer.sample(view, 1.0, 0.0).visible
 
     return seen
 
@@ -41,7 +41,7 @@ def seen_of(bench, tmp_path, plainly):
 def test_triangles_are_seen_in_the_eye_s_frame_and_light(seen_of):
     for near, far in ((0.02, 50.0), (0.4, 0.95)):
         renderer, view, seen = seen_of("wide", near, far)
-        g, T = renderer.triangles, view.optical_T_world @ renderer.scene.poses()
+        g, T = renderer.triangles, view.optical_T_world @ renderer.scene.read_poses()
         own = T[g.row[seen.triangle]]
         corners = np.einsum("nij,nkj->nki", own[:, :3, :3], g.corners[seen.triangle])
         corners += own[:, None, :3, 3]
@@ -57,7 +57,7 @@ def test_triangles_are_seen_in_the_eye_s_frame_and_light(seen_of):
             seen.light, LIGHT.scale * (0.3 + 0.9 * np.maximum(cosine, 0.0)), atol=1e-9)
         away = 1.0 / np.linalg.norm(seen.side.sum(axis=1), axis=1)
         cut = np.linalg.norm(corners, axis=2).max(axis=1) > far
-        assert (seen.cut == (cut | (away < near * view.tiles().widest))).all()
+        assert (seen.cut == (cut | (away < near * view.get_tiles().widest))).all()
         assert (seen.opaque == (g.albedo[seen.triangle, 3] >= 1.0)).all()
     assert 0 < seen.cut.sum() < len(seen.cut)
 
@@ -65,7 +65,7 @@ def test_triangles_are_seen_in_the_eye_s_frame_and_light(seen_of):
 @pytest.mark.parametrize("name", VIEWS)
 def test_tiles_list_what_their_rays_meet_first_and_little_else(seen_of, name):
     renderer, view, seen = seen_of(name)
-    tiles, g = view.tiles(), renderer.triangles
+    tiles, g = view.get_tiles(), renderer.triangles
     plane, part = seen.side.sum(axis=1), g.part[seen.triangle]
     side, listed, aside = seen.side.reshape(-1, 3), 0, 0
     # Half pixels of a tile, its border included, and half a tile around it.
@@ -97,7 +97,7 @@ def test_tiles_list_what_their_rays_meet_first_and_little_else(seen_of, name):
 @pytest.mark.parametrize("name", VIEWS)
 def test_what_is_behind_all_that_covers_a_tile_is_left_out(seen_of, name):
     renderer, view, seen = seen_of(name)
-    samples, tiles = renderer.sample(view, 1.0, 0.0).samples, view.tiles()
+    samples, tiles = renderer.sample(view, 1.0, 0.0).samples, view.get_tiles()
     plane, left = seen.side.sum(axis=1), 0
     ends = np.array([[-0.5, 7.5, -0.5, 7.5], [-0.5, -0.5, 7.5, 7.5], [1.0] * 4])
     x, y = (a.ravel() * 0.998 - 0.49 for a in np.meshgrid(np.arange(9.0), np.arange(9.0)))
@@ -134,8 +134,8 @@ def test_a_pane_before_all_of_a_picture_is_listed_in_each_of_its_tiles(bench, pl
     scene.refresh()
     view = View(128, 128, looking([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]),
                 np.array([[150.0, 0.0, 70.2], [0.0, 140.0, 60.4], [0.0, 0.0, 1.0]]))
-    seen = Binning(Triangles.of(scene.parts)).seen(
-        view.tiles(), view.optical_T_world @ scene.poses(), np.array([[0.0, 0.0, 1.0]]),
+    seen = TileBinning(Triangles.from_visuals(scene.visuals)).find_visible(
+        view.get_tiles(), view.optical_T_world @ scene.read_poses(), np.array([[0.0, 0.0, 1.0]]),
         np.array([0.4, 0.8]), 0.02, 50.0)
     assert (np.diff(seen.start) >= 1).all() and len(seen.start) == 257
     assert not seen.opaque.any() and (seen.cover < 0).all()

@@ -10,7 +10,7 @@ import yaml
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.camera_file import read_camera
 from aras_sim_bridge.errors import CameraError
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZE = (640, 480)
@@ -120,10 +120,10 @@ def test_a_projected_grid_is_opencvs(tmp_path, name, D, model):
     grid = np.column_stack([x.ravel(), y.ravel(), np.ones(x.size)])
     project = cv2.projectPoints if model != "equidistant" else cv2.fisheye.projectPoints
     expected = project(grid[:, None], np.zeros(3), np.zeros(3), K, np.array(D or (0.0,) * 4))[0]
-    pixels = camera.model.project(grid)
+    pixels = camera.projection.project(grid)
     assert np.abs(pixels - expected.reshape(-1, 2)).max() < 1e-6
     assert (camera.width, camera.height) == SIZE
-    info = camera.intrinsics()  # what the camera node and the loop get
+    info = camera.make_intrinsics()  # what the camera node and the loop get
     read = CameraModel(*SIZE, tuple(info.K.ravel()), info.D, info.model)
     assert np.abs(np.column_stack(read.project(*grid[:, :2].T)) - pixels).max() < 1e-6
 
@@ -151,8 +151,8 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
 
 
 @pytest.mark.parametrize(("name", "text", "message"), [
-    ("a.yaml", ROS.replace("plumb_bob", "fov"), "distortion_model 'fov' is not served"),
-    ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 numbers, and the distortion model eq"),
+    ("a.yaml", ROS.replace("plumb_bob", "fov"), "distortion_model 'fov' is not supported"),
+    ("a.yaml", ROS.replace("plumb_bob", "equidistant"), "5 numbers, but the distortion model eq"),
     ("a.yaml", ros(RATIONAL, "plumb_bob"), "8 numbers.*plumb_bob takes 4 or 5.*set the model rat"),
     ("a.yaml", ros(RATIONAL[:6], "plumb_bob"), "hold 6 numbers"),
     ("a.yaml", ROS.replace("width: 640", "width: 1280"), "cx = 331.25 px and image_width is 1280"),
@@ -165,17 +165,17 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
     ("a.yaml", ROS.replace("  - -0.02\n", ""), "1 rows and 5 cols, and its data hold 4"),
     ("a.yaml", ROS.replace("rows: 3", "rows: 4", 1), "camera_matrix has 4 rows"),
     ("a.yaml", CHAIN.replace("radtan", "fov"), "cam0: distortion_model 'fov'"),
-    ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not served"),
+    ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not supported"),
     ("a.yaml", CHAIN.replace("resolution", "size"), "cam0: resolution is missing"),
     ("a.yaml#cam7", CHAIN, "has the cameras cam0, cam1"),
     ("a.xml", STORE.replace("camera_matrix", "matrix"), "camera_matrix is missing"),
     ("a.xml", STORE.replace("distortion_coefficients", "other"), "distortion_coefficients are mis"),
     ("a.xml", re.sub("<image_.*>", "", STORE), "image_width and image_height are missing"),
     ("a.xml", VISP.replace("<kdu>0", "<kdu>-0"), "<kud> -0.21 and <kdu> -0.21 contradict"),
-    ("a.xml", VISP.replace("perspectiveProjWithDistortion", "fov"), "not served|<type> 'fov'"),
+    ("a.xml", VISP.replace("perspectiveProjWithDistortion", "fov"), "not supported|<type> 'fov'"),
     ("a.xml", VISP.replace("<py>610.0</py>", ""), "<py>"),
-    ("a.xml", "<robot name='x'/>", "root <robot>, and no calibration"),
-    ("a.yaml", "- 1\n", "neither a preset of a camera nor a calibration"),
+    ("a.xml", "<robot name='x'/>", "root <robot>, not a camera calibration"),
+    ("a.yaml", "- 1\n", "neither a camera preset nor a calibration"),
 ])  # fmt: skip
 def test_what_contradicts_itself_or_is_not_served_is_named(tmp_path, name, text, message):
     (tmp_path / name.partition("#")[0]).write_text(text)
@@ -206,7 +206,7 @@ def test_a_preset_names_its_calibration(tmp_path):
     assert CameraConfig.from_mapping(read_camera(preset)).camera_matrix[0] == 500.0
     for line, word in (("width: 320", "width"), ("horizontal_fov: 1.0", "horizontal_fov")):
         preset.write_text(f"calibration: head.yaml\n{line}\n")
-        with pytest.raises(CameraError, match=f"{word} is .* leave {word} out"):
+        with pytest.raises(CameraError, match=f"{word} is .* remove {word}"):
             read_camera(preset)
     with pytest.raises(CameraError, match="relative path"):
         CameraConfig.from_mapping({"calibration": "head.yaml"})
@@ -223,13 +223,15 @@ def test_a_polynomial_that_folds_outside_of_the_image(model, D):
     keys = {"width": 640, "height": 480, "distortion_model": model, "distortion_coefficients": D}
     camera = CameraConfig.from_mapping({**keys, "camera_matrix": (fx, fy, cx, cy)})
     u, v = (side.ravel() for side in np.meshgrid(np.arange(0, 640, 7.0), np.arange(0, 480, 7.0)))
-    rays = camera.model.unproject(np.column_stack([u, v]))
-    info = camera.intrinsics()
+    rays = camera.projection.unproject(np.column_stack([u, v]))
+    info = camera.make_intrinsics()
     read = CameraModel(*SIZE, tuple(info.K.ravel()), info.D, model)
     x, y, valid = read.normalise(u, v)
     assert valid.all() and np.abs(rays[:, :2] / rays[:, 2:] - np.column_stack([x, y])).max() < 1e-9
-    far = transform((0, 0, 0), (0, 0, 0.1))[:2, :2] @ np.array([[1.2, 2.0, 5.0], [0.9, -2.0, 1.0]])
+    far = matrix_from_xyz_rpy((0, 0, 0), (0, 0, 0.1))[:2, :2] @ np.array(
+        [[1.2, 2.0, 5.0], [0.9, -2.0, 1.0]]
+    )
     u, v = read.project(*far)
     assert ((u < 0) | (u > 639) | (v < 0) | (v > 479)).all()
-    with pytest.raises(CameraError, match="fold the picture over .*inside"):
+    with pytest.raises(CameraError, match="fold the projection over .*inside"):
         CameraConfig.from_mapping({**keys, "camera_matrix": (fx / 4, fy / 4, cx, cy)})

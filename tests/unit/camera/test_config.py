@@ -9,7 +9,7 @@ import yaml
 
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.camera.effects import AutoExposure, Effects, SensorModel
-from aras_sim_bridge.camera.shaking import Shake
+from aras_sim_bridge.camera.vibration import Shake
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.description.types import CameraPlugin, LensDescription, Noise
 from aras_sim_bridge.errors import CameraError
@@ -29,7 +29,7 @@ def description(plugin=None, **changes):
 
 def test_the_laboratory_camera_of_2015():
     config = CameraConfig.from_description(description())
-    info = config.intrinsics()
+    info = config.make_intrinsics()
     assert info.K[0, 0] == info.K[1, 1] == pytest.approx(160 / np.tan(1.0))
     assert (info.K[0, 2], info.K[1, 2]) == (159.5, 119.5)
     assert (info.width, info.height, info.model) == (320, 240, "plumb_bob")
@@ -37,7 +37,7 @@ def test_the_laboratory_camera_of_2015():
     assert info.P[0, 3] == pytest.approx(-info.K[0, 0] * 0.07)
     assert config.encoding == "rgb8"
     assert not any(np.asarray(part).flags.writeable for part in (info.K, info.P, info.R))
-    assert not CameraConfig.from_mapping({}).intrinsics().P[:, 3].any()  # of one eye
+    assert not CameraConfig.from_mapping({}).make_intrinsics().P[:, 3].any()  # of one eye
     for told, rate in ((12.0, 12.0), (45.0, 30.0), (0.0, 30.0)):  # the plugin only leaves some out
         assert CameraConfig.from_description(description({"update_rate": told})).update_rate == rate
     assert (config.frame_name, config.camera_name) == ("camera_link", "labrob/camera")
@@ -45,28 +45,30 @@ def test_the_laboratory_camera_of_2015():
 
 def test_the_baseline_is_that_of_a_row_of_pixels():
     matrix = {"fx": 210.0, "fy": 190.0, "cx": 150.0, "cy": 125.0}
-    info = CameraConfig.from_description(description(), {"camera_matrix": matrix}).intrinsics()
+    info = CameraConfig.from_description(description(), {"camera_matrix": matrix}).make_intrinsics()
     rows = [[210.0, 0.0, 150.0, -14.7], [0.0, 190.0, 125.0, 0.0], [0.0, 0.0, 1.0, 0.0]]
     projection = info.P
     assert projection == pytest.approx(np.array(rows))
 
 
 def test_legacy_camera_info_is_gazebos():
-    info = CameraConfig.from_description(description(), {"legacy_camera_info": True}).intrinsics()
+    info = CameraConfig.from_description(
+        description(), {"legacy_camera_info": True}
+    ).make_intrinsics()
     assert (info.K[0, 2], info.K[1, 2]) == (160.5, 120.5)
     assert info.K[0, 0] == pytest.approx(160 / np.tan(1.0))
     told = description(dict(focal_length=200.0, cx=150.0, distortion=(0.1, 0.2, 0.3, 0.4, 0.5)))
-    info = CameraConfig.from_description(told, {"legacy_camera_info": True}).intrinsics()
+    info = CameraConfig.from_description(told, {"legacy_camera_info": True}).make_intrinsics()
     assert info.K.ravel().tolist() == [200, 0, 150, 0, 200, 120.5, 0, 0, 1]
     assert (info.model, info.D) == ("plumb_bob", (0.1, 0.2, 0.4, 0.5, 0.3))
     auto = description(dict(auto_distortion=True, distortion=(9.0,) * 5),
                        distortion=(-0.1, 0.02, 0.0, 0.001, -0.002))
-    info = CameraConfig.from_description(auto, {"legacy_camera_info": True}).intrinsics()
+    info = CameraConfig.from_description(auto, {"legacy_camera_info": True}).make_intrinsics()
     assert info.D == (-0.1, 0.02, 0.001, -0.002, 0.0)
     straight = description(dict(auto_distortion=True, distortion=(9.0,) * 5))
     legacy = {"legacy_camera_info": True}
-    assert CameraConfig.from_description(straight, legacy).intrinsics().D == (0.0,) * 5
-    assert CameraConfig.from_mapping(legacy).intrinsics().D == (0.0,) * 5
+    assert CameraConfig.from_description(straight, legacy).make_intrinsics().D == (0.0,) * 5
+    assert CameraConfig.from_mapping(legacy).make_intrinsics().D == (0.0,) * 5
 
 
 def test_sensor_tags_are_rendered(caplog):
@@ -75,7 +77,7 @@ def test_sensor_tags_are_rendered(caplog):
     config = CameraConfig.from_description(tags)
     assert not caplog.records
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
-    assert "the distortion's center (0.5, 0.4) is not used" in caplog.text
+    assert "the distortion's center (0.5, 0.4) is ignored" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
     with pytest.raises(CameraError, match="'plumb_bob' does not go with lens 'equidistant'"):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
@@ -97,8 +99,8 @@ def test_wide_angle_camera():
     )
     assert config.lens == "stereographic"
     assert config.cutoff_angle == 1.5
-    assert CameraConfig.from_mapping({"lens": "equidistant", "cutoff_angle": 0.6}).model
-    assert config.intrinsics().model == "equidistant"
+    assert CameraConfig.from_mapping({"lens": "equidistant", "cutoff_angle": 0.6}).projection
+    assert config.make_intrinsics().model == "equidistant"
     unscaled = LensDescription("equidistant", scale_to_hfov=False)
     config = CameraConfig.from_description(
         description(kind="wideanglecamera", horizontal_fov=2.5, lens=unscaled))
@@ -111,22 +113,22 @@ def test_every_shipped_preset_is_valid(preset):
     config = CameraConfig.from_description(description(), overrides)
     corners = np.array([[0, 0], [config.width - 1, 0], [0, config.height - 1],
                         [config.width - 1, config.height - 1]])
-    assert np.isfinite(config.model.unproject(corners)).all(), "a corner would be black"
+    assert np.isfinite(config.projection.unproject(corners)).all(), "a corner would be black"
 
 
 @pytest.mark.parametrize("bad, says", [
     ({"horizontal_fov": 0.0}, "horizontal_fov 0.0"),
     ({"horizontal_fov": 3.2}, "take a fisheye lens"),
-    ({"lens": "equidistant", "horizontal_fov": 4.0}, "reaches above 0 and below 3.84"),
+    ({"lens": "equidistant", "horizontal_fov": 4.0}, "needs a value above 0 and below 3.84"),
     ({"width": 0}, "width is 0, must be >= 1 px"),
     ({"height": 2.5}, "height is 2.5, must be a whole number"),
     ({"format": "RGB888"}, "format 'RGB888' is not known; the nearest is 'R8G8B8'"),
     ({"lens": "fishy"}, "lens is 'fishy': known are pinhole"),
     ({"distortion_model": "brown"}, "distortion_model is 'brown': known are"),
     ({"distortion_coefficients": [1.0, 2.0]}, "takes 4 or 5"),
-    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the picture over"),
+    ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the projection over"),
     ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
-      "horizontal_fov": 3.0}, "fold the picture over at"),
+      "horizontal_fov": 3.0}, "fold the projection over at"),
     ({"update_rate": 0.0}, "update_rate is 0.0, must be > 0 Hz"),
     ({"near": 1.0, "far": 0.5}, "0 < near < far"),
     ({"camera_matrix": {"fx": 0, "fy": 1, "cx": 0, "cy": 0}}, "focal lengths above 0"),
@@ -147,7 +149,7 @@ def test_every_shipped_preset_is_valid(preset):
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
     ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle 0.0 rad"),
     ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
-    ({"camera_name": "my camera"}, "camera_name 'my camera' is no name"),
+    ({"camera_name": "my camera"}, "camera_name 'my camera' is not a valid ROS name"),
     ({"image_topic": ""}, "image_topic ''"),
     ({"image_topic": "camera_info"}, "two different names"),
     ({"effects": {"noise_stddev": True}}, "noise_stddev is True, must be a finite number"),
@@ -221,7 +223,7 @@ def test_a_picture_may_reach_up_to_the_fold_and_no_further(fits, beyond):
     lens = {"camera_matrix": {"fx": 100.0, "fy": 100.0, "cx": 0.0, "cy": 0.0},
             "distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}  # fmt: skip
     CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), fits, strict=True))})
-    with pytest.raises(CameraError, match="fold the picture over inside the image"):
+    with pytest.raises(CameraError, match="fold the projection over inside the image"):
         CameraConfig.from_mapping({**lens, **dict(zip(("width", "height"), beyond, strict=True))})
 
 
@@ -233,11 +235,11 @@ def test_a_picture_may_reach_up_to_what_its_lens_sees(lens, reach):
     """Degrees from the axis."""
     widest = 2.0 * np.radians(reach) - (1e-9 if lens == "pinhole" else 0.0)
     CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest})
-    with pytest.raises(CameraError, match=f"lens {lens} reaches above 0 and below"):
+    with pytest.raises(CameraError, match=f"lens {lens} needs a value above 0 and below"):
         CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest + 1e-6})
     if lens != "pinhole":
         CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0})
-        with pytest.raises(CameraError, match=f"lens {lens} reaches above 0 and up to"):
+        with pytest.raises(CameraError, match=f"lens {lens} needs a value above 0 and up to"):
             CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0 + 1e-6})
 
 

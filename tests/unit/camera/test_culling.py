@@ -54,11 +54,11 @@ def test_each_pixel_shows_the_box_that_its_ray_meets_first(bench, lens):
         model = bench.box(half, rng.uniform(-1.5, 1.5, 3), orientation=turned(rng))
         boxes.append((model.body_id, np.array(model.link_pose("link").matrix()), half))
     sensor = sensor_of(bench, **LENSES[lens])
-    rays = sensor.config.model.unproject(np.argwhere(np.ones((56, 72)))[:, ::-1].astype(float))
+    rays = sensor.config.projection.unproject(np.argwhere(np.ones((56, 72)))[:, ::-1].astype(float))
     wrong = compared = 0
     for _ in range(12):
         T = looking(rng.uniform(-1.0, 1.0, 3), rng.uniform(-1.0, 1.0, 3))
-        view = sensor.view(link_pose(T))
+        view = sensor.make_view(link_pose(T))
         _, label = sensor.renderer.measure(view)
         known = np.isfinite(rays[:, 0])
         away = np.array([met(rays[known], view.optical_T_world @ box, half)
@@ -86,7 +86,7 @@ def test_what_is_behind_the_camera_changes_no_pixel(bench, lens):
         turn = rng.uniform(0, 2 * np.pi)
         T = looking([*rng.uniform(-0.1, 0.1, 2), 0.85], [*rng.uniform(-0.02, 0.02, 2), 0.59],
                     (np.cos(turn), np.sin(turn), 0.0))
-        views.append(sensor.view(link_pose(T)))
+        views.append(sensor.make_view(link_pose(T)))
     alone = [sensor.renderer.render(view).copy() for view in views]
     for _ in range(12):
         turn = rng.uniform(0, np.pi)
@@ -98,8 +98,8 @@ def test_what_is_behind_the_camera_changes_no_pixel(bench, lens):
 
 @pytest.mark.parametrize("lens", LENSES)
 def test_the_cones_around_tiles_are_around_their_rays_and_little_wider(bench, lens):
-    view = sensor_of(bench, **LENSES[lens], width=320, height=240).view(np.eye(4))
-    tiles, rays = view.tiles(), view.tiles().rays()
+    view = sensor_of(bench, **LENSES[lens], width=320, height=240).make_view(np.eye(4))
+    tiles, rays = view.get_tiles(), view.get_tiles().compute_rays()
     seen = np.isfinite(rays[..., 0])
     shown_angle = np.arccos(tiles.nodes[tiles.nodes[:, 3] < 1.5][0, 3])  # of one tile
     for (first, _, columns, _), size in zip(tiles.levels, (1, 4, 16, 64), strict=True):

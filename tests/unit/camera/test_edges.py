@@ -10,10 +10,16 @@ from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry
 from aras_sim_bridge.rendering import View
 from aras_sim_bridge.rendering.renderer import CENTRE
-from aras_sim_bridge.rendering.shading import word
-from aras_sim_bridge.rendering.shadows import SUNLIT
+from aras_sim_bridge.rendering.shading import pack_colour
+from aras_sim_bridge.rendering.shadows import NO_IRRADIANCE
 from aras_sim_bridge.rendering.sky import NO_SKY
-from aras_sim_bridge.rendering.tiles import MISFIT, TILE, Tiles, _Continued, _through
+from aras_sim_bridge.rendering.tiles import (
+    LARGEST_MISFIT,
+    TILE,
+    Tiles,
+    _ExtrapolatedLens,
+    _fit_matrices,
+)
 
 K = np.array([[150.0, 0, 80.3], [0, 155.0, 55.8], [0, 0, 1]])
 HALF = [[0, 0, 38], [0, 0, 25], [0, 0, 0]]  # to the centre of a picture half as large
@@ -36,10 +42,18 @@ def finely_sampled(renderer, view, fine=16):
                  view.far)
     one = renderer.sample(large, 1.0, CENTRE)
     shader, background = one.canvas.shader, 255.0 * np.array(renderer.light.background[:3])
-    plain = shader.plain(renderer.triangles, one.seen)
+    plain = shader.compute_uniform_colours(renderer.triangles, one.visible)
     none = np.zeros(len(one.samples.tile), np.uint64)
-    words = shader.words(renderer.triangles, one.seen, one.samples, plain, word(*background), none,
-                         SUNLIT, NO_SKY)
+    words = shader.draw_samples(
+        renderer.triangles,
+        one.visible,
+        one.samples,
+        plain,
+        pack_colour(*background),
+        none,
+        NO_IRRADIANCE,
+        NO_SKY,
+    )
     rgba = words.view(np.uint8).reshape(*words.shape, 4)[:large.height, :large.width, :3]
     return rgba.reshape(view.height, fine, view.width, fine, 3).mean(axis=(1, 3))
 
@@ -193,18 +207,18 @@ def test_views_that_differ_in_their_intrinsics_alone_are_told_apart(bench):
 @pytest.mark.parametrize("lens", UNLIKE)
 def test_tiles_follow_the_rays(bench, lens):
     config = half_size(lens)
-    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
     v, u = np.mgrid[:config.height, :config.width]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    rays = config.model.unproject(pixels).reshape(config.height, config.width, 3)
-    there = tiles.rays()
+    rays = config.projection.unproject(pixels).reshape(config.height, config.width, 3)
+    there = tiles.compute_rays()
     assert (np.isfinite(there[..., 0]) == np.isfinite(rays[..., 0])).all()
     # In pixels: by how far apart the rays of neighbours are.
     apart = np.linalg.norm(there - rays, axis=2)[:, 1:] / np.linalg.norm(np.diff(rays, axis=1),
                                                                          axis=2)
     # At its rim an orthographic lens shows any angle on a pixel.
-    assert np.nanpercentile(apart, 99) < MISFIT
-    assert np.nanmedian(apart) < MISFIT / 2
+    assert np.nanpercentile(apart, 99) < LARGEST_MISFIT
+    assert np.nanmedian(apart) < LARGEST_MISFIT / 2
     # And to all sides alike: what covers some tiles is not shifted.
     rows, columns = config.height // TILE, config.width // TILE
     across = np.gradient(rays, axis=1)
@@ -215,9 +229,9 @@ def test_tiles_follow_the_rays(bench, lens):
 
 def test_the_cones_of_tiles_are_around_what_they_show_and_little_more():
     config = camera("equidistant_220")
-    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
+    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
     rays = np.full((tiles.rows * TILE, tiles.columns * TILE, 3), np.nan)
-    rays[:tiles.height, :tiles.width] = tiles.rays()
+    rays[:tiles.height, :tiles.width] = tiles.compute_rays()
     rays = rays.reshape(tiles.rows, TILE, tiles.columns, TILE, 3).swapaxes(1, 2)
     rays = rays.reshape(len(tiles.axis), TILE * TILE, 3)
     shown = np.isfinite(rays[..., 0]).any(axis=1)
@@ -239,12 +253,12 @@ def test_a_cell_s_matrix_leads_through_its_four_corners(pixel):
         return way / np.linalg.norm(way)
 
     corners = [ray(x, y)[None] for x, y in ((-0.5, -0.5), (3.5, -0.5), (-0.5, 3.5), (3.5, 3.5))]
-    found = _through(*corners, 4)[0]
+    found = _fit_matrices(*corners, 4)[0]
     for x, y in ((0.0, 0.0), (3.0, 1.0), (1.3, 2.8), (3.5, 3.5)):
         way = found @ [x, y, 1.0]
         apart = np.linalg.norm(np.cross(way, ray(x, y))) / np.linalg.norm(way)
         assert apart < 1e-3 * pixel + 1e-15 and way @ ray(x, y) > 0.0
-    assert np.isfinite(_through(*corners[:1] * 4, 4)).all()
+    assert np.isfinite(_fit_matrices(*corners[:1] * 4, 4)).all()
 
 
 def test_rays_beyond_a_lens_s_rim_go_on_as_they_do_there_for_two_tiles():
@@ -261,23 +275,23 @@ def test_rays_beyond_a_lens_s_rim_go_on_as_they_do_there_for_two_tiles():
     nearer = np.minimum(away, 46.0) / np.maximum(away, 1e-9)
     wanted = np.column_stack([(points - centre) / focal * nearer[:, None], np.ones(len(points))])
     wanted[away > 30.0] /= np.linalg.norm(wanted[away > 30.0], axis=1, keepdims=True)
-    found = _Continued(unproject, centre)
-    np.testing.assert_allclose(found.rays(points), wanted, atol=1e-6)
+    found = _ExtrapolatedLens(unproject, centre)
+    np.testing.assert_allclose(found.compute_rays(points), wanted, atol=1e-6)
     shown = np.random.default_rng(2).random((9, 10)) < 0.3
-    corners, middles = found.corners(shown, TILE), found.middles(shown, TILE)
+    corners, middles = found.corner_rays(shown, TILE), found.centre_rays(shown, TILE)
     v, u = np.nonzero(shown)
-    np.testing.assert_allclose(middles, found.rays(np.column_stack([u, v]) * 8.0 + 3.5))
+    np.testing.assert_allclose(middles, found.compute_rays(np.column_stack([u, v]) * 8.0 + 3.5))
     at = {(v[n] + k, u[n] + m) for n in range(len(u)) for k in (0, 1) for m in (0, 1)}
     for place in np.ndindex(10, 11):
-        ray = found.rays(np.array([place[::-1]]) * 8.0 - 0.5)[0]
+        ray = found.compute_rays(np.array([place[::-1]]) * 8.0 - 0.5)[0]
         np.testing.assert_array_equal(corners[place], ray if place in at else [0.0, 0.0, 1.0])
 
 
 @pytest.mark.parametrize("lens", ["equidistant_220", "stereographic"])
 def test_tiles_as_one_cell_are_beside_their_cells_by_no_more_than_their_spread(lens):
     config = half_size(lens)
-    tiles = Tiles.of_lens(config.width, config.height, config.model.unproject)
-    rays = tiles.rays()
+    tiles = Tiles.of_lens(config.width, config.height, config.projection.unproject)
+    rays = tiles.compute_rays()
     v, u = np.nonzero(np.isfinite(rays[..., 0]))
     tile = (v // TILE) * tiles.columns + u // TILE
     x, y, w = np.einsum("nij,nj->in", tiles.inverse[tile], rays[v, u])
@@ -299,7 +313,7 @@ def test_what_covers_much_does_not_hide_what_covers_less_and_crosses_it(bench):
                       orientation=(0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
     config = CameraConfig.from_mapping({"horizontal_fov": np.pi / 2, "near": 0.02})
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    _, label = sensor.renderer.measure(sensor.view(np.eye(4)))
+    _, label = sensor.renderer.measure(sensor.make_view(np.eye(4)))
     rows = label[90:150]
     crossing = config.K[0, 2] - config.K[0, 0] * 0.1
     u = np.arange(320)
@@ -316,7 +330,7 @@ def test_a_pinhole_is_the_lens_whose_tiles_are_exact(bench):
     pose = looking([2.0, 1.0, 1.0], [0, 0, 0])
     flat = View(config.width, config.height, pose, config.K, 0.02)
     lens = View(config.width, config.height, pose, config.K, 0.02,
-                lens=Tiles.of_lens(config.width, config.height, config.model.unproject))
+                lens=Tiles.of_lens(config.width, config.height, config.projection.unproject))
     assert lens.lens.cells == 1
     assert np.abs(sensor.renderer.render(flat).astype(int) - sensor.renderer.render(lens)).max() < 2
 
@@ -332,7 +346,7 @@ def test_pictures_have_any_size(size, lens):
         settings["camera_matrix"] = [focal, focal, size[0] / 2, size[1] / 2]
     config = CameraConfig.from_mapping(settings)
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    view = sensor.view(np.eye(4))
+    view = sensor.make_view(np.eye(4))
     assert sensor.renderer.render(view).shape == (size[1], size[0], 3)
     depth, label = sensor.renderer.measure(view)
     assert depth.shape == label.shape == size[::-1]
@@ -367,10 +381,10 @@ def test_depth_through_a_lens_is_where_the_ray_of_the_pixel_meets_the_plane(benc
               [0.0, np.sin(half), 0.0, np.cos(half)])
     sensor = sensor_of(half_size(lens), bench)
     config = sensor.config
-    view = sensor.view(np.eye(4))
+    view = sensor.make_view(np.eye(4))
     depth, label = sensor.renderer.measure(view)
     v, u = np.mgrid[:config.height, :config.width]
-    rays = config.model.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
+    rays = config.projection.unproject(np.stack([u.ravel(), v.ravel()], axis=1).astype(float))
     to_world = view.world_T_optical[:3, :3]
     normal = np.array([np.cos(2 * half), 0.0, -np.sin(2 * half)])
     with np.errstate(invalid="ignore", divide="ignore"):
@@ -389,10 +403,10 @@ def test_depth_through_lenses_is_that_of_the_pixel_s_own_ray(bench):
     config = CameraConfig.from_mapping({"width": 160, "height": 120, "far": 50.0,
                                         "lens": "equidistant", "horizontal_fov": np.pi})
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
-    depth, _ = sensor.renderer.measure(sensor.view(np.eye(4)))
+    depth, _ = sensor.renderer.measure(sensor.make_view(np.eye(4)))
     v, u = np.mgrid[:120, :160]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    forward = config.model.unproject(pixels)[:, 2].reshape(120, 160)
+    forward = config.projection.unproject(pixels)[:, 2].reshape(120, 160)
     near = np.nan_to_num(forward) > 0.3
     assert near.mean() > 0.5
     np.testing.assert_allclose(depth[near] * forward[near], 0.5, rtol=1e-5)

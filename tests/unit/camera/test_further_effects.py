@@ -37,7 +37,7 @@ def read_out(further, stamp=7, seed=3, **others):
 def test_every_registered_effect_changes_the_light_and_nothing_in_place(name):
     before = IMAGE.copy()
     assert (read_out({name: {}}) != IMAGE).any()
-    assert (before == IMAGE).all() and EFFECTS[name].__doc__ and EFFECTS.parameters(name)
+    assert (before == IMAGE).all() and EFFECTS[name].__doc__ and EFFECTS.list_parameters(name)
 
 
 def test_defocus_spreads_an_edge_by_its_standard_deviation_and_keeps_the_light():

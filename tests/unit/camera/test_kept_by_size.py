@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from aras_sim_bridge.rendering.recent import Recent
+from aras_sim_bridge.rendering.byte_limited_cache import ByteLimitedCache
 
 
 @dataclass
@@ -10,7 +10,7 @@ class Made:
     nbytes: int
 
 
-def keys(recent: Recent, wanted: dict[str, int]) -> list[str]:
+def keys(recent: ByteLimitedCache, wanted: dict[str, int]) -> list[str]:
     """Those of `wanted` that had to be made."""
     made = []
     for key, size in wanted.items():
@@ -19,21 +19,21 @@ def keys(recent: Recent, wanted: dict[str, int]) -> list[str]:
 
 
 def test_any_number_of_small_ones_stay_and_come_again_as_they_are():
-    recent: Recent[str, Made] = Recent(1000)
+    recent: ByteLimitedCache[str, Made] = ByteLimitedCache(1000)
     small = {str(n): 1 for n in range(1000)}
     assert len(keys(recent, small)) == 1000
     assert keys(recent, small) == []
 
 
 def test_of_large_ones_those_used_last_stay():
-    recent: Recent[str, Made] = Recent(100)
+    recent: ByteLimitedCache[str, Made] = ByteLimitedCache(100)
     assert keys(recent, {"a": 50, "b": 50}) == ["a", "b"]
     assert keys(recent, {"a": 50, "c": 50}) == ["c"]  # b goes, which was used before a
     assert keys(recent, {"a": 50, "b": 50}) == ["b"]
 
 
 def test_one_that_is_larger_than_all_room_is_kept_alone():
-    recent: Recent[str, Made] = Recent(100)
+    recent: ByteLimitedCache[str, Made] = ByteLimitedCache(100)
     assert keys(recent, {"a": 1, "large": 101}) == ["a", "large"]
     assert keys(recent, {"large": 101}) == []
     assert keys(recent, {"a": 1}) == ["a"]
@@ -41,7 +41,7 @@ def test_one_that_is_larger_than_all_room_is_kept_alone():
 
 
 def test_nothing_is_kept_of_a_closed_renderer():
-    recent: Recent[str, Made] = Recent(100)
+    recent: ByteLimitedCache[str, Made] = ByteLimitedCache(100)
     keys(recent, {"a": 1})
     recent.clear()
     assert keys(recent, {"a": 1}) == ["a"]

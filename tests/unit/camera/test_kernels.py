@@ -10,18 +10,26 @@ from aras_sim_bridge.rendering import (
     areas,
     binning,
     cones,
-    crowd,
+    dense_coverage,
+    depth_and_labels,
+    edge_detection,
     edges,
-    finding,
-    measuring,
     sampling,
     shadows,
     textures,
 )
 from aras_sim_bridge.rendering.areas import LINES, PLANE
-from aras_sim_bridge.rendering.crowd import FINE
-from aras_sim_bridge.rendering.lamps import COLOUR, FADE, KIND, PLACE, RADIUS, WIDTH, towards
-from aras_sim_bridge.rendering.shading import word
+from aras_sim_bridge.rendering.dense_coverage import FINE
+from aras_sim_bridge.rendering.lamps import (
+    COLOUR,
+    FADE,
+    KIND,
+    PLACE,
+    RADIUS,
+    WIDTH,
+    direction_to_lamp,
+)
+from aras_sim_bridge.rendering.shading import pack_colour
 
 ROUND = np.arange(FINE)
 # Hammersley's points: rows by the bits of the column turned round.
@@ -57,7 +65,7 @@ def cone(axis, angle):
 
 
 def test_a_box_is_off_a_cone_where_its_corners_are_behind_it_or_beyond_its_side(rng):
-    off = cones.off.py_func
+    off = cones.is_box_outside.py_func
     found = []
     for _ in range(400):
         T, axis, angle = posed(rng), unit(rng), rng.uniform(0.05, 1.4)
@@ -74,7 +82,7 @@ def test_a_box_is_off_a_cone_where_its_corners_are_behind_it_or_beyond_its_side(
 
 
 def test_cones_are_beside_each_other_where_the_angle_between_them_is_larger_than_both(rng):
-    beside = cones.beside.py_func
+    beside = cones.is_cone_disjoint.py_func
     for _ in range(200):
         (one, other), (a, b) = unit(rng, 2), rng.uniform(0.05, 2.0, 2)
         apart = np.arccos(one @ other)
@@ -97,17 +105,17 @@ def test_a_cone_is_beyond_or_within_the_sides_of_a_triangle(rng):
         above = np.arcsin(side[0] @ axis / np.sqrt(length2[0]))
         nodes = cone(axis, angle)
         beyond, inside = (above < -angle).any(), (above[1:] >= angle).all()
-        assert cones.outside.py_func(side, length2, 0, nodes, 0) == beyond
-        assert bool(cones.within.py_func(side, length2, 0, nodes, 0)) == inside
+        assert cones.is_outside.py_func(side, length2, 0, nodes, 0) == beyond
+        assert bool(cones.is_within.py_func(side, length2, 0, nodes, 0)) == inside
         seen.add((beyond, inside))
     assert len(seen) == 4
     wide = cone(axis, 1.7)
-    assert not cones.outside.py_func(side, length2, 0, wide, 0)
-    assert not cones.within.py_func(side, length2, 0, wide, 0)
+    assert not cones.is_outside.py_func(side, length2, 0, wide, 0)
+    assert not cones.is_within.py_func(side, length2, 0, wide, 0)
 
 
 def test_of_a_cluster_s_triangles_those_that_touch_a_cone_are_bits(rng):
-    touching = cones.touching.py_func
+    touching = cones.find_touching.py_func
     for count in (1, 8, 9, 21):
         work, there, through = np.zeros((12, 4, 8)), 0, 0
         axis, angle = unit(rng), 0.2
@@ -131,14 +139,15 @@ def test_of_two_triangles_one_is_nearer_in_all_of_a_cone_or_neither_is(rng):
         difference = planes[0] - planes[1]
         above = np.arcsin(difference @ axis / np.linalg.norm(difference))
         wanted = 0 if abs(above) <= angle else int(np.sign(above))
-        assert cones.nearer.py_func(planes, 0, 1, cone(axis, angle), 0) == wanted
+        assert cones.compare_depth.py_func(planes, 0, 1, cone(axis, angle), 0) == wanted
         seen.append(wanted)
     assert set(seen) == {-1, 0, 1}
     ahead = np.array([2.0 * axis, axis])
-    assert cones.nearer.py_func(ahead, 0, 1, cone(axis, 1.5), 0) == 1
-    assert cones.nearer.py_func(ahead, 0, 1, cone(axis, 1.6), 0) == 0  # it sees backwards too
+    assert cones.compare_depth.py_func(ahead, 0, 1, cone(axis, 1.5), 0) == 1
+    # it sees backwards too
+    assert cones.compare_depth.py_func(ahead, 0, 1, cone(axis, 1.6), 0) == 0
     same = np.array([axis, axis])  # one on the other
-    assert cones.nearer.py_func(same, 0, 1, cone(axis, 0.3), 0) == 0
+    assert cones.compare_depth.py_func(same, 0, 1, cone(axis, 0.3), 0) == 0
 
 
 def test_a_point_in_a_pixel_stands_before_its_triangle_by_more_the_farther_it_is(rng):
@@ -150,18 +159,18 @@ def test_a_point_in_a_pixel_stands_before_its_triangle_by_more_the_farther_it_is
         normal *= np.sign(normal @ ray)
         corners = there + np.cross(normal, rng.normal(size=(3, 3)))
         side, p, g = np.linalg.inv(corners.T)[None], np.empty(3), np.empty(3)
-        assert shadows._point.py_func(matrices, 0, side, 0, x, y, p, g)
+        assert shadows._find_surface_point.py_func(matrices, 0, side, 0, x, y, p, g)
         off = shadows.OFF + shadows.OFF_FAR * np.abs(there).sum()
         assert g == pytest.approx(-normal)
         assert (p - there) @ g == pytest.approx(off, rel=1e-3)
-        assert not shadows._point.py_func(matrices, 0, -side, 0, x, y, p, g)
+        assert not shadows._find_surface_point.py_func(matrices, 0, -side, 0, x, y, p, g)
 
 
 def test_pairs_are_sorted_by_tile_and_by_number_in_each(rng):
     tile = rng.integers(0, 7, 60)
     tile[tile == 3] = 5
     member, full = rng.permutation(60), rng.random(60) < 0.5
-    start, members, fulls = binning._by_tile.py_func(tile, member, full, 50, 8)
+    start, members, fulls = binning._sort_by_tile.py_func(tile, member, full, 50, 8)
     order = np.lexsort([member[:50], tile[:50]])
     np.testing.assert_array_equal(members, member[order])
     np.testing.assert_array_equal(fulls, full[order])
@@ -177,10 +186,10 @@ def test_a_triangle_s_box_is_around_its_corners_in_the_tile(rng):
             wanted = (u / w).min(), (u / w).max(), (v / w).min(), (v / w).max()
         else:
             wanted = -np.inf, np.inf, -np.inf, np.inf
-        assert sampling._box.py_func(corner, 1, inverse, 1) == pytest.approx(wanted)
+        assert sampling._find_box.py_func(corner, 1, inverse, 1) == pytest.approx(wanted)
     for u, v, beside in ((-1.0, 0.0, True), (0.0, -1.0, True), (0.05, 0.0, False)):
         corner = np.tile([u, v, 1e-7], (1, 3, 1))  # it is seen a million pixels aside
-        left = sampling._box.py_func(corner, 0, np.eye(3)[None], 0)[0]
+        left = sampling._find_box.py_func(corner, 0, np.eye(3)[None], 0)[0]
         assert (left == -np.inf) == beside
 
 
@@ -192,8 +201,8 @@ def test_a_triangle_is_before_the_plane_of_another_or_through_it(rng):
         normal = np.cross(corner[1, 1] - corner[1, 0], corner[1, 2] - corner[1, 0])
         eye, own = -corner[1, 0] @ normal, (corner[0] - corner[1, 0]) @ normal
         wanted = (own * eye >= 0.0).all()
-        assert edges._before.py_func(corner, side, 0, 1) == wanted
-        assert edges._before.py_func(corner, side, 1, 1)  # its own, to the last digits
+        assert edges._is_before.py_func(corner, side, 0, 1) == wanted
+        assert edges._is_before.py_func(corner, side, 1, 1)  # its own, to the last digits
         found.append(wanted)
     assert 10 < sum(found) < 90
 
@@ -229,7 +238,7 @@ def test_samples_count_what_each_triangle_covers_and_shows(rng):
         sliver[here[1]] = True
         x0, y0 = 0.3, -0.2
         work, counts = np.empty((3, FINE), np.float32), np.full((left, 2), np.nan)
-        farthest = crowd.sampled.py_func(
+        farthest = dense_coverage.sample_pixel.py_func(
             here, line, lines, sliver, x0, y0, left, solid, work, counts)
         depth, shows, points = np.zeros(FINE), np.full(FINE, -1), SAMPLES + (x0, y0)
         for n, k in enumerate(here):
@@ -247,7 +256,7 @@ def test_samples_count_what_each_triangle_covers_and_shows(rng):
         assert farthest == pytest.approx(depth.min(), rel=1e-6)
         n = int(np.argmax(counts[:solid, 1]))
         middle = np.zeros((left, 2))
-        crowd.sample_mean.py_func(work, n, (shows == n).sum(), middle)
+        dense_coverage.compute_sample_mean.py_func(work, n, (shows == n).sum(), middle)
         assert middle[n] == pytest.approx(SAMPLES[shows == n].mean(axis=0))
 
 
@@ -259,7 +268,9 @@ def test_rows_say_the_area_above_lines_and_its_middle(rng):
         lines[0] = 3
         there, _ = above(line, lines, 0, points)
         middle = np.full((2, 2), np.nan)
-        area = crowd.by_rows.py_func(line, 3, np.empty((3, FINE), np.float32), middle, 1)
+        area = dense_coverage.integrate_rows.py_func(
+            line, 3, np.empty((3, FINE), np.float32), middle, 1
+        )
         assert area == pytest.approx(there.mean(), abs=4e-3)
         if area > 0.05:
             assert middle[1] == pytest.approx(points[there].mean(axis=0), abs=6e-3)
@@ -275,7 +286,9 @@ def test_a_point_is_hidden_by_what_lies_before_it_there(rng):
         own = above(line, lines, here[4], point)[1]
         wanted = any(there[0] and w[0] > own[0] for there, w in (
             above(line, lines, here[n], point) for n in (0, 2)))
-        assert crowd.hidden_at.py_func(here, line, lines, counts, 4, 3, *point[0]) == wanted
+        assert (
+            dense_coverage.is_hidden.py_func(here, line, lines, counts, 4, 3, *point[0]) == wanted
+        )
         found.append(wanted)
     assert 20 < sum(found) < 90
 
@@ -285,7 +298,7 @@ def test_a_line_cuts_a_pixel_by_its_area(rng):
     x, y = np.meshgrid(at, at)
     for a, b, c in [*rng.normal(size=(20, 3)) * [0.3, 1.0, 1.0], (0.1, 1.0, 0.0), (0.2, 0.0, -1.0),
                     (2.0, 1.0, 0.5), (-2.0, 1.0, 0.5)]:
-        assert areas.half_plane.py_func(a, b, c) == pytest.approx(
+        assert areas.half_plane_area.py_func(a, b, c) == pytest.approx(
             (a + b * x + c * y > 0.0).mean(), abs=3e-3)
 
 
@@ -295,7 +308,7 @@ def test_a_line_cuts_a_pixel_by_its_area(rng):
 def test_two_ways_square_to_one_are_of_length_one(rng):
     for d in [*unit(rng, 20), np.array([1.0, 0, 0]), np.array([0.0, 0.6, 0.8])]:
         e = np.empty((2, 3))
-        shadows._basis.py_func(d, e)
+        shadows._make_basis.py_func(d, e)
         frame = np.stack([*e, d])
         np.testing.assert_allclose(frame @ frame.T, np.eye(3), atol=1e-12)
         assert np.linalg.det(frame) == pytest.approx(1.0)
@@ -304,11 +317,11 @@ def test_two_ways_square_to_one_are_of_length_one(rng):
 def test_a_ray_is_aimed_at_a_place_on_its_lamp_s_disc(rng):
     d, far, p = unit(rng), 2.5, rng.normal(size=3)
     e, ray = np.empty((2, 3)), np.empty(3)
-    shadows._basis.py_func(d, e)
+    shadows._make_basis.py_func(d, e)
     lamps = rng.normal(size=(3, WIDTH))
     lamps[:, KIND], lamps[:, RADIUS] = (1, 0, 2), (0.1, 0.2, 0.3)
     for n, (length, reach) in enumerate(((far, 1.0), (1.0, np.inf), (far, 1.0))):
-        end = shadows._aimed.py_func(lamps, n, p, d, far, e, 0.3, -0.7, ray)
+        end = shadows._aim_ray.py_func(lamps, n, p, d, far, e, 0.3, -0.7, ray)
         assert end == reach
         np.testing.assert_allclose(ray, length * d + lamps[n, RADIUS] * (0.3 * e[0] - 0.7 * e[1]))
 
@@ -327,13 +340,13 @@ def test_a_beam_meets_the_boxes_that_its_axis_meets_once_they_are_as_much_larger
         o, s = T[:3, :3].T @ (point - T[:3, 3]) - centre[1], T[:3, :3].T @ d
         ends = np.sort([(-room - o) / s, (room - o) / s], axis=0)
         wanted = max(ends[0].max(), 0.0) <= min(ends[1].min(), far)
-        assert shadows._beam_meets.py_func(
+        assert shadows._is_beam_in_box.py_func(
             T[None], 0, centre, half, 1, point, radius, d, far, growth) == wanted
         found.append(wanted)
     assert 50 < sum(found) < 250
     along, square = np.array([1.0, 0, 0]), np.eye(4)[None]
     for height, wanted in ((0.29, True), (0.31, False)):  # beside which the beam runs
-        assert shadows._beam_meets.py_func(square, 0, np.zeros((1, 3)), np.full((1, 3), 0.2), 0,
+        assert shadows._is_beam_in_box.py_func(square, 0, np.zeros((1, 3)), np.full((1, 3), 0.2), 0,
                                            np.array([-1.0, height, 0.0]), 0.1, along, 9.0, 0.0) \
             == wanted
 
@@ -362,7 +375,7 @@ def test_what_is_in_a_ray_s_way_is_a_triangle_of_another_part(rng):
         begin = np.where(of == own, beside / np.linalg.norm(d), 0.0)
         hit = (u >= 0) & (v >= 0) & (u + v <= 1) & (at > begin) & (at < far) & (of != skip)
         candidates = np.arange(count)
-        blocked = shadows._blocked.py_func(
+        blocked = shadows._is_blocked.py_func(
             p, d, far, skip, own, beside, candidates, count, T, part, row, first, counts,
             (low + high) / 2, (high - low) / 2, corners)
         assert blocked == hit.any()
@@ -378,13 +391,13 @@ def test_light_falls_off_with_the_distance():
     lamps[1, FADE:FADE + 3], lamps[1, FADE + 3] = (0.5, 0.4, 0.3), 3.0
     lamps[0, PLACE:PLACE + 3] = 0.0, 0.6, 0.8
     d = np.empty(3)
-    assert towards.py_func(lamps, 0, np.ones(3), d) == (np.inf, 1.0)
+    assert direction_to_lamp.py_func(lamps, 0, np.ones(3), d) == (np.inf, 1.0)
     assert d.tolist() == [0.0, 0.6, 0.8]
     for p, beyond in (((0.3, -0.2, -0.5), False), ((0.3, 1.0, -2.0), True)):
         way = lamps[1, PLACE:PLACE + 3] - p
         far = np.linalg.norm(way)
         left = 0.0 if beyond else 1.0 / max(0.5 + 0.4 * far + 0.3 * far**2, 1.0)
-        assert towards.py_func(lamps, 1, np.array(p), d) == pytest.approx((far, left))
+        assert direction_to_lamp.py_func(lamps, 1, np.array(p), d) == pytest.approx((far, left))
         assert d == pytest.approx(way / far)
     assert COLOUR + 3 == FADE
 
@@ -395,10 +408,10 @@ def test_light_falls_off_with_the_distance():
 def test_colours_are_apart_where_one_part_differs_by_more_than_six(rng):
     for one in rng.integers(0, 256, (200, 3)):
         other = np.clip(one + rng.integers(-7, 8, 3) * (rng.random(3) < 0.5), 0, 255)
-        words = [word.py_func(*map(float, colour)) for colour in (one, other)]
-        assert finding._apart.py_func(*words) == (np.abs(one - other) > 6).any()
+        words = [pack_colour.py_func(*map(float, colour)) for colour in (one, other)]
+        assert edge_detection._has_contrast.py_func(*words) == (np.abs(one - other) > 6).any()
         assert words[0] == sum(int(v) << 8 * k for k, v in enumerate((*one, 255)))
-    assert word.py_func(-3.0, 300.0, 99.5) == word.py_func(0.0, 255.0, 100.0)
+    assert pack_colour.py_func(-3.0, 300.0, 99.5) == pack_colour.py_func(0.0, 255.0, 100.0)
 
 
 def lying(longer, size):
@@ -423,7 +436,7 @@ def test_a_white_texture_is_white_however_aslant_it_is(rng):
     white = texels(np.full((64, 64, 3), 255))
     for longer in np.linspace(0.3, 40.0, 80):
         rgb = np.array([200.0, 100.0, 50.0])
-        textures.textured.py_func(lying(longer, 64), 0, white, 3.0, 1.0, rgb)
+        textures.apply_texture.py_func(lying(longer, 64), 0, white, 3.0, 1.0, rgb)
         assert rgb == pytest.approx([200.0, 100.0, 50.0], rel=2e-3), longer
 
 
@@ -436,7 +449,7 @@ def test_what_is_brighter_than_white_is_white_before_it_is_mixed(rng):
                         ((250.0, 100.0, 50.0), (125.0, 50.0, 25.0)),
                         ((50.0, 100.0, 400.0), (25.0, 50.0, 127.5))):  # fmt: skip
         found = np.array(rgb)
-        textures.textured.py_func(planes, 0, texels(half), 0.0, 0.0, found)
+        textures.apply_texture.py_func(planes, 0, texels(half), 0.0, 0.0, found)
         assert found == pytest.approx(wanted, abs=0.5)
 
 
@@ -454,7 +467,7 @@ def test_a_texture_seen_aslant_is_the_mean_of_what_a_pixel_covers(rng):
         u, v = sides @ [x, y] + [[0.4], [0.3]]
         wanted = (127.5 + 100.0 * np.cos(2.0 * np.pi * (4.0 * u + 2.0 * v))).mean()
         rgb = np.full(3, 200.0)
-        textures.textured.py_func(planes, 0, image, 0.0, 0.0, rgb)
+        textures.apply_texture.py_func(planes, 0, image, 0.0, 0.0, rgb)
         assert rgb == pytest.approx([200.0 * wanted / 255.0] * 3, abs=1.5)
 
 
@@ -468,7 +481,7 @@ def test_a_texel_counts_by_how_near_its_middle_is(rng, shift):
         for at in range(size * size):
             one = np.zeros(3 + size * size, np.uint64)
             one[3 + at] = 1
-            told.append(int(textures._sum.py_func(one, np.int64(3), np.int64(size), x, y,
+            told.append(int(textures._sum_texels.py_func(one, np.int64(3), np.int64(size), x, y,
                                                   np.int64(1), np.int64(shift))))
         weight = [[max(1.0 - min(abs(k - place) % size, size - abs(k - place) % size), 0.0)
                    for k in range(size)] for place in (row % size, column % size)]
@@ -481,7 +494,7 @@ def test_a_texture_is_read_at_its_places_in_the_pixel_of_the_level_it_asks_for(r
     """Against the pixel's own axes, by singular values, in perspective; a level's blur is taken off
     across."""
     read, kinds = [], set()
-    monkeypatch.setattr(textures, "_sum", lambda texels, at, size, x, y, one, shift: (
+    monkeypatch.setattr(textures, "_sum_texels", lambda texels, at, size, x, y, one, shift: (
         read.append((at, size, x, y, shift)), np.uint64(0))[1])
     for turn in range(60):
         sides = rng.normal(size=(2, 2)) * 2.0 ** rng.uniform(-9.0, -1.0) * [1.0, rng.uniform(0, 1)]
@@ -489,7 +502,7 @@ def test_a_texture_is_read_at_its_places_in_the_pixel_of_the_level_it_asks_for(r
         x, y = rng.uniform(0.0, 7.0, 2)
         rgb, texels = np.array([90.0, 300.0 * (turn % 2), 50.0]), np.array([0, 256, 0], np.uint64)
         read.clear()
-        textures.textured.py_func(planes, 1, texels, x, y, rgb)
+        textures.apply_texture.py_func(planes, 1, texels, x, y, rgb)
         U, V, W = planes @ [x, y, 1.0]
         uv = np.array([U, V]) / W
         J = 256.0 * (planes[:2, :2] - np.outer(uv, planes[2, :2])) / W
@@ -498,7 +511,7 @@ def test_a_texture_is_read_at_its_places_in_the_pixel_of_the_level_it_asks_for(r
         while size > 1 and (wide > np.sqrt(8.0) or 0.8 * long * max(wide, 1.0) > 20):
             at, size = at + size * size, size // 2
             long, wide, level = 0.5 * long, 0.5 * wide, 0.5 * level
-        J, count, spots, more = J * level, 4, textures.SPOTS[0, 0], 0
+        J, count, spots, more = J * level, 4, textures.SAMPLE_POINTS[0, 0], 0
         if long > np.sqrt(8.0):
             count = min(max(int(np.ceil(0.8 * long * max(wide, 1.0))), 4), 20)
             more = sum(count > limit for limit in (4, 8, 16))
@@ -508,7 +521,7 @@ def test_a_texture_is_read_at_its_places_in_the_pixel_of_the_level_it_asks_for(r
             turn = nearest.argmax()
             if np.sort(nearest)[-2] > nearest[turn] - 4e-3:
                 continue  # which is numbered by a square around 0 instead of a circle
-            spots = textures.SPOTS[turn, count]
+            spots = textures.SAMPLE_POINTS[turn, count]
             c, s = textures.DIRECTIONS[turn]
             narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level**2) / wide**2, 0.0))
             J = J @ [[c, -s * narrow], [s, c * narrow]]
@@ -526,7 +539,7 @@ def test_a_pixel_is_as_far_as_its_ray_goes_whatever_that_ray_s_length(rng):
     pixel, valid = rng.integers(-2, 2, (8, 8)).astype(np.int32), rng.random((8, 8)) < 0.9
     for forward in (True, False):
         depth, label = np.empty((8, 8), np.float32), np.empty((8, 8), np.int32)
-        measuring._measure.py_func(
+        depth_and_labels._measure.py_func(
             np.array([sampling.SEVERAL]), pixel, valid, side, np.array([7, 9], np.int32),
             np.zeros((1, 3, 3)), rays, 1, 1, forward, depth, label)
         plane = side.sum(axis=1)[np.maximum(pixel, 0)]

@@ -6,11 +6,11 @@ import pytest
 
 from aras_sim_bridge.camera.intrinsics import CameraProjection, camera_matrix
 from aras_sim_bridge.camera.lens import (
-    RADIUS,
-    REACH,
+    LARGEST_ANGLE,
+    RADIUS_FUNCTION,
     BrownLens,
     FisheyeLens,
-    fisheye_coefficients,
+    fit_fisheye,
 )
 
 BROWN = [
@@ -160,8 +160,8 @@ def test_fisheye_unprojection_inverts_projection_behind_the_camera_too(D, cutoff
     assert np.isnan(lens.unproject(np.array([[edge * 1.001, 0.0]]))).all()
 
 
-@pytest.mark.parametrize("name", [n for n in RADIUS if n != "pinhole"])
+@pytest.mark.parametrize("name", [n for n in RADIUS_FUNCTION if n != "pinhole"])
 def test_published_coefficients_describe_the_ideal_projection(name):
-    theta = np.linspace(0.0, REACH[name], 500)
-    lens = FisheyeLens(fisheye_coefficients(name, REACH[name]), REACH[name])
-    assert np.abs(lens.radius(theta) - RADIUS[name](theta)).max() < 1e-4
+    theta = np.linspace(0.0, LARGEST_ANGLE[name], 500)
+    lens = FisheyeLens(fit_fisheye(name, LARGEST_ANGLE[name]), LARGEST_ANGLE[name])
+    assert np.abs(lens.radius(theta) - RADIUS_FUNCTION[name](theta)).max() < 1e-4

@@ -10,9 +10,9 @@ import pytest
 from scenes import BRIGHT, looking
 
 from aras_sim_bridge.description import Geometry, Light, parse_urdf, world_file
-from aras_sim_bridge.description.types import SUN, Surroundings
+from aras_sim_bridge.description.types import SUN, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, WorldError
-from aras_sim_bridge.rendering import Sun, View, create_renderer
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
 from aras_sim_bridge.simulation import MOST_LIGHTS, Simulation, SimulationConfig
 
 K = np.array([[300.0, 0, 159.5], [0, 310.0, 119.5], [0, 0, 1.0]])
@@ -29,24 +29,25 @@ def level(bench, light, colour="Gazebo/White") -> int:
 
 
 def test_a_white_plate_square_to_the_sun_is_just_white(bench):
-    assert level(bench, Sun(DOWN)) == 255
+    assert level(bench, Lighting(DOWN)) == 255
 
 
 @pytest.mark.parametrize(("ambient", "diffuse"), [(0.4, 0.8), (0.9, 0.8), (2.0, 0.0)])
 def test_light_that_is_too_much_is_scaled_all_over(bench, ambient, diffuse):
-    sun = Sun((1.0, 0.0, -1.0), ambient, diffuse)
+    sun = Lighting((1.0, 0.0, -1.0), ambient, diffuse)
     lit = (ambient + diffuse * np.sqrt(0.5)) / (ambient + diffuse)
     assert level(bench, sun, "Gazebo/Grey") == pytest.approx(0.7 * 255 * lit, abs=0.51)
 
 
 def test_dim_light_stays_dim(bench):
-    assert level(bench, Sun(DOWN, 0.1, 0.2)) == pytest.approx(255 * 0.3, abs=0.51)
+    assert level(bench, Lighting(DOWN, 0.1, 0.2)) == pytest.approx(255 * 0.3, abs=0.51)
 
 
 def test_gazebo_cuts_what_is_brighter_than_white(bench):
     assert level(bench, BRIGHT) == 255
-    assert level(bench, Sun(DOWN, 0.4, 0.8, exposure="gazebo"), "Gazebo/Grey") == pytest.approx(
-        255 * 0.7 * 1.2, abs=0.51)
+    assert level(
+        bench, Lighting(DOWN, 0.4, 0.8, exposure="gazebo"), "Gazebo/Grey"
+    ) == pytest.approx(255 * 0.7 * 1.2, abs=0.51)
 
 
 ASLANT = Light("a", direction=(0.3, -0.2, -0.8), diffuse=(0.5, 0.5, 0.5, 1.0), cast_shadows=True)
@@ -68,24 +69,24 @@ def things(bench) -> None:
 
 def test_one_light_among_lights_is_the_sun(bench):
     things(bench)
-    sun = shown(bench, Sun(ASLANT.direction, diffuse=0.5))
-    one = shown(bench, Sun(lights=(ASLANT,)))
+    sun = shown(bench, Lighting(ASLANT.direction, diffuse=0.5))
+    one = shown(bench, Lighting(lights=(ASLANT,)))
     both = np.abs(one - sun)
     assert both.max() <= 6  # within a ball's facets normals are turned, not brightness
     assert (both > 1).mean() < 0.01
     half = Light("b", direction=ASLANT.direction, diffuse=(0.25, 0.25, 0.25, 1.0))
-    assert np.abs(shown(bench, Sun(lights=(half, half))) - one).max() <= 1
+    assert np.abs(shown(bench, Lighting(lights=(half, half))) - one).max() <= 1
 
 
 def test_a_light_that_casts_shadows_only_where_they_are_asked_for(bench):
     things(bench)
-    bright = shown(bench, Sun(lights=(ASLANT,)))
-    shaded = shown(bench, Sun(lights=(ASLANT,), shadows="hard"))
+    bright = shown(bench, Lighting(lights=(ASLANT,)))
+    shaded = shown(bench, Lighting(lights=(ASLANT,), shadows="hard"))
     darker = bright - shaded
     assert darker.min() >= -6  # at edges
     assert 0.02 < (darker > 40).all(axis=2).mean() < 0.2
     open_ = Light("c", direction=ASLANT.direction, diffuse=ASLANT.diffuse)
-    assert (shown(bench, Sun(lights=(open_,), shadows="hard")) == bright).all()
+    assert (shown(bench, Lighting(lights=(open_,), shadows="hard")) == bright).all()
 
 
 def test_shadows_do_not_hang_on_what_memory_held_before(bench):
@@ -94,7 +95,7 @@ def test_shadows_do_not_hang_on_what_memory_held_before(bench):
     for left in (0.0, np.nan):
         litter = [np.full(size, left) for size in range(1, 60) for _ in range(40)]
         del litter
-        pictures.append(shown(bench, Sun(lights=(ASLANT,), shadows="hard")))
+        pictures.append(shown(bench, Lighting(lights=(ASLANT,), shadows="hard")))
     assert (pictures[0] == pictures[1]).all()
 
 
@@ -106,7 +107,7 @@ def test_a_shadow_is_where_the_light_goes(bench):
     eye = looking([0.4, 0.2, 1.0], [0.4, 0.2, 0.0], (0, 1, 0))
     dark = {}
     for shadows in ("hard", "soft"):
-        light = Sun(lights=(sun,), shadows=shadows)
+        light = Lighting(lights=(sun,), shadows=shadows)
         picture = create_renderer("exact", bench.world, light).render(View(320, 240, eye, K))
         dark[shadows] = picture.max() - picture[60:180, 60:260, 0].astype(float)
     v, u = np.mgrid[60:180, 60:260]
@@ -121,7 +122,7 @@ def test_a_shadow_is_where_the_light_goes(bench):
 
 def test_the_sky_is_bluer_above(bench):
     view = View(320, 240, looking([0, 0, 1.0], [1.0, 0, 1.5]), K)
-    sky = create_renderer("exact", bench.world, Sun(sky=True)).render(view).astype(int)
+    sky = create_renderer("exact", bench.world, Lighting(sky=True)).render(view).astype(int)
     assert (np.diff(sky[:, 160, 0]) >= 0).all()
     assert sky[0, 160, 0] < sky[-1, 160, 0] - 30
     assert (sky[..., 2] >= sky[..., 0]).all()
@@ -157,16 +158,16 @@ def test_a_light_of_a_world_comes_and_goes(tmp_path):
     path = tmp_path / "w.world"
     path.write_text(TIMED.format("", times="0 0.5  1.25 2"))
     (spot,) = world_file.load_world(str(path)).lights
-    assert spot.shines == ((0.0, 0.5), (1.25, 2.0))
+    assert spot.lit_intervals == ((0.0, 0.5), (1.25, 2.0))
     for times, complaint in [("0 0.5 1", "needs 4 numbers"), ("1 0.5", "from 1 to 0.5 s"),
-                             ("-1 0.5", "must rise from 0 on"), ("1 x", "'x'")]:
+                             ("-1 0.5", "must start at 0 s or later"), ("1 x", "'x'")]:
         path.write_text(TIMED.format("", times=times))
         found = world_file.load_world(str(path))
         (told,) = found.warnings
         assert not found.lights
-        assert re.match(f"light 'l' is left out: light 'l': aras:shines.*{complaint}", told)
-    with pytest.raises(WorldError, match="'l': shines from 2 to 1 s"):
-        Simulation(SimulationConfig(lights=(Light("l", shines=((2.0, 1.0),)),)))
+        assert re.match(f"light 'l' is ignored: light 'l': aras:shines.*{complaint}", told)
+    with pytest.raises(WorldError, match="'l': lit interval from 2 to 1 s"):
+        Simulation(SimulationConfig(lights=(Light("l", lit_intervals=((2.0, 1.0),)),)))
 
 
 EYE = {"parent": "world", "width": 32, "height": 24, "update_rate": 50.0, "near": 0.02,
@@ -194,7 +195,7 @@ def test_pictures_are_lit_by_what_shines_at_their_time():
     """By more light than is white, and the camera stays as it is: dark is darker by what is gone.
     """
     sun = Light("sun", direction=DOWN, diffuse=(0.7, 0.7, 0.7, 1.0))
-    timed = replace(sun, shines=((0.0, 0.06), (0.14, 0.18)))
+    timed = replace(sun, lit_intervals=((0.0, 0.06), (0.14, 0.18)))
     whole, seen = levels(sun), levels(timed)
     assert set(whole.values()) == {255}  # (0.4 + 0.7) / 1.1
     dark = round(255 * 0.4 / 1.1)
@@ -206,7 +207,7 @@ def test_pictures_are_lit_by_what_shines_at_their_time():
 
 
 def test_a_simulation_that_begins_anew_is_lit_as_at_its_beginning():
-    light = Light("sun", direction=DOWN, diffuse=(0.6,) * 3 + (1.0,), shines=((0.0, 0.05),))
+    light = Light("sun", direction=DOWN, diffuse=(0.6,) * 3 + (1.0,), lit_intervals=((0.0, 0.05),))
     simulation = Simulation(SimulationConfig(lights=(light,)))
     eye, seen = simulation.add_camera("eye", EYE), []
     eye.on_frame, eye.enabled = lambda frame: seen.append(int(frame.image.mean())), True
@@ -222,7 +223,7 @@ def test_lights_that_are_too_many_are_named(caplog):
     lights = tuple(Light(f"l{n}", diffuse=(0.01,) * 4) for n in range(MOST_LIGHTS + 2))
     simulation = Simulation(SimulationConfig(lights=lights))
     assert [record.args[0] for record in caplog.records] == ["l16", "l17"]
-    assert len(simulation._sunlight().lights) == MOST_LIGHTS
+    assert len(simulation._compute_lighting().lights) == MOST_LIGHTS
     simulation.close()
 
 
@@ -230,12 +231,12 @@ def test_a_ball_casts_no_shadow_on_itself(bench):
     """Facets that turn from the light are lit as far as their smooth normals are."""
     bench.body(Geometry("sphere", radius=0.3), (0.0, 0.0, 0.1))
     side = Light("s", direction=(1.0, 0.2, 0.0), diffuse=(0.5,) * 4, cast_shadows=True)
-    lit, shaded = (shown(bench, Sun(lights=(side,), shadows=s)) for s in ("none", "hard"))
+    lit, shaded = (shown(bench, Lighting(lights=(side,), shadows=s)) for s in ("none", "hard"))
     assert (lit == shaded).all()
 
 
 def test_lights_that_are_not_said_are_gazebo_s_sun_and_surroundings():
-    light, around = Sun(), Surroundings()
+    light, around = Lighting(), SceneSettings()
     assert light.direction == SUN.direction == (-0.5, 0.1, -0.9)
     assert (light.diffuse,) * 3 == SUN.diffuse[:3] == (0.8,) * 3
     assert tuple(light.ambient * tint for tint in light.tint) == around.ambient[:3] == (0.4,) * 3
@@ -248,7 +249,7 @@ def test_what_is_not_convex_shades_itself_from_three_pixels_on(
 ):  # fmt: skip
     """Plates above a floor, all of one mesh; light goes on for `length` pixels between them. The
     lens is so wide that rays within a tile are of unlike lengths."""
-    monkeypatch.setattr("aras_sim_bridge.rendering.shadows.FINE", 3)
+    monkeypatch.setattr("aras_sim_bridge.rendering.shadows.MANY_RAYS", 3)
     K = np.array([[16.0, 0, 14.2], [0, 21.0, 8.7], [0, 0, 1.0]])
     way = length / K[0, 0] * np.array([-0.75, 0.45, -0.5]) / np.linalg.norm([0.75, 0.45, 0.5])
     plates = [(x, y) for x in (0.25, 0.62, 1.0) for y in (-0.6, -0.25)]
@@ -261,7 +262,9 @@ def test_what_is_not_convex_shades_itself_from_three_pixels_on(
     bench.body(Geometry("mesh", filename=str(tmp_path / "plates.obj")))
     sun = Light("s", direction=tuple(way), diffuse=(0.6,) * 4, cast_shadows=True)
     view = View(33, 25, looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)), K)  # the floor is 1 m away
-    picture = create_renderer("exact", bench.world, Sun(lights=(sun,), shadows="hard")).render(view)
+    picture = create_renderer("exact", bench.world, Lighting(lights=(sun,), shadows="hard")).render(
+        view
+    )
     lit = 255.0 * (0.4 + 0.6 * -way[2] / np.linalg.norm(way))
     for x, y in plates + way[:2]:
         u, v = K[0, 0] * x + K[0, 2], -K[1, 1] * y + K[1, 2]
@@ -270,7 +273,7 @@ def test_what_is_not_convex_shades_itself_from_three_pixels_on(
 
 def test_a_hard_shadow_is_in_a_pixel_by_as_much_as_covers_it(bench, plainly, monkeypatch):
     """Of a turned plate, whose four borders lie in it as unlike as can be."""
-    monkeypatch.setattr("aras_sim_bridge.rendering.shadows.FINE", 40)
+    monkeypatch.setattr("aras_sim_bridge.rendering.shadows.MANY_RAYS", 40)
     K = np.array([[70.0, 0, 8.3], [0, 60.0, 27.4], [0, 0, 1.0]])
     bench.box([1.0, 1.0, 0.05], [0, 0, -0.05])
     turn, half = 0.4, np.array([0.12, 0.09])
@@ -278,7 +281,9 @@ def test_a_hard_shadow_is_in_a_pixel_by_as_much_as_covers_it(bench, plainly, mon
               (0.0, 0.0, np.sin(turn / 2), np.cos(turn / 2)))
     sun = Light("s", direction=(1.0, 0.5, -0.6), diffuse=(0.6,) * 4, cast_shadows=True)
     view = View(33, 34, looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)), K)  # the floor is 1 m away
-    picture = create_renderer("exact", bench.world, Sun(lights=(sun,), shadows="hard")).render(view)
+    picture = create_renderer("exact", bench.world, Lighting(lights=(sun,), shadows="hard")).render(
+        view
+    )
     fine = (np.arange(16) + 0.5) / 16 - 0.5
     x = (np.add.outer(np.arange(33), fine).ravel() - K[0, 2]) / K[0, 0] - 0.2
     y = (K[1, 2] - np.add.outer(np.arange(34), fine).ravel()) / K[1, 1] - 0.25

@@ -14,14 +14,21 @@ from tracking_scenes import (
     error_of,
 )
 
-from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, transform
+from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
 from aras_visual_servo_camera.errors import ModelError, VisionError
-from aras_visual_servo_camera.model import ModelTracking, Solid
-from aras_visual_servo_camera.model.fitting import surface_equations
-from aras_visual_servo_camera.model.search import UNKNOWN, measured, noise_of
-from aras_visual_servo_camera.model.visible import GRAZING, visible_samples
+from aras_visual_servo_camera.model_tracker import ModelTracking, Solid
+from aras_visual_servo_camera.model_tracker.edge_search import (
+    UNKNOWN_LEVEL,
+    estimate_noise,
+    measure_edges,
+)
+from aras_visual_servo_camera.model_tracker.pose_fitting import build_surface_equations
+from aras_visual_servo_camera.model_tracker.visible_edges import (
+    GRAZING_COSINES,
+    sample_visible_edges,
+)
 from aras_visual_servo_camera.trackers.model import ModelTracker
-from aras_visual_servo_camera.trackers.starting import Start
+from aras_visual_servo_camera.trackers.start_pose import StartPose
 from aras_visual_servo_camera.undistortion import CameraModel
 
 OFF = (0.002, -0.0015, 0.004, 0.012, -0.015, 0.02)  # m and rad that a start is off
@@ -37,7 +44,7 @@ def folder(tmp_path_factory):
 
 
 def solid_of(name):
-    return Solid.of(corners_of(name), name)
+    return Solid.from_triangles(corners_of(name), name)
 
 
 @pytest.mark.parametrize(("name", "condition"), [
@@ -51,7 +58,7 @@ def test_a_pose_is_found_from_nearby_to_a_fraction_of_a_millimetre(folder, name,
         tracking.start(exponential(OFF) @ true)
         found = tracking.track(sequence.picture(i), CAMERA)
         away, turned = error_of(name, found.camera_T_solid, true)
-        assert not found.lost
+        assert not found.loss_reason
         assert 1e3 * away < BOUNDS[condition][0], i
         assert np.degrees(turned) < BOUNDS[condition][1], i
 
@@ -75,16 +82,16 @@ def test_edge_points_are_those_that_a_depth_image_shows(folder, name):
     sequence, solid = Sequence(name, "clean", folder), solid_of(name)
     for i in (0, 100, 300):
         pose, depth = sequence.pose(i), sequence.depth(i)
-        points = visible_samples(solid, CAMERA, pose, 3.0)
-        places = points.at @ pose[:3, :3].T + pose[:3, 3]
-        assert np.allclose(places[:, :2] / places[:, 2:], points.seen)
-        u, v = np.round(points.pixel).astype(int).T
+        points = sample_visible_edges(solid, CAMERA, pose, 3.0)
+        places = points.solid_points @ pose[:3, :3].T + pose[:3, 3]
+        assert np.allclose(places[:, :2] / places[:, 2:], points.image_points)
+        u, v = np.round(points.pixels).astype(int).T
         around = np.array([depth[v + b, u + a] for a in (-2, 0, 2) for b in (-2, 0, 2)])
         # Something of its depth is seen at it, and nothing much nearer all around.
-        near = np.where(solid.creased[points.edge], 5e-3, 0.015)  # a round side falls away
+        near = np.where(solid.is_crease[points.edges], 5e-3, 0.015)  # a round side falls away
         assert (np.abs(around - places[:, 2]).min(axis=0) < near).all()
         assert (around.max(axis=0) > places[:, 2] - 3e-3).all()
-        assert len(points.at) > 100
+        assert len(points.solid_points) > 100
 
 
 def hidden(solid, eye, points):
@@ -114,12 +121,12 @@ def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
         pose[:3, :3] = x, np.cross(z, x), z
         pose[:3, 3] = -pose[:3, :3] @ (eye + solid.middle)
         eye = eye + solid.middle
-        found = visible_samples(solid, CAMERA, pose, 3.0)
-        assert len(found.at) > 80 and not hidden(solid, eye, found.at).any()
+        found = sample_visible_edges(solid, CAMERA, pose, 3.0)
+        assert len(found.solid_points) > 80 and not hidden(solid, eye, found.solid_points).any()
         away = eye - solid.vertices[solid.faces[:, 0]]
         cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
-        for e in np.flatnonzero((cosine[solid.beside] > 0.05).any(axis=1)
-                                & (np.abs(cosine[solid.beside]) > 0.05).all(axis=1)):  # fmt: skip
+        facing = cosine[solid.edge_faces]
+        for e in np.flatnonzero((facing > 0.05).any(axis=1) & (np.abs(facing) > 0.05).all(axis=1)):
             i, j = solid.vertices[solid.edges[e]]
             line = i + np.linspace(0.0, 1.0, 60)[:, None] * (j - i)
             at = line @ pose[:3, :3].T + pose[:3, 3]
@@ -127,7 +134,7 @@ def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
             clear = np.linalg.norm(pixels[:, None] - pixels[[0, -1]], axis=2).min(axis=1) > 8.0
             clear &= (np.abs(pixels - (320.0, 240.0)) < (310.0, 230.0)).all(axis=1)
             shown = pixels[clear & ~hidden(solid, eye, line)]
-            samples = found.pixel[found.edge == e]
+            samples = found.pixels[found.edges == e]
             if len(shown) and len(samples):
                 nearest = np.linalg.norm(shown[:, None] - samples, axis=2).min(axis=1)
             assert not len(shown) or len(samples) and nearest.max() < 3.5
@@ -136,37 +143,40 @@ def test_of_an_edge_that_is_half_hidden_the_other_half_is_seen(seed):
 
 
 def test_through_a_lens_points_normals_and_gains_are_those_of_the_bent_edges():
-    solid, pose = solid_of("bracket"), transform((0.05, -0.03, 0.3), (np.pi - 0.6, 0.4, 0.5))
+    solid, pose = (
+        solid_of("bracket"),
+        matrix_from_xyz_rpy((0.05, -0.03, 0.3), (np.pi - 0.6, 0.4, 0.5)),
+    )
     lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.3, 0.1, 0.002, -0.003, 0.0))
-    points = visible_samples(solid, lens, pose, 3.0)
-    straight = visible_samples(solid, CAMERA, pose, 3.0)
+    points = sample_visible_edges(solid, lens, pose, 3.0)
+    straight = sample_visible_edges(solid, CAMERA, pose, 3.0)
 
     def drawn(seen):
         return np.column_stack(lens.project(*seen.T))
 
-    assert len(points.at) == len(straight.at) > 100
-    assert np.allclose(points.pixel, drawn(points.seen))
-    assert np.abs(points.pixel - straight.pixel).max() > 5.0
-    begin, end = (solid.vertices[solid.edges[points.edge, k]] for k in (0, 1))
-    onward = (points.at + 1e-4 * (end - begin)) @ pose[:3, :3].T + pose[:3, 3]
-    along = drawn(onward[:, :2] / onward[:, 2:]) - points.pixel
+    assert len(points.solid_points) == len(straight.solid_points) > 100
+    assert np.allclose(points.pixels, drawn(points.image_points))
+    assert np.abs(points.pixels - straight.pixels).max() > 5.0
+    begin, end = (solid.vertices[solid.edges[points.edges, k]] for k in (0, 1))
+    onward = (points.solid_points + 1e-4 * (end - begin)) @ pose[:3, :3].T + pose[:3, 3]
+    along = drawn(onward[:, :2] / onward[:, 2:]) - points.pixels
     along /= np.linalg.norm(along, axis=1)[:, None]
-    assert np.allclose(points.normal, np.column_stack([along[:, 1], -along[:, 0]]), atol=1e-3)
+    assert np.allclose(points.normals, np.column_stack([along[:, 1], -along[:, 0]]), atol=1e-3)
     for k, step in enumerate(1e-6 * np.eye(2)):
-        change = (drawn(points.seen + step) - points.pixel) / 1e-6
-        assert np.allclose(points.gain[:, k], (points.normal * change).sum(axis=1), rtol=1e-4,
+        change = (drawn(points.image_points + step) - points.pixels) / 1e-6
+        assert np.allclose(points.gains[:, k], (points.normals * change).sum(axis=1), rtol=1e-4,
                            atol=0.05)  # fmt: skip
 
 
 def test_points_stand_in_the_middle_of_a_long_edge():
     """As far from its one end as from its other, and out of the ends' reach."""
-    solid, pose = solid_of("box"), transform((0.01, -0.02, 0.35), (np.pi - 0.6, 0.4, 0.5))
-    points = visible_samples(solid, CAMERA, pose, 3.0)
+    solid, pose = solid_of("box"), matrix_from_xyz_rpy((0.01, -0.02, 0.35), (np.pi - 0.6, 0.4, 0.5))
+    points = sample_visible_edges(solid, CAMERA, pose, 3.0)
     at = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
     pixels = np.column_stack(CAMERA.project(*(at[:, :2] / at[:, 2:]).T))
-    assert len(set(points.edge)) == 9
-    for e in set(points.edge):
-        of_edge, (i, j) = points.pixel[points.edge == e], solid.edges[e]
+    assert len(set(points.edges)) == 9
+    for e in set(points.edges):
+        of_edge, (i, j) = points.pixels[points.edges == e], solid.edges[e]
         first, last = (np.linalg.norm(of_edge[[0, -1]] - pixels[[i, j]], axis=1))
         assert first == pytest.approx(last) and 4.0 <= first < 4.0 + 1.5 + 1e-9
         assert np.linalg.norm(np.diff(of_edge, axis=0), axis=1) == pytest.approx(3.0)
@@ -175,20 +185,24 @@ def test_points_stand_in_the_middle_of_a_long_edge():
 def test_the_room_beside_a_point_is_that_to_the_nearest_edge_in_its_row_or_column(folder):
     sequence, solid = Sequence("cylinder", "clean", folder), solid_of("cylinder")
     pose = sequence.pose(120)
-    points = visible_samples(solid, CAMERA, pose, 3.0)
+    points = sample_visible_edges(solid, CAMERA, pose, 3.0)
     ends = solid.vertices @ pose[:3, :3].T + pose[:3, 3]
     pixels = np.column_stack(CAMERA.project(*(ends[:, :2] / ends[:, 2:]).T))
     eye = inverse(pose)[:3, 3]
     away = eye - solid.vertices[solid.faces[:, 0]]
     cosine = (away * solid.normals).sum(axis=1) / np.linalg.norm(away, axis=1)
-    one, other = (cosine > 0.0)[solid.beside].T
-    edge_on = ((cosine > GRAZING[0]) & (cosine < GRAZING[1]))[solid.beside].any(axis=1)
-    shown = np.flatnonzero(((one != other) | (solid.creased & one)) & ~(solid.creased & edge_on))
+    one, other = (cosine > 0.0)[solid.edge_faces].T
+    edge_on = ((cosine > GRAZING_COSINES[0]) & (cosine < GRAZING_COSINES[1]))[solid.edge_faces].any(
+        axis=1
+    )
+    shown = np.flatnonzero(
+        ((one != other) | (solid.is_crease & one)) & ~(solid.is_crease & edge_on)
+    )
     a, b = pixels[solid.edges[shown]].transpose(1, 0, 2)
-    for n in range(0, len(points.at), 3):
-        k = 0 if abs(points.normal[n, 0]) >= abs(points.normal[n, 1]) else 1
-        here, level = points.pixel[n, k], points.pixel[n, 1 - k]
-        beside = np.isin(solid.edges[shown], solid.edges[points.edge[n]]).any(axis=1)
+    for n in range(0, len(points.solid_points), 3):
+        k = 0 if abs(points.normals[n, 0]) >= abs(points.normals[n, 1]) else 1
+        here, level = points.pixels[n, k], points.pixels[n, 1 - k]
+        beside = np.isin(solid.edges[shown], solid.edges[points.edges[n]]).any(axis=1)
         crossed = ((a[:, 1 - k] - level) * (b[:, 1 - k] - level) < 0.0) & ~beside
         part = (level - a[crossed, 1 - k]) / (b - a)[crossed, 1 - k]
         away = a[crossed, k] + part * (b - a)[crossed, k] - here
@@ -201,25 +215,25 @@ def test_the_noise_of_a_picture_is_the_median_of_its_bends():
     smooth = np.linspace(40.0, 200.0, 640) * np.ones((480, 1))
     for sigma in (2.0, 5.0, 12.0):
         grey = np.round(smooth + random.normal(0.0, sigma, smooth.shape))
-        found = noise_of(np.clip(grey, 0, 255).astype(np.uint8))
+        found = estimate_noise(np.clip(grey, 0, 255).astype(np.uint8))
         assert found == pytest.approx(sigma, rel=0.1)
-    assert noise_of(np.full((480, 640), 7, np.uint8)) == 0.0
+    assert estimate_noise(np.full((480, 640), 7, np.uint8)) == 0.0
 
 
 def test_of_a_cylinder_only_rims_and_outline_are_edges(folder):
     sequence, solid = Sequence("cylinder", "clean", folder), solid_of("cylinder")
     pose = sequence.pose(40)
-    points = visible_samples(solid, CAMERA, pose, 3.0)
-    upright = ~solid.creased[points.edge]
+    points = sample_visible_edges(solid, CAMERA, pose, 3.0)
+    upright = ~solid.is_crease[points.edges]
     eye = inverse(pose)[:3, 3]
-    radial = points.at[upright] * (1.0, 1.0, 0.0)
+    radial = points.solid_points[upright] * (1.0, 1.0, 0.0)
     radial /= np.linalg.norm(radial, axis=1, keepdims=True)
-    towards = eye - points.at[upright]
+    towards = eye - points.solid_points[upright]
     towards /= np.linalg.norm(towards, axis=1, keepdims=True)
     assert upright.sum() > 30
     assert np.abs((radial * towards).sum(axis=1)).max() < 0.03  # two sides of 256
-    assert (points.at[~upright][:, 2] < 1e-9).any()  # the ground's rim, where it is seen
-    low = points.at[~upright][points.at[~upright][:, 2] < 1e-9]
+    assert (points.solid_points[~upright][:, 2] < 1e-9).any()  # the ground's rim, where it is seen
+    low = points.solid_points[~upright][points.solid_points[~upright][:, 2] < 1e-9]
     assert ((eye - low) @ np.diag([1.0, 1.0, 0.0]) * low).sum(axis=1).min() > 0.0
 
 
@@ -234,13 +248,13 @@ def test_an_edge_is_measured_exactly_whatever_its_slant(angle):
         along = np.array([-normal[1], normal[0]])
         at = 20.0 + np.linspace(-6.0, 6.0, 13)[:, None] * along
         normals, free = np.tile(normal, (13, 1)), np.full((13, 2), 50.0)
-        any_level = np.full((13, 2), UNKNOWN)
-        values = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
+        any_level = np.full((13, 2), UNKNOWN_LEVEL)
+        values = measure_edges(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
         assert np.abs(values[:, 0] - offset).max() < 0.012
         assert np.allclose(values[:, 1:3], (200.0, 50.0), atol=0.6)
         # A level that is expected otherwise is another edge.
         any_level[:, 0] = 90.0
-        other = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
+        other = measure_edges(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
         assert np.isnan(other[:, 0]).all()
 
 
@@ -252,8 +266,8 @@ def test_an_edge_is_measured_up_to_three_pixels_from_the_border(axis):
     for n, found in ((0, False), (1, True), (2, True), (3, False)):
         one = np.where(np.arange(40) <= places[n], 50, 200).astype(np.uint8)
         grey = np.tile(one, (60, 1)) if axis == 0 else np.tile(one[:, None], (1, 60))
-        value = measured(grey, at[[n]], normals[[n]], np.full((1, 2), 50.0),
-                         np.full((1, 2), UNKNOWN), 10.0, 25.0, 0.0)[0, 0]  # fmt: skip
+        value = measure_edges(grey, at[[n]], normals[[n]], np.full((1, 2), 50.0),
+                         np.full((1, 2), UNKNOWN_LEVEL), 10.0, 25.0, 0.0)[0, 0]  # fmt: skip
         assert value == pytest.approx(0.0, abs=1e-9) if found else np.isnan(value), places[n]
 
 
@@ -278,11 +292,11 @@ def test_edges_between_shaded_faces_are_measured_whichever_is_the_bright_one(bri
     grey = np.hstack([picture for picture, _, _ in seen])
     at, normals = (np.vstack([one[i] for one in seen]) for i in (1, 2))
     at[13:, 0] += 40.0
-    free, any_level = np.full((26, 2), 50.0), np.full((26, 2), UNKNOWN)
-    values = measured(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
+    free, any_level = np.full((26, 2), 50.0), np.full((26, 2), UNKNOWN_LEVEL)
+    values = measure_edges(grey, at, normals, free, any_level, 10.0, 25.0, 0.0)
     assert np.abs(values[:, 0] - 0.3).max() < 0.15
     assert np.allclose(values[:, 1] - values[:, 2], 80.0 * bright, atol=15.0)
-    alone = measured(*seen[1], free[:13], any_level[:13], 10.0, 25.0, 0.0)
+    alone = measure_edges(*seen[1], free[:13], any_level[:13], 10.0, 25.0, 0.0)
     np.testing.assert_allclose(values[13:], alone, atol=1e-9)
 
 
@@ -290,30 +304,30 @@ def test_edges_between_shaded_faces_are_measured_whichever_is_the_bright_one(bri
 def test_what_differs_too_little_at_the_edge_itself_is_none(slope):
     """The slope adds to what faces some pixels apart differ by."""
     seen = [shaded_edge(0.2, half, slope) for half in (3.0, 6.5)]
-    free, any_level = np.full((13, 2), 50.0), np.full((13, 2), UNKNOWN)
-    weak, strong = (measured(*one, free, any_level, 10.0, 25.0, 0.0)[:, 0] for one in seen)
+    free, any_level = np.full((13, 2), 50.0), np.full((13, 2), UNKNOWN_LEVEL)
+    weak, strong = (measure_edges(*one, free, any_level, 10.0, 25.0, 0.0)[:, 0] for one in seen)
     assert np.isnan(weak).all() and np.isfinite(strong).sum() > 6
 
 
 def test_a_solid_that_is_gone_is_lost_and_found_again(folder):
     sequence, tracking = Sequence("box", "clean", folder), ModelTracking(solid_of("box"))
     tracking.start(sequence.pose(0))
-    assert not tracking.track(sequence.picture(0), CAMERA).lost
+    assert not tracking.track(sequence.picture(0), CAMERA).loss_reason
     empty = np.full((480, 640), 90, np.uint8)
     gone = tracking.track(empty, CAMERA)
-    assert gone.lost.startswith("box is lost: 0 of ")
-    assert gone.share == 0.0
+    assert gone.loss_reason.startswith("box is lost: 0 of ")
+    assert gone.inlier_share == 0.0
     other = Sequence("cylinder", "cluttered", folder)
-    assert tracking.track(other.picture(200), CAMERA).lost
+    assert tracking.track(other.picture(200), CAMERA).loss_reason
     found = tracking.track(sequence.picture(1), CAMERA)
-    assert not found.lost
+    assert not found.loss_reason
     assert error_of("box", found.camera_T_solid, sequence.pose(1))[0] < 1e-4
 
 
 def test_what_cannot_be_seen_stays_as_it_was_and_is_said(folder):
     sequence, tracking = Sequence("cylinder", "clean", folder), ModelTracking(solid_of("cylinder"))
     true = sequence.pose(10)
-    tracking.start(true @ transform((0, 0, 0), (0.0, 0.0, 0.3)))
+    tracking.start(true @ matrix_from_xyz_rpy((0, 0, 0), (0.0, 0.0, 0.3)))
     found = tracking.track(sequence.picture(10), CAMERA)
     turned = rotation_vector(true[:3, :3].T @ found.camera_T_solid[:3, :3])
     assert turned[2] == pytest.approx(0.3, abs=0.02)
@@ -345,30 +359,34 @@ def test_a_mesh_of_another_size_is_known_less_well_by_what_its_edges_miss(folder
     told = []
     for wider in (1.0, 1.02):
         tracker = ModelTracker(
-            Solid.of(corners_of("box") * (wider, 1.0, 1.0), "box"), Start({"pose": [0.0] * 6}))
+            Solid.from_triangles(corners_of("box") * (wider, 1.0, 1.0), "box"),
+            StartPose({"pose": [0.0] * 6}),
+        )
         tracker.tracking.start(true)
-        told.append(tracker.look(sequence.picture(60), CAMERA))
+        told.append(tracker.track(sequence.picture(60), CAMERA))
     right, wrong = told
-    assert right.unshared < 0.4 * wrong.unshared
-    assert 0.9 * wrong.accuracy < wrong.unshared < wrong.accuracy
+    assert right.repeatability < 0.4 * wrong.repeatability
+    assert 0.9 * wrong.accuracy < wrong.repeatability < wrong.accuracy
     assert wrong.accuracy > 3.0 * right.accuracy
 
 
 def test_a_bar_whose_ends_are_not_seen_is_known_but_for_a_shift_along_it():
-    tracking = ModelTracking(Solid.of(block((0, 0), (1.4, 0.05), 0.0, 0.0, 0.04), "the bar"))
-    pose = transform((0.01, 0.02, 0.3), (2.6, 0.0, 0.0))
-    points = visible_samples(tracking.solid, CAMERA, pose, 3.0)
-    assert len(np.unique(points.edge)) > 2
+    tracking = ModelTracking(
+        Solid.from_triangles(block((0, 0), (1.4, 0.05), 0.0, 0.0, 0.04), "the bar")
+    )
+    pose = matrix_from_xyz_rpy((0.01, 0.02, 0.3), (2.6, 0.0, 0.0))
+    points = sample_visible_edges(tracking.solid, CAMERA, pose, 3.0)
+    assert len(np.unique(points.edges)) > 2
     grey = np.full((480, 640), 60, np.uint8)
     v, u = np.mgrid[0:480, 0:640]
-    low, high = points.pixel[:, 1].min(), points.pixel[:, 1].max()
+    low, high = points.pixels[:, 1].min(), points.pixels[:, 1].max()
     grey[(v > low) & (v < high)] = 160
     tracking.start(pose)
     found = tracking.track(grey, CAMERA)
     along = found.camera_T_solid[:3, 0]
-    assert not found.lost
+    assert not found.loss_reason
     assert along @ found.covariance[:3, :3] @ along > 1.0
-    assert found.unshared == 1.0
+    assert found.unrepeatable_part == 1.0
 
 
 def test_a_depth_image_alone_tells_the_pose_of_three_faces(folder):
@@ -379,7 +397,7 @@ def test_a_depth_image_alone_tells_the_pose_of_three_faces(folder):
     seen = np.column_stack([x, y, depth[v, u]])
     pose = exponential((0.001, -0.0005, 0.002, 0.004, -0.005, 0.003)) @ true
     for _ in range(12):
-        A, b, count = surface_equations(
+        A, b, count = build_surface_equations(
             solid.vertices, solid.faces, solid.normals, seen, np.ascontiguousarray(pose),
             np.zeros(3), 1.0, 1e-3)
         pose = exponential(np.linalg.solve(A, b)) @ pose
@@ -410,38 +428,40 @@ def test_clicks_and_a_marker_start_it(folder):
     places = corners @ true[:3, :3].T + true[:3, 3]
     u, v = CAMERA.project(*(places[:, :2] / places[:, 2:]).T)
     rough = np.round(np.column_stack([corners, u + 1.5, v - 1.0]), 4)
-    tracker = ModelTracker(solid_of(name), Start({"clicks": rough.tolist()}))
-    told = tracker.look(picture, CAMERA)
-    assert error_of(name, tracker.tracking.found.camera_T_solid, true)[0] < 1e-4
-    section = solid_of(name).points() @ true[:3, :3].T + true[:3, 3]
+    tracker = ModelTracker(solid_of(name), StartPose({"clicks": rough.tolist()}))
+    told = tracker.track(picture, CAMERA)
+    assert error_of(name, tracker.tracking.tracked_pose.camera_T_solid, true)[0] < 1e-4
+    section = solid_of(name).compute_section_corners() @ true[:3, :3].T + true[:3, 3]
     assert np.abs(told.points - section[:, :2] / section[:, 2:]).max() < 2e-4
     assert told.plane.inverse_depth(*told.points[2]) == pytest.approx(1.0 / section[2, 2], rel=1e-3)
     assert 0.0 < told.accuracy < 1e-3
-    start = Start({"marker": {"size": 0.04, "pose": [0.01, 0, 0, 0, 0, 0]}})
+    start = StartPose({"marker": {"size": 0.04, "pose": [0.01, 0, 0, 0, 0, 0]}})
     with pytest.raises(VisionError, match="no marker"):
-        start.camera_T_solid(picture, CAMERA, None)
+        start.compute_camera_T_solid(picture, CAMERA, None)
 
 
 def test_a_pose_in_the_world_starts_it_and_kinematics_tell_where_to_look(folder):
     sequence, name = Sequence("box", "clean", folder), "box"
-    tracker = ModelTracker(solid_of(name), Start({"pose": [0, 0, 0, 0, 0, 0]}))
+    tracker = ModelTracker(solid_of(name), StartPose({"pose": [0, 0, 0, 0, 0, 0]}))
     with pytest.raises(VisionError, match="needs the camera's pose"):
-        tracker.look(sequence.picture(0), CAMERA)
+        tracker.track(sequence.picture(0), CAMERA)
     for i in (0, 20, 60):  # far too far apart for a search
-        tracker.look(sequence.picture(i), CAMERA, inverse(sequence.pose(i)))
-        assert error_of(name, tracker.tracking.found.camera_T_solid, sequence.pose(i))[0] < 2e-4
+        tracker.track(sequence.picture(i), CAMERA, inverse(sequence.pose(i)))
+        assert (
+            error_of(name, tracker.tracking.tracked_pose.camera_T_solid, sequence.pose(i))[0] < 2e-4
+        )
 
 
 @pytest.mark.parametrize(("given", "why"), [
-    ({}, "says where the model is"),
+    ({}, "must define the start pose"),
     ({"pose": [0, 0, 0]}, "six finite numbers"),
-    ({"pose": [0] * 6, "clicks": []}, "says where the model is"),
+    ({"pose": [0] * 6, "clicks": []}, "must define the start pose"),
     ({"clicks": [[0, 0, 0, 1, 1]] * 3}, "four rows of five"),
     ({"marker": {"size": 0.1}}, "'pose'"),
 ])  # fmt: skip
 def test_a_start_that_is_none_is_refused(given, why):
     with pytest.raises(ModelError, match=why):
-        Start(given)
+        StartPose(given)
 
 
 @pytest.mark.parametrize(("kind", "known", "anew"), [
@@ -450,36 +470,39 @@ def test_a_start_that_is_none_is_refused(given, why):
 ])  # fmt: skip
 def test_a_lost_solid_is_looked_for_anew_where_that_can_be_told(monkeypatch, kind, known, anew):
     """By a marker at any time; by a pose only while nothing of it was known in the world."""
-    tracker, started = ModelTracker(solid_of("box"), Start(kind)), []
-    monkeypatch.setattr(ModelTracking, "started", True)
+    tracker, started = ModelTracker(solid_of("box"), StartPose(kind)), []
+    monkeypatch.setattr(ModelTracking, "is_started", True)
     monkeypatch.setattr(ModelTracking, "start", lambda self, pose: started.append(pose))
-    monkeypatch.setattr(ModelTracking, "track", lambda *_: SimpleNamespace(lost="it is gone"))
+    lost = SimpleNamespace(loss_reason="it is gone")
+    monkeypatch.setattr(ModelTracking, "track", lambda *_: lost)
     tracker._world_T_solid = np.eye(4) if known else None
     with pytest.raises(VisionError, match="it is gone"):
-        tracker.look(np.zeros((4, 4), np.uint8), CAMERA)
+        tracker.track(np.zeros((4, 4), np.uint8), CAMERA)
     assert started == [None] * anew
 
 
 def test_meshes_that_are_no_solid_in_metres_are_refused():
     box = corners_of("box")
     with pytest.raises(ModelError, match="80 m long: is it in millimetres"):
-        Solid.of(1000.0 * box, "part.stl")
+        Solid.from_triangles(1000.0 * box, "part.stl")
     with pytest.raises(ModelError, match="too small"):
-        Solid.of(0.001 * box, "part.stl")
+        Solid.from_triangles(0.001 * box, "part.stl")
     with pytest.raises(ModelError, match="part.stl is open"):
-        Solid.of(box[1:], "part.stl")
+        Solid.from_triangles(box[1:], "part.stl")
     with pytest.raises(ModelError, match="inside out"):
-        Solid.of(box[:, ::-1], "part.stl")
+        Solid.from_triangles(box[:, ::-1], "part.stl")
     flipped = box.copy()
     flipped[3] = flipped[3, ::-1]
     with pytest.raises(ModelError, match="open or folded"):
-        Solid.of(flipped, "part.stl")
-    assert len(Solid.of(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
+        Solid.from_triangles(flipped, "part.stl")
+    assert len(Solid.from_triangles(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
 
 
 def test_what_slips_turns_about_the_solids_own_axis():
-    aside = Solid.of(corners_of("cylinder") + (0.04, -0.02, 0.01))
-    assert np.allclose(np.abs(aside.slips()), [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]], atol=1e-3)
+    aside = Solid.from_triangles(corners_of("cylinder") + (0.04, -0.02, 0.01))
+    assert np.allclose(
+        np.abs(aside.compute_free_motions()), [[0.0], [0.0], [0.0], [0.0], [0.0], [1.0]], atol=1e-3
+    )
 
 
 def test_triangles_are_welded_in_whatever_order_they_are_listed():
@@ -494,6 +517,8 @@ def test_triangles_are_welded_in_whatever_order_they_are_listed():
         else:
             chain.append(left.pop(0))
     a, b, c = chain[0]
-    solid = Solid.of(np.array([*chain, (a, a, b), (a, b, a), (c, b, b)]))
+    solid = Solid.from_triangles(np.array([*chain, (a, a, b), (a, b, a), (c, b, b)]))
     assert (len(solid.faces), len(solid.edges)) == (12, 12)
-    assert np.allclose(solid.points()[[0, 2]], [(-0.04, -0.025, 0.05), (0.06, 0.025, 0.05)])
+    assert np.allclose(
+        solid.compute_section_corners()[[0, 2]], [(-0.04, -0.025, 0.05), (0.06, 0.025, 0.05)]
+    )

@@ -8,9 +8,9 @@ import pandas as pd
 import pytest
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_camera.model import fitting, search
+from aras_visual_servo_camera.model_tracker import edge_search, pose_fitting
 
-UNKNOWN = search.UNKNOWN
+UNKNOWN = edge_search.UNKNOWN_LEVEL
 # px that an edge may be off where it is measured, and from where it was expected; and part of the
 # contrast by which the pixels of one level may differ.
 SLACK, FARTHEST, UNEVEN = 0.35, 1.5, 0.35
@@ -88,7 +88,7 @@ def test_edges_are_looked_for_where_rows_and_columns_change_most(reach, least):
     for grey, angle in pictures():
         pixel, normal = places(angle, random)
         expected = levels_asked(random, len(pixel))
-        found = search.candidates(grey, pixel, normal, expected, reach, least, 30.0)
+        found = edge_search.find_candidates(grey, pixel, normal, expected, reach, least, 30.0)
         wanted = np.full(found.shape, np.nan)
         for n in range(len(pixel)):
             line = searched(grey, pixel[n], normal[n])
@@ -141,11 +141,13 @@ def test_edges_are_measured_by_the_sum_of_levels_over_their_change(noise):
     random, found_any = np.random.default_rng(2), 0
     for grey, angle in pictures():
         rough, normal = places(angle, random, 200)
-        near = search.candidates(grey, rough, normal, np.full((200, 2), UNKNOWN), 9.0, 12.0, 1.0)
+        near = edge_search.find_candidates(
+            grey, rough, normal, np.full((200, 2), UNKNOWN), 9.0, 12.0, 1.0
+        )
         pixel = np.ascontiguousarray(rough + (np.nan_to_num(near[:, :1]) + random.normal(
             0.0, 0.5, (200, 1))) * normal)
         room, expected = random.uniform(0.0, 14.0, (200, 2)), levels_asked(random, 200)
-        found = search.measured(grey, pixel, normal, room, expected, 12.0, 30.0, noise)
+        found = edge_search.measure_edges(grey, pixel, normal, room, expected, 12.0, 30.0, noise)
         wanted = np.full(found.shape, np.nan)
         for n in range(len(pixel)):
             line = searched(grey, pixel[n], normal[n])
@@ -160,7 +162,7 @@ def test_edges_are_measured_by_the_sum_of_levels_over_their_change(noise):
 @pytest.mark.parametrize("plain", [True, False])
 def test_levels_are_remembered_edge_by_edge(plain):
     """Compiled, and as plain Python, which reads nothing beyond an array."""
-    expected_levels, learn = search.expected_levels, search.learn
+    expected_levels, learn = edge_search.predict_levels, edge_search.update_levels
     if plain:
         expected_levels, learn = expected_levels.py_func, learn.py_func
     random = np.random.default_rng(3)
@@ -185,13 +187,15 @@ def test_noise_is_told_by_rows_all_over_the_picture(size):
     grey[:, ::3] //= 2
     rows = grey[::max(size[0] // 8, 1)].astype(int)
     bends = np.abs(2 * rows[:, 1:-1] - rows[:, :-2] - rows[:, 2:])
-    assert search.noise_of(grey) == pytest.approx(1.4826 * np.median(bends) / np.sqrt(6.0))
+    assert edge_search.estimate_noise(grey) == pytest.approx(
+        1.4826 * np.median(bends) / np.sqrt(6.0)
+    )
 
 
 def test_the_noise_of_a_row_that_bends_in_half_its_pixels_is_half_of_that():
     grey = np.array([[10, 10, 10, 14, 18, 18]], np.uint8)  # by 0, 4, 0, 4
-    assert search.noise_of(grey) == pytest.approx(1.4826 * 2.0 / np.sqrt(6.0))
-    assert search.noise_of(grey[:, :2]) == 0.0
+    assert edge_search.estimate_noise(grey) == pytest.approx(1.4826 * 2.0 / np.sqrt(6.0))
+    assert edge_search.estimate_noise(grey[:, :2]) == 0.0
 
 
 def tukey(residuals, least):
@@ -235,7 +239,9 @@ def test_the_equations_of_edges_are_those_of_their_residuals():
     away[random.random(away.shape) < 0.3] = np.nan
     away[7], away[11:15] = np.nan, 60.0
     weight = random.uniform(0.5, 2.0, 60)
-    A, b, residuals = fitting.edge_equations(at, near, gain, away, weight, T, ABOUT, UNIT, 0.3)
+    A, b, residuals = pose_fitting.build_edge_equations(
+        at, near, gain, away, weight, T, ABOUT, UNIT, 0.3
+    )
     now = (gain * (seen(T) - near)).sum(axis=1)
     left = pd.DataFrame(away - now[:, None])
     wanted = np.array([min(row.dropna(), key=abs, default=np.nan) for _, row in left.iterrows()])
@@ -265,16 +271,16 @@ def test_a_pose_is_fitted_by_steps_that_end_where_it_is_still(wide, exact, open_
     away[::9] += 40.0
     weight, slips = random.uniform(0.5, 2.0, 60), np.eye(6)[:open_ways]
     none, faces = np.zeros((1, 3)), np.zeros((1, 3), np.int64)
-    found = fitting.fitted(at, near, gain, away, weight, T, wide, exact, middle, UNIT, slips,
+    found = pose_fitting.fit_pose(at, near, gain, away, weight, T, wide, exact, middle, UNIT, slips,
                            none, faces, none, np.zeros((0, 3)))  # fmt: skip
     pose, least, turned = T.copy(), wide, np.zeros(3)
     focal, first = np.hypot(*gain[0]), T[:3, :3] @ middle + T[:3, 3]
     for step in range(7):
         about = pose[:3, :3] @ middle + pose[:3, 3]
-        A, b, residuals = fitting.edge_equations(
+        A, b, residuals = pose_fitting.build_edge_equations(
             at, near, gain, away, weight, pose, about, UNIT, least)
         for slip in slips:
-            fitting._without(A, b, np.concatenate([pose[:3, :3] @ slip[:3],
+            pose_fitting._remove_motion(A, b, np.concatenate([pose[:3, :3] @ slip[:3],
                                                    pose[:3, :3] @ slip[3:]]))
         if step == 6:
             break
@@ -318,8 +324,9 @@ def test_the_equations_of_a_depth_image_are_those_of_its_distances():
     for least in (1e-4, 0.02):
         w, scale = tukey(r, least)
         J = np.hstack([normal, np.cross((X - ABOUT) / UNIT, normal)])
-        A, b, count = fitting.surface_equations(vertices, faces, normals, measured, T, ABOUT,
-                                                UNIT, least)
+        A, b, count = pose_fitting.build_surface_equations(
+            vertices, faces, normals, measured, T, ABOUT, UNIT, least
+        )
         w /= scale**2
         assert count == (w > 0.0).sum() and 30 < count < len(r)
         np.testing.assert_allclose(A, J.T @ (w[:, None] * J), rtol=1e-8, atol=1e-8 * A.max())
@@ -331,7 +338,7 @@ def test_a_ray_beside_a_face_does_not_meet_it():
     corners, face = np.array([(-0.1, 0.5, 0.3), (-0.1, 0.0, 1.5), (-0.1, -0.5, 0.3)]), [[0, 1, 2]]
     rays, counts = np.column_stack([np.zeros(5), np.linspace(-0.4, 0.4, 5), np.full(5, 0.5)]), []
     for rays[:, 0] in (0.0, -0.2):
-        counts.append(fitting.surface_equations(
+        counts.append(pose_fitting.build_surface_equations(
             corners, np.array(face), np.array([(1.0, 0.0, 0.0)]), rays, np.eye(4), np.zeros(3), 1.0,
             1.0)[2])
     assert counts[0] == 0 < counts[1]
@@ -340,7 +347,7 @@ def test_a_ray_beside_a_face_does_not_meet_it():
 def test_a_pose_is_turned_about_the_solids_middle():
     middle = np.array([0.02, -0.01, 0.05])
     for turn in ((0.3, -0.2, 0.7), (0.0, 0.0, 0.0), (1e-9, 2e-9, 0.0), (0.0, 3.0, 0.5)):
-        found = fitting._changed(T, np.array(turn), ABOUT, middle)
+        found = pose_fitting._update_pose(T, np.array(turn), ABOUT, middle)
         wanted = Rotation.from_rotvec(turn).as_matrix() @ T[:3, :3]
         np.testing.assert_allclose(found[:3, :3], wanted, atol=1e-12)
         np.testing.assert_allclose(found[:3, :3] @ middle + found[:3, 3], ABOUT)
@@ -353,7 +360,7 @@ def test_what_is_left_out_of_equations_is_projected_away():
     slip /= np.linalg.norm(slip)
     A, b, keep = J.T @ J, random.normal(size=6), np.eye(6) - np.outer(slip, slip)
     wanted = keep @ A @ keep, keep @ b
-    fitting._without(A, b, slip)
+    pose_fitting._remove_motion(A, b, slip)
     np.testing.assert_allclose(A, wanted[0], atol=1e-12)
     np.testing.assert_allclose(b, wanted[1], atol=1e-12)
 
@@ -368,7 +375,9 @@ def test_a_pose_is_known_as_well_as_its_points_fit(strength, slips, is_open, spr
     A = (basis * strength) @ basis.T
     residuals, weight = random.normal(0.0, spread, 50), random.uniform(300.0, 900.0, 50)
     residuals[:5], residuals[7] = (1.5, -2.0, 1.01, 4.0, -1.2), np.nan
-    count, rms, excess, covariance, opened = fitting.judged(residuals, weight, A, slips, 0.07)
+    count, rms, excess, covariance, opened = pose_fitting.assess_pose(
+        residuals, weight, A, slips, 0.07
+    )
     used = np.abs(residuals) < 1.0
     assert count == used.sum() == 44
     assert rms == pytest.approx(np.sqrt(np.mean(residuals[used]**2)))
@@ -383,7 +392,11 @@ def test_a_pose_is_known_as_well_as_its_points_fit(strength, slips, is_open, spr
 
 
 def test_a_pose_of_few_points_is_not_known_better_than_by_noise():
-    count, rms, excess, _, _ = fitting.judged(np.full(4, 0.5), np.full(4, 8.0), np.eye(6), 0, 0.1)
+    count, rms, excess, _, _ = pose_fitting.assess_pose(
+        np.full(4, 0.5), np.full(4, 8.0), np.eye(6), 0, 0.1
+    )
     assert (count, rms, excess) == (4, 0.5, 8.0)
-    count, rms, excess, _, _ = fitting.judged(np.full(4, 2.0), np.full(4, 8.0), np.eye(6), 0, 0.1)
+    count, rms, excess, _, _ = pose_fitting.assess_pose(
+        np.full(4, 2.0), np.full(4, 8.0), np.eye(6), 0, 0.1
+    )
     assert (count, rms, excess) == (0, np.inf, 1.0)

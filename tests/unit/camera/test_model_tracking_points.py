@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 from tracking_scenes import CAMERA, RADIUS, corners_of, prism
 
-from aras_visual_servo_base.poses import inverse, transform
-from aras_visual_servo_camera.model import Solid
-from aras_visual_servo_camera.model.visible import MOST, visible_samples
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
+from aras_visual_servo_camera.model_tracker import Solid
+from aras_visual_servo_camera.model_tracker.visible_edges import MAX_POINTS, sample_visible_edges
 
 K = np.reshape(CAMERA.K, (3, 3))
 SIZE = np.array([CAMERA.width, CAMERA.height])
@@ -39,8 +39,8 @@ def expected(solid, T, spacing) -> list[tuple]:
     eye = inverse(T)[:3, 3] - solid.vertices[solid.faces[:, 0]]
     cosine = (eye * solid.normals).sum(axis=1) / np.linalg.norm(eye, axis=1)
     front, strip = cosine > 0.0, (cosine > -0.01) & (cosine < 0.03)
-    one, other = solid.beside.T
-    shown = np.where(solid.creased, (front[one] | front[other]) & ~strip[one] & ~strip[other],
+    one, other = solid.edge_faces.T
+    shown = np.where(solid.is_crease, (front[one] | front[other]) & ~strip[one] & ~strip[other],
                      front[one] != front[other])
     shown = np.flatnonzero(shown & (P[solid.edges, 2] > 0.01).all(axis=1))
     edges = solid.edges[shown]
@@ -64,13 +64,13 @@ def expected(solid, T, spacing) -> list[tuple]:
             at = depth * (np.linalg.inv(K) @ [*pixel, 1.0])
             shares = shares_of @ at
             before = hiding & (shares >= 0.0).all(axis=1) & (shares.sum(axis=1) > 1.0 + 2e-3)
-            before[solid.beside[e]] = False
+            before[solid.edge_faces[e]] = False
             if not before.any():
                 points.append((
                     (at - T[:3, 3]) @ T[:3, :3], at[:2] / at[2], pixel, normal,
                     normal * np.diag(K)[:2],
                     room(uv, edges, solid.edges[e], pixel, int(abs(way[0]) > abs(way[1]))), e,
-                    front[solid.beside[e]]))
+                    front[solid.edge_faces[e]]))
         due = 0.5 * spacing if length > 16.0 else due + spacing * count - length
     return points
 
@@ -86,23 +86,26 @@ def expected(solid, T, spacing) -> list[tuple]:
     (drum(), (0.0, 0.0, 1.1), (np.pi - 0.7, 0.2, 0.0), 2.0),
 ])
 def test_edge_points_are_those_that_are_seen_each_by_itself(corners, place, turn, spacing):
-    solid, T = Solid.of(corners), transform(place, turn)
-    found, wanted = visible_samples(solid, CAMERA, T, spacing), expected(solid, T, spacing)
-    assert len(found.at) == len(wanted) > 20
+    solid, T = Solid.from_triangles(corners), matrix_from_xyz_rpy(place, turn)
+    found, wanted = sample_visible_edges(solid, CAMERA, T, spacing), expected(solid, T, spacing)
+    assert len(found.solid_points) == len(wanted) > 20
     for field, values in zip(found, map(np.array, zip(*wanted, strict=True)), strict=True):
         np.testing.assert_allclose(field, values, atol=1e-6)
 
 
 @pytest.mark.parametrize("name", ["box", "bracket", "cylinder"])
 def test_outermost_are_faces_before_which_nothing_of_the_solid_lies(name):
-    solid = Solid.of(corners_of(name) + (0.3, -0.2, 0.1))
+    solid = Solid.from_triangles(corners_of(name) + (0.3, -0.2, 0.1))
     before = solid.normals @ solid.vertices.T - (
         solid.normals * solid.vertices[solid.faces[:, 0]]).sum(axis=1)[:, None]
-    assert (solid.outermost == (before.max(axis=1) < 1e-7)).all() and solid.outermost.any()
-    assert solid.outermost.all() == (name != "bracket")
+    assert (solid.is_outermost == (before.max(axis=1) < 1e-7)).all() and solid.is_outermost.any()
+    assert solid.is_outermost.all() == (name != "bracket")
 
 
 def test_there_are_no_more_points_than_there_is_room_for():
-    solid, T = Solid.of(corners_of("bracket")), transform((0.02, -0.01, 0.3), (2.5, 0.4, 0.5))
-    found, some = (visible_samples(solid, CAMERA, T, spacing) for spacing in (0.3, 3.0))
-    assert len(found.at) == MOST > len(some.at)
+    solid, T = (
+        Solid.from_triangles(corners_of("bracket")),
+        matrix_from_xyz_rpy((0.02, -0.01, 0.3), (2.5, 0.4, 0.5)),
+    )
+    found, some = (sample_visible_edges(solid, CAMERA, T, spacing) for spacing in (0.3, 3.0))
+    assert len(found.solid_points) == MAX_POINTS > len(some.solid_points)

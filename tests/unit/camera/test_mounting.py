@@ -66,17 +66,19 @@ def test_triggers_count_from_when_somebody_looks():
 
 def test_settings_are_found_by_name_and_the_rest_is_told():
     settings = {"a": {"b": {"width": 10}}, "c": {"parent": "world"}, "d": {"height": 3}}
-    assert mounting.below(settings, "a/b") == {"width": 10}
-    assert mounting.below(settings, "x/y") == {}
-    assert [name for name, _ in mounting.world_cameras(settings)] == ["c"]
-    assert mounting.unused(settings, {"a/b"}) == ["d"]
+    assert mounting.find_settings(settings, "a/b") == {"width": 10}
+    assert mounting.find_settings(settings, "x/y") == {}
+    assert [name for name, _ in mounting.find_world_cameras(settings)] == ["c"]
+    assert mounting.find_unused_names(settings, {"a/b"}) == ["d"]
     only_effects = {"a": {"b": {"effects": {"noise_stddev": 5.0}}}}
-    assert mounting.unused(only_effects, {"a/b"}) == []
-    assert mounting.unused(only_effects, {"a"}) == []
-    assert mounting.unused(only_effects, {"b"}) == ["a/b/effects"]
-    assert mounting.unused({"seed": 3, "e": {"width": 3, "effects": {"gain": 2.0}}}, set()) == ["e"]
+    assert mounting.find_unused_names(only_effects, {"a/b"}) == []
+    assert mounting.find_unused_names(only_effects, {"a"}) == []
+    assert mounting.find_unused_names(only_effects, {"b"}) == ["a/b/effects"]
+    assert mounting.find_unused_names(
+        {"seed": 3, "e": {"width": 3, "effects": {"gain": 2.0}}}, set()
+    ) == ["e"]
     with pytest.raises(CameraError, match="width"):
-        mounting.below({"a": "width"}, "a")
+        mounting.find_settings({"a": "width"}, "a")
 
 
 @pytest.mark.parametrize(
@@ -90,13 +92,13 @@ def test_settings_are_found_by_name_and_the_rest_is_told():
         ("pose", {"xyz": 5}, "3 finite numbers"),
         ("pose", {"xyz": [1, 2, 3, 4], "rpy": [5, 6]}, "3 finite"),
         ("pose", {"xyz": [0, 0, float("nan")]}, "must be a finite number"),
-        ("link", "arm", "leave the key out"),
+        ("link", "arm", "remove the key"),
         ("parent", "moon", "world"), ("seed", 1.5, "whole number"),
     ],
 )  # fmt: skip
 def test_a_wrong_setting_is_named(key, value, words):
     with pytest.raises(CameraError, match=words) as error:
-        mounting.world_camera("cam", {**PLACE, key: value}, {}, 0)
+        mounting.configure_world_camera("cam", {**PLACE, key: value}, {}, 0)
     assert "cam" in str(error.value)
     assert key in str(error.value)
 
@@ -109,25 +111,27 @@ def test_a_wrong_setting_of_a_robots_camera_says_where_it_was_read():
 
     def refusal(settings):
         with pytest.raises(CameraError) as error:
-            mounting.robot_camera(camera, {"lab": {"eye": settings}}, {}, 0)
+            mounting.configure_robot_camera(camera, {"lab": {"eye": settings}}, {}, 0)
         return str(error.value)
 
     assert refusal({"horizontal_fov": 0.0}) == (
-        "camera 'eye': horizontal_fov 0.0 rad: lens pinhole reaches above 0 and below 3.142 rad "
-        "(its settings are those of 'lab/eye')"
+        "camera 'eye': horizontal_fov 0.0 rad: lens pinhole needs a value above 0 and below "
+        "3.142 rad (its settings are those of 'lab/eye')"
     )
-    assert "'parent' is for cameras with 'parent: world'" in refusal({"parent": "world"})
+    assert "'parent' is only for cameras with 'parent: world'" in refusal({"parent": "world"})
 
 
 @pytest.mark.parametrize("pose", [
     [1, 2, 3, 0, 0, 0.5], "1 2 3 0 0 0.5", {"xyz": [1, 2, 3], "rpy": "0 0 0.5"},
 ])
 def test_ways_to_write_a_pose(pose):
-    _, placed = mounting.world_camera("cam", {**PLACE, "pose": pose}, {}, 0)
+    _, placed = mounting.configure_world_camera("cam", {**PLACE, "pose": pose}, {}, 0)
     assert placed.xyz == (1, 2, 3)
     assert placed.quat == pytest.approx((0, 0, np.sin(0.25), np.cos(0.25)))
-    for part in ("xyz", "rpy"):  # what is left out is zero
-        _, placed = mounting.world_camera("cam", {**PLACE, "pose": {part: [0, 0, 0]}}, {}, 0)
+    for part in ("xyz", "rpy"):  # what is ignored is zero
+        _, placed = mounting.configure_world_camera(
+            "cam", {**PLACE, "pose": {part: [0, 0, 0]}}, {}, 0
+        )
         assert (placed.xyz, placed.quat) == ((0, 0, 0), (0, 0, 0, 1))
 
 
@@ -154,27 +158,27 @@ def test_what_cannot_be_drawn_costs_its_frames_only(caplog):
         assert run() == [3, 6]
     simulation.close()
     assert [r.getMessage() for r in caplog.records if "mounting" in r.name] == [
-        "camera 'broken' gives no pictures: mesh 'a.stl' is damaged",
-        "camera 'broken' gives pictures again",
+        "camera 'broken' delivers no images: mesh 'a.stl' is damaged",
+        "camera 'broken' delivers images again",
     ]
 
 
 def test_cameras_differ_in_their_noise():
-    assert mounting.seed_of(0, "left") != mounting.seed_of(0, "right")
+    assert mounting.derive_seed(0, "left") != mounting.derive_seed(0, "right")
 
 
 def test_next_picture_is_told():
     simulation = Simulation()
-    assert simulation.next_picture_ns() is None
+    assert simulation.next_image_ns() is None
     slow = simulation.add_camera("slow", {**PLACE, "update_rate": 30.0})
     fast = simulation.add_camera("fast", {**PLACE, "update_rate": 40.0, "latency": 0.0021})
-    assert simulation.next_picture_ns() is None  # nobody looks
+    assert simulation.next_image_ns() is None  # nobody looks
     slow.enabled = fast.enabled = True
     told, frames = [], []
     for camera in (slow, fast):
         camera.on_frame = lambda frame, name=camera.sensor.config.name: frames.append(name)
     for _ in range(60):
-        told.append(simulation.next_picture_ns())
+        told.append(simulation.next_image_ns())
         simulation.step()
     # The fast one exposes at 25 and 50 ms and sends 2.1 ms later, the slow one at 33 1/3 ms.
     assert [n // 10_000 / 100 for n in dict.fromkeys(told)] == [25, 27.1, 33.33, 50, 52.1, 66.66]
@@ -255,8 +259,8 @@ def test_intrinsics_of_a_lens_are_drawn_and_published(kind):
 
 
 @pytest.mark.parametrize(("kind", "inside", "reason"), [
-    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; left out"),
-    ("camera", "<type>equidistant</type>", "is for a wideanglecamera; a pinhole is drawn"),
+    ("wideanglecamera", "<intrinsics/>", "<intrinsics> is not for a wideanglecamera; it is"),
+    ("camera", "<type>equidistant</type>", "needs a wideanglecamera; this camera is drawn"),
 ])
 def test_what_a_lens_has_in_vain_is_named(kind, inside, reason):
     made = parse_urdf(

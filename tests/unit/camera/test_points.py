@@ -5,7 +5,7 @@ import pytest
 from scenes import link_pose, looking
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.points import PointCloud, within_reach
+from aras_sim_bridge.camera.points import PointCloud, clip_depth
 from aras_sim_bridge.description import DepthTopics
 from aras_sim_bridge.rendering import create_renderer
 
@@ -21,7 +21,11 @@ def cloud_of(bench, topics, **settings):
         "width": 64, "height": 48, "near": 0.01, "depth": True, "update_rate": 1000.0, **settings})
     sensor = CameraSensor(config, create_renderer("exact", bench.world))
     frame = sensor.capture(link_pose(POSE), 1_000_000)
-    return sensor, frame, PointCloud(sensor.rays(), topics).points(frame.depth, frame.image)
+    return (
+        sensor,
+        frame,
+        PointCloud(sensor.compute_rays(), topics).compute_points(frame.depth, frame.image),
+    )
 
 
 POSE = looking([0.5, -0.3, 0.9], [0.05, 0.0, 0.1])
@@ -35,7 +39,8 @@ def test_points_are_the_depth_along_the_pixels_rays(bench, settings):
     assert np.array_equal(seen, np.isfinite(points[..., 2])) and seen.sum() > 400
     xyz = points[seen][:, :3]
     v, u = np.nonzero(seen)
-    np.testing.assert_allclose(sensor.config.model.project(xyz), np.stack([u, v], 1), atol=2e-3)
+    projected = sensor.config.projection.project(xyz)
+    np.testing.assert_allclose(projected, np.stack([u, v], 1), atol=2e-3)
     forward = settings is not WIDE
     depth = xyz[:, 2] if forward else np.linalg.norm(xyz, axis=1)
     np.testing.assert_allclose(depth, frame.depth[seen], rtol=2e-7)
@@ -53,25 +58,25 @@ def test_colours_stand_where_point_cloud_libraries_look_for_them(bench):
     assert not bytes_[..., 19:].any() and not bytes_[..., 12:16].any()
     grey = np.full((48, 64), 0x1234, np.uint16)
     topics = DepthTopics()
-    small = PointCloud(np.ones((48, 64, 3), np.float32), topics).points(frame.depth, grey)
+    small = PointCloud(np.ones((48, 64, 3), np.float32), topics).compute_points(frame.depth, grey)
     assert (small.view(np.uint8).reshape(48, 64, 32)[..., 16:19] == 0x12).all()
 
 
 def test_the_reach_of_a_camera():
     depth = np.array([[0.4, 0.5, 2.0, 3.0, np.inf, 70.0]], np.float32)
     nan = np.nan
-    assert within_reach(depth, DepthTopics()) is depth
+    assert clip_depth(depth, DepthTopics()) is depth
     np.testing.assert_array_equal(
-        within_reach(depth, DepthTopics(nearest=0.4)), [[nan, 0.5, 2.0, 3.0, np.inf, 70.0]])
+        clip_depth(depth, DepthTopics(nearest=0.4)), [[nan, 0.5, 2.0, 3.0, np.inf, 70.0]])
     np.testing.assert_array_equal(
-        within_reach(depth, DepthTopics(nearest=0.45, farthest=3.0)),
+        clip_depth(depth, DepthTopics(nearest=0.45, farthest=3.0)),
         [[nan, 0.5, 2.0, nan, nan, nan]])
-    millimetres = within_reach(depth, DepthTopics(nearest=0.4, millimetres=True))
+    millimetres = clip_depth(depth, DepthTopics(nearest=0.4, millimetres=True))
     assert millimetres.dtype == np.uint16
     np.testing.assert_array_equal(millimetres, [[0, 500, 2000, 3000, 0, 0]])
     rays = np.dstack([np.full((1, 6), 0.5), np.full((1, 6), -0.25), np.ones((1, 6))])
     topics = DepthTopics(nearest=0.4, farthest=3.0)
     grey = np.zeros((1, 6), np.uint8)
-    xyz = PointCloud(rays.astype(np.float32), topics).points(depth, grey)[..., :3]
+    xyz = PointCloud(rays.astype(np.float32), topics).compute_points(depth, grey)[..., :3]
     np.testing.assert_array_equal(
         xyz[0], [[nan] * 3, [0.25, -0.125, 0.5], [1, -0.5, 2], *[[nan] * 3] * 3])

@@ -15,7 +15,7 @@ from scipy.stats import qmc
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.description import Geometry, Light
-from aras_sim_bridge.rendering import Sun, create_renderer, shadows
+from aras_sim_bridge.rendering import Lighting, create_renderer, shadows
 from aras_sim_bridge.rendering.tiles import TILE
 
 PLACES = qmc.Sobol(4, seed=3).random(64)  # in a pixel, and on a light's disc
@@ -34,10 +34,10 @@ class Caster:
 
     def __init__(self, renderer) -> None:
         renderer.scene.refresh()
-        poses = renderer.scene.poses()
+        poses = renderer.scene.read_poses()
         corners, normals, colours, parts, uvs, self.side = [], [], [], [], [], []
         self.textures = {}
-        for n, part in enumerate(renderer.scene.parts):
+        for n, part in enumerate(renderer.scene.visuals):
             T, mesh = poses[part.row], part.mesh
             own = mesh.positions[mesh.triangles].astype(float)
             corners.append(own @ T[:3, :3].T + T[:3, 3])
@@ -50,8 +50,8 @@ class Caster:
                 self.textures[n] = cv2.imread(mesh.texture)[..., ::-1] / 255.0
         self.corners, self.normals, self.colours, self.part, self.uv = map(
             np.concatenate, (corners, normals, colours, parts, uvs))
-        self.label = renderer.scene.labels()[
-            [renderer.scene.parts[n].row for n in self.part]]
+        self.label = renderer.scene.compute_labels()[
+            [renderer.scene.visuals[n].row for n in self.part]]
         a = self.corners[:, 0]
         self.e1, self.e2 = self.corners[:, 1] - a, self.corners[:, 2] - a
         self.normal = np.cross(self.e1, self.e2)
@@ -99,7 +99,7 @@ class Caster:
         return out
 
 
-def backdrop(light: Sun, up) -> np.ndarray:
+def backdrop(light: Lighting, up) -> np.ndarray:
     """(N, 3) of rays whose sines above the horizon are up (N,); 0..1."""
     if not light.sky:
         return np.tile(light.background[:3], (len(up), 1))
@@ -109,14 +109,14 @@ def backdrop(light: Sun, up) -> np.ndarray:
                     horizon + np.minimum(-6.0 * up, 1.0) * (haze - horizon))
 
 
-def sunlit(light: Sun, normals, share, n) -> np.ndarray:
+def sunlit(light: Lighting, normals, share, n) -> np.ndarray:
     """(N, 1) light between the corners of triangles n (N,)."""
     to = -np.array(light.direction) / np.linalg.norm(light.direction)
     at = light.ambient + light.diffuse * np.maximum(normals[n] @ to, 0.0)
     return (at * share).sum(axis=1)[:, None]
 
 
-def lamplit(light: Sun, caster: Caster, points, share, n, disc) -> np.ndarray:
+def lamplit(light: Lighting, caster: Caster, points, share, n, disc) -> np.ndarray:
     """(N, 3) light at points by lamps. disc (2, N): 0..1, a place on each."""
     normal = (caster.normals[n] * share[..., None]).sum(axis=1)
     normal /= np.linalg.norm(normal, axis=1)[:, None]
@@ -151,7 +151,7 @@ def lamplit(light: Sun, caster: Caster, points, share, n, disc) -> np.ndarray:
     return total
 
 
-def expected(caster: Caster, model, view, light: Sun, pixels, many) -> tuple:
+def expected(caster: Caster, model, view, light: Lighting, pixels, many) -> tuple:
     """Of `many` places in each of the pixels (height, width) bool its grey levels (many, N, 3), and
     (many, N) the triangle that it shows, -1: none, -2: several, through glass."""
     T, count = view.world_T_optical, int(pixels.sum())
@@ -199,7 +199,7 @@ def resolved(renderer, view):
     """What is seen, pixels (height, width) bool that are worked out from what covers them, and
     rendering.fragments.Fragments of those."""
     one = renderer.sample(view, 1.0, -0.5)
-    plain = one.canvas.shader.plain(renderer.triangles, one.seen)
+    plain = one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
     if renderer.light.lights:
         plain[:] = 0
     bits, fragments, _ = renderer.resolve(one, view, plain)
@@ -207,7 +207,7 @@ def resolved(renderer, view):
     of = bits[:, None] >> np.arange(TILE * TILE, dtype=np.uint64) & np.uint64(1)
     of = of.reshape(tiles.rows, tiles.columns, TILE, TILE).swapaxes(1, 2)
     of = of.reshape(tiles.rows * TILE, -1)[:view.height, :view.width] > 0
-    return one.seen, of, fragments
+    return one.visible, of, fragments
 
 
 DIAMOND_OBJ = """mtllib {0}.mtl\nusemtl {0}
@@ -278,7 +278,7 @@ LENSES = {
     "wide": dict(lens="equidistant", horizontal_fov=2.4),
     "around": dict(lens="equidistant", horizontal_fov=3.8),
 }
-SUN = Sun(direction=(-0.5, 0.4, -0.8))
+SUN = Lighting(direction=(-0.5, 0.4, -0.8))
 LAMPS = (
     Light("b", "point", (0.5, -0.3, 0.7), diffuse=(0.3, 0.5, 0.4, 1.0), cast_shadows=True,
           attenuation_constant=0.7, attenuation_linear=0.4, attenuation_quadratic=0.3),
@@ -289,11 +289,11 @@ LAMPS = (
 )
 LIT = {
     "sun": SUN,
-    "bright": Sun(direction=(-0.5, 0.4, -0.8), ambient=0.7, diffuse=0.9, exposure="gazebo"),
-    "hard": Sun(lights=LAMPS, shadows="hard", tint=(1.0, 0.8, 0.6)),
-    "soft": Sun(lights=LAMPS, shadows="soft", tint=(1.0, 0.8, 0.6)),
-    "sky": Sun(direction=(-0.5, 0.4, -0.8), sky=True),
-    "none": Sun(lights=LAMPS, tint=(1.0, 0.8, 0.6), exposure="gazebo"),
+    "bright": Lighting(direction=(-0.5, 0.4, -0.8), ambient=0.7, diffuse=0.9, exposure="gazebo"),
+    "hard": Lighting(lights=LAMPS, shadows="hard", tint=(1.0, 0.8, 0.6)),
+    "soft": Lighting(lights=LAMPS, shadows="soft", tint=(1.0, 0.8, 0.6)),
+    "sky": Lighting(direction=(-0.5, 0.4, -0.8), sky=True),
+    "none": Lighting(lights=LAMPS, tint=(1.0, 0.8, 0.6), exposure="gazebo"),
 }
 
 # Grey levels, RMS, of pixels without edges, where they are rounded besides (0.3), and with them.
@@ -315,7 +315,7 @@ def scene(bench, tmp_path, what, lens, lit, near=0.02, far=50.0, size=(43, 27), 
         settings["camera_matrix"] = tuple(fine * x for x in settings["camera_matrix"])
     sensor = CameraSensor(CameraConfig.from_mapping(settings),
                           create_renderer("exact", bench.world, LIT[lit]))
-    return sensor, sensor.view(link_pose(looking(EYE, AT, (0.2, 0.1, 1.0))))
+    return sensor, sensor.make_view(link_pose(looking(EYE, AT, (0.2, 0.1, 1.0))))
 
 
 @pytest.fixture(params=["plain", "compiled"])
@@ -323,7 +323,7 @@ def how(request, monkeypatch):
     """The same code runs as plain Python, with fewer rays at a shadow's edge, and compiled."""
     if request.param == "plain":
         request.getfixturevalue("plainly")
-        monkeypatch.setattr(shadows, "FINE", 24)
+        monkeypatch.setattr(shadows, "MANY_RAYS", 24)
     return request.param
 
 
@@ -344,7 +344,7 @@ def test_a_picture_is_what_rays_at_its_triangles_say(
     picture = sensor.renderer.render(view)
     # Edges differ by what 64 rays leave open; a shadow's edge is in one sample of a fragment where
     # it is hard, and in few where it is soft.
-    one = caster, sensor.config.model, view, LIT[lit]
+    one = caster, sensor.config.projection, view, LIT[lit]
     places, shows = expected(*one, edges, 64)
     off = picture[edges] - places.mean(axis=0)
     assert rms(off) < EDGES.get(lit, 2.8)
@@ -367,11 +367,11 @@ def test_pieces_of_pixels_are_as_large_as_rays_say_and_lie_within_them(
 ):  # fmt: skip
     sensor, view = scene(bench, tmp_path, what, lens, "sun")
     caster, (seen, edges, f) = Caster(sensor.renderer), resolved(sensor.renderer, view)
-    _, shows = expected(caster, sensor.config.model, view, SUN, edges, 64)
+    _, shows = expected(caster, sensor.config.projection, view, SUN, edges, 64)
     number = np.full(edges.shape, -1)
     number[edges] = np.arange(edges.sum())
     triangles, width = sensor.renderer.triangles, TILE * -(-view.width // TILE)
-    cell = TILE // view.tiles().cells
+    cell = TILE // view.get_tiles().cells
     off, aside, whole = [], [], []
     for k, pixel in enumerate(f.pixel):
         v, u = pixel // width, pixel % width
@@ -406,7 +406,7 @@ def test_depth_and_body_are_those_of_the_nearest_triangle(bench, tmp_path, lens,
     depth, label = sensor.renderer.measure(view)
     caster = Caster(sensor.renderer)
     v, u = (x.reshape(-1) for x in np.mgrid[:view.height, :view.width].astype(float))
-    rays = sensor.config.model.unproject(np.stack([u, v], axis=1))
+    rays = sensor.config.projection.unproject(np.stack([u, v], axis=1))
     away, _, _, front = caster.seen(view, rays)
     away[:, caster.colours[front, 3] < 1.0] = np.inf
     nearest, far = front[away.argmin(axis=1)], away.min(axis=1)

@@ -103,8 +103,8 @@ def test_a_camera_inside_a_body_looks_out_of_it(bench, name):
     renderer = create_renderer(name, bench.world)
     pose = looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0))
     assert renderer.render(View(32, 24, pose, K, 0.02)).min() > 200
-    assert renderer.bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
-    assert renderer.bodies_around([0, 0, 1.5]) == []
+    assert renderer.find_bodies_around([0, 0, 1.0]) == [f"{body.name}::link"]
+    assert renderer.find_bodies_around([0, 0, 1.5]) == []
 
 
 @pytest.mark.parametrize(("kind", "off"), [("exact", 0.1), ("tiny", 0.6)])
@@ -132,7 +132,7 @@ def test_tiny_pictures_have_any_size(bench):
 
 
 def test_unknown_renderer_lists_what_there_is(bench):
-    with pytest.raises(RenderingError, match="'vulkan'; there are auto, exact, tiny, opengl"):
+    with pytest.raises(RenderingError, match="'vulkan'; use one of auto, exact, tiny, opengl"):
         rendering.create_renderer("vulkan", bench.world)
 
 
@@ -292,7 +292,7 @@ def test_shapes_are_closed_and_face_outwards():
     for shape in (Geometry("box", size=(1.0, 2.0, 3.0)), Geometry("sphere", radius=0.5),
                   Geometry("cylinder", radius=0.3, length=1.0),
                   Geometry("capsule", radius=0.2, length=0.6)):
-        (mesh,) = shapes.triangles(shape)
+        (mesh,) = shapes.make_meshes(shape)
         a, b, c = mesh.positions[mesh.triangles].astype(float).transpose(1, 0, 2)
         assert (np.einsum("ni,ni->n", np.cross(a, b), c) / 6).sum() > 0
         assert mesh.contains(np.zeros(3))
@@ -320,10 +320,10 @@ def test_depth_of_a_wall_through_lenses(bench, renderer, lens, along_ray):
         CameraConfig.from_mapping(settings),
         create_renderer(renderer, bench.world),
     )
-    depth, label = sensor.renderer.measure(sensor.view(np.eye(4)))
+    depth, label = sensor.renderer.measure(sensor.make_view(np.eye(4)))
     v, u = np.mgrid[:120, :160]
     pixels = np.stack([u.ravel(), v.ravel()], axis=1).astype(float)
-    rays = sensor.config.model.unproject(pixels).reshape(120, 160, 3)
+    rays = sensor.config.projection.unproject(pixels).reshape(120, 160, 3)
     with np.errstate(invalid="ignore"):
         expected = 0.5 / rays[..., 2] if along_ray else np.full(u.shape, 0.5)
         seen = (label >= 0) & (rays[..., 2] > 0.3)

@@ -9,7 +9,7 @@ from scenes import BRIGHT, link_pose, looking, table_and_target
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.camera.effects import EffectChain, Effects, SensorModel
 from aras_sim_bridge.camera.effects import sensor as sensor_effects
-from aras_sim_bridge.camera.formats import read_out, shape_of, widened
+from aras_sim_bridge.camera.formats import find_shape, read_out, widen
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import create_renderer
 from aras_sim_bridge.world import Pose
@@ -35,7 +35,7 @@ class Nothing:
     def snapshot(self):
         pass
 
-    def bodies_around(self, point):
+    def find_bodies_around(self, point):
         return ["robot::link6"]
 
 
@@ -43,9 +43,9 @@ def frames(sensor, ticks, step=MS, start=0):
     out = []
     for k in range(1, ticks + 1):
         after = start + k * step
-        if sensor.needs_before(after):
+        if sensor.needs_previous_pose(after):
             sensor.before_step(np.eye(4), after - step)
-        if sensor.due(after):
+        if sensor.is_due(after):
             frame = sensor.capture(np.eye(4), after)
             if frame is not None:
                 out.append((after, frame))
@@ -80,11 +80,11 @@ def test_moving_body_is_drawn_where_it_was_at_the_stamp(bench):
     pose = link_pose(looking([0, 0, 1.0], [0, 0, 0], (0, 1, 0)))
     centre = None
     for k in range(1, 35):
-        if sensor.needs_before(k * MS):
+        if sensor.needs_previous_pose(k * MS):
             sensor.before_step(pose, (k - 1) * MS)
         # 1 m/s along x: 0.63 px a tick, so that a tick's delay would be seen
         body.set_pose(Pose((k * 1e-3, 0.0, 0.0)))
-        if sensor.due(k * MS):
+        if sensor.is_due(k * MS):
             frame = sensor.capture(pose, k * MS)
             dark = 255.0 - frame.image[..., 0]
             centre = (dark * np.arange(320)).sum() / dark.sum()
@@ -152,7 +152,7 @@ def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(capl
     sensor = camera(update_rate=30.0)
     got = frames(sensor, 4, step=100 * MS)
     assert [f.stamp_ns // MS for _, f in got] == [100, 200, 300, 400]
-    told = [r.getMessage() for r in caplog.records if "leaves out frames" in r.getMessage()]
+    told = [r.getMessage() for r in caplog.records if "drops frames" in r.getMessage()]
     assert len(told) == 1
     assert "30 Hz are above the physics rate" in told[0]
     # also where a step ends with a picture's instant, to the nanosecond
@@ -269,7 +269,7 @@ def test_a_triggered_picture_is_read_before_the_next_one_begins():
     ({"exposure_time": 0.02, "row_time": 0.002}, "exposure_time and row_time .*, 0.036 s together"),
     ({"row_time": -1e-5}, "row_time is -1e-05, must be >= 0"),
     ({"auto_exposure": {"target": 300}}, "auto_exposure.target is 300"),
-    ({"auto_exposure": {"least": 2.0}}, "begins at a factor of 1"),
+    ({"auto_exposure": {"least": 2.0}}, "initial factor of 1"),
 ])  # fmt: skip
 def test_impossible_times_are_one_clear_line(effects, told):
     with pytest.raises(CameraError, match=told) as raised:
@@ -342,7 +342,7 @@ def test_noise_is_added_to_each_value_within_what_a_byte_holds(monkeypatch):
     """As plain Python does it as well, of which a few are enough."""
     levels, out, plain = np.tile(np.uint8([0, 100, 255]), 40), *np.empty((2, 120), np.uint8)
     sensor_effects._add_noise(levels, 3.0, 6.0, np.uint64(77), out)
-    monkeypatch.setattr(sensor_effects, "_deviate", sensor_effects._deviate.py_func)
+    monkeypatch.setattr(sensor_effects, "_draw_normal", sensor_effects._draw_normal.py_func)
     with np.errstate(over="ignore"):
         sensor_effects._add_noise.py_func(levels, 3.0, 6.0, np.uint64(77), plain)
     assert np.abs(out.astype(int) - plain).max() <= 1
@@ -437,10 +437,10 @@ def test_noise_is_that_of_a_characterised_sensor(level, exposure, gain):
     ({"gain": 0.01}, {}, "effects.sensor.full_well is missing"),
     ({"gain": 0.0, "full_well": 1e4}, {}, "effects.sensor.gain is 0.0, must be > 0"),
     ({"gain": 0.01, "full_well": -1}, {}, "full_well is -1.0, must be > 0"),
-    ({"gain": 1e-5, "full_well": 1e4}, {}, "is 0.1 grey levels: all would be black"),
-    ({"gain": 0.01, "full_well": 1e4, "read_noise": 2e4}, {}, "read_noise 20000 e- drowns a full"),
+    ({"gain": 1e-5, "full_well": 1e4}, {}, "is 0.1 grey levels: images would be black"),
+    ({"gain": 0.01, "full_well": 1e4, "read_noise": 2e4}, {}, "read_noise 20000 e- is not below"),
     ({"gain": 0.01, "full_well": 1e4, "dark_current": 5.0}, {}, "exposure_time, which is 0"),
-    ({"gain": 0.01, "full_well": 1e4}, {"shot_noise": 0.1}, "leave one of them out"),
+    ({"gain": 0.01, "full_well": 1e4}, {"shot_noise": 0.1}, "remove one of them"),
 ])  # fmt: skip
 def test_impossible_figures_of_a_sensor_are_one_clear_line(sensor, effects, told):
     with pytest.raises(CameraError, match=told) as raised:
@@ -501,13 +501,13 @@ def test_formats():
     rgb = np.zeros((4, 6, 3), np.uint8)
     rgb[:] = (10, 20, 30)
     assert read_out(rgb, "bgr8")[0, 0].tolist() == [30, 20, 10]
-    assert read_out(rgb, "mono8").shape == shape_of("mono8", 4, 6) == (4, 6)
+    assert read_out(rgb, "mono8").shape == find_shape("mono8", 4, 6) == (4, 6)
     # 0.299 r + 0.587 g + 0.114 b, as luminance is reckoned
     assert read_out(np.uint8([[(200, 100, 40)]]), "mono8").item() == round(59.8 + 58.7 + 4.56)
-    assert read_out(rgb, "rgb16").shape == shape_of("rgb16", 4, 6) == (4, 6, 3)
-    assert widened(rgb, "rgb8") is rgb
-    assert widened(rgb, "mono16").dtype == np.uint16
-    assert widened(np.full_like(rgb, 255), "rgb16").max() == 65535
+    assert read_out(rgb, "rgb16").shape == find_shape("rgb16", 4, 6) == (4, 6, 3)
+    assert widen(rgb, "rgb8") is rgb
+    assert widen(rgb, "mono16").dtype == np.uint16
+    assert widen(np.full_like(rgb, 255), "rgb16").max() == 65535
     assert read_out(rgb, "bayer_rggb8")[:2, :2].tolist() == [[10, 20], [20, 30]]
     assert read_out(rgb, "bayer_grbg8")[:2, :2].tolist() == [[20, 10], [30, 20]]
     assert read_out(rgb, "bayer_gbrg8")[:2, :2].tolist() == [[20, 30], [10, 20]]
@@ -537,7 +537,7 @@ def test_a_camera_inside_a_body_says_so_unless_it_is_its_own(caplog):
     caplog.clear()
     for name in ("robot::link6", "rig::robot::link6"):
         around = Nothing()
-        around.bodies_around = lambda point, name=name: [name]
+        around.find_bodies_around = lambda point, name=name: [name]
         frames(camera(around, update_rate=10.0, link="link6"), 300)
     assert not caplog.records
 
@@ -572,7 +572,7 @@ def test_a_triggered_camera_exposes_once_for_each_trigger(caplog):
     sensor.trigger(159 * MS, MS)
     sensor.reset(0)  # time went back: what was asked for is over
     assert not frames(sensor, 300)
-    assert not any("leaves out frames" in text for text in caplog.messages)
+    assert not any("drops frames" in text for text in caplog.messages)
     streaming = camera(update_rate=30.0)
     streaming.trigger(0, MS)
     assert [f.stamp_ns for _, f in frames(streaming, 40)] == [33_333_333]

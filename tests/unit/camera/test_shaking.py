@@ -7,7 +7,7 @@ import pytest
 from scenes import link_pose, looking, table_and_target
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.shaking import Shake, Vibration
+from aras_sim_bridge.camera.vibration import Shake, Vibration
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.rendering import View, create_renderer
 from aras_visual_servo_base.poses import rpy_from_rotation
@@ -23,7 +23,7 @@ def moved(vibration, seconds=8.0, rate=500.0):
     """(n, 6) along and about the sensor's axes, m and rad."""
     found = []
     for k in range(round(seconds * rate)):
-        pose = vibration.at(round(k / rate * 1e9))
+        pose = vibration.compute_pose(round(k / rate * 1e9))
         xyz, rpy = AXES.T @ pose[:3, 3], rpy_from_rotation(AXES.T @ pose[:3, :3] @ AXES)
         found.append([*xyz, *rpy])
     return np.array(found)
@@ -56,9 +56,9 @@ def test_noise_within_a_band_has_a_sines_power():
 def test_a_seed_is_a_shake():
     assert Shake(frequency=20.0).xyz == Shake(frequency=20.0).rpy == (0.0, 0.0, 0.0)
     shake = Shake(frequency=20.0, xyz=XYZ, bandwidth=5.0)
-    at = Vibration(shake, 7).at(123_456_789)
-    np.testing.assert_array_equal(at, Vibration(shake, 7).at(123_456_789))
-    assert np.abs(at - Vibration(shake, 8).at(123_456_789)).max() > 1e-5
+    at = Vibration(shake, 7).compute_pose(123_456_789)
+    np.testing.assert_array_equal(at, Vibration(shake, 7).compute_pose(123_456_789))
+    assert np.abs(at - Vibration(shake, 8).compute_pose(123_456_789)).max() > 1e-5
     # in every version, with which pictures of a study are made again
     assert 1e6 * AXES.T @ at[:3, 3] == pytest.approx([-309.953, -2633.949, -971.269], abs=1e-2)
 
@@ -85,14 +85,14 @@ def test_pictures_are_of_where_it_is_at_their_instants(bench):
     np.testing.assert_array_equal(one.info.K, still.info.K)
     vibration, frames = Vibration(Shake(**shake), 5), []
     for k in range(1, 110):
-        if one.needs_before(k * MS):
+        if one.needs_previous_pose(k * MS):
             one.before_step(LINK, (k - 1) * MS)
-        if one.due(k * MS) and (frame := one.capture(LINK, k * MS)) is not None:
+        if one.is_due(k * MS) and (frame := one.capture(LINK, k * MS)) is not None:
             frames.append(frame)
     assert [frame.stamp_ns for frame in frames] == [round(k * 1e9 / 30) for k in (1, 2, 3)]
     mean = LINK @ still.link_T_optical
     for frame in frames:
-        drawn = shown(renderer, config, mean @ vibration.at(frame.stamp_ns))
+        drawn = shown(renderer, config, mean @ vibration.compute_pose(frame.stamp_ns))
         np.testing.assert_array_equal(frame.image, drawn)
         assert (frame.image != shown(renderer, config, mean)).any()
 
@@ -108,20 +108,20 @@ def test_rows_that_are_read_one_after_the_other_shake_by_themselves(bench):
     vibration, mean = Vibration(Shake(**shake), 0), LINK @ sensor.link_T_optical
     for first in (0, 56, 112):
         at = frame.stamp_ns + round(1e5 * (first + 3.5 - 59.5))
-        whole = shown(renderer, sensor.config, mean @ vibration.at(at)).astype(int)
+        whole = shown(renderer, sensor.config, mean @ vibration.compute_pose(at)).astype(int)
         np.testing.assert_allclose(frame.image[first:first + 8], whole[first:first + 8], atol=3)
 
 
 def _stepped(sensor, clock=[0]):  # noqa: B006 (the clock of one test)
     clock[0] += MS
-    if sensor.needs_before(clock[0]):
+    if sensor.needs_previous_pose(clock[0]):
         sensor.before_step(LINK, clock[0] - MS)
-    return sensor.capture(LINK, clock[0]) if sensor.due(clock[0]) else None
+    return sensor.capture(LINK, clock[0]) if sensor.is_due(clock[0]) else None
 
 
 @pytest.mark.parametrize(("shake", "complaint"), [
     ({"xyz": [1e-3] * 3}, "frequency"), ({"frequency": 0.0}, "frequency is 0.0, must be > 0"),
-    ({"frequency": 10.0, "bandwidth": 25.0}, "bandwidth of 25 Hz about 10 Hz would begin below 0"),
+    ({"frequency": 10.0, "bandwidth": 25.0}, "bandwidth of 25 Hz about 10 Hz would extend below 0"),
     ({"frequency": 10.0, "xyz": [-1e-3, 0, 0]}, "shake.xyz.*>= 0"),
     ({"frequency": 10.0, "xyz": [1, 0, 0]}, "shake.xyz.*<= 0.1"),
     ({"frequency": 10.0, "rpi": [0, 0, 0]}, "did you mean 'rpy'"),

@@ -9,9 +9,9 @@ import pytest
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
 from aras_sim_bridge.rendering import View, create_renderer, tiles
-from aras_sim_bridge.rendering.grouping import CLUSTER, groups
-from aras_sim_bridge.rendering.scene import Part
-from aras_sim_bridge.rendering.triangles import Triangles, _convex, _quad
+from aras_sim_bridge.rendering.clustering import CLUSTER_SIZE, cluster_triangles
+from aras_sim_bridge.rendering.scene import VisualMesh
+from aras_sim_bridge.rendering.triangles import Triangles, _find_quad, _is_convex
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import from_corners
 from aras_visual_servo_base.poses import rotation_from_rpy
@@ -21,11 +21,11 @@ CORNERS = np.array([[[0.0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 0, 1], [1, 0, 1], 
 
 def part(**changes):
     mesh = from_corners(CORNERS)
-    return Part(0, replace(mesh, **changes), (1.0, 0.0, 0.0, 1.0))
+    return VisualMesh(0, replace(mesh, **changes), (1.0, 0.0, 0.0, 1.0))
 
 
 def test_the_same_parts_are_prepared_once():
-    assert Triangles.of([part()]) is Triangles.of([part()])
+    assert Triangles.from_visuals([part()]) is Triangles.from_visuals([part()])
 
 
 @pytest.mark.parametrize("other", [
@@ -39,7 +39,7 @@ def test_the_same_parts_are_prepared_once():
     list,
 ])  # fmt: skip
 def test_what_differs_is_prepared_anew(other):
-    assert Triangles.of(other()) is not Triangles.of([part()])
+    assert Triangles.from_visuals(other()) is not Triangles.from_visuals([part()])
 
 
 @pytest.mark.parametrize("away", [(0.0, 0.0, 0.0), (3e3, -2e3, 0.0)])
@@ -50,14 +50,14 @@ def test_each_links_box_is_as_large_as_it_is_and_a_dent_is_none_less_far_from_it
     faces = np.array([[0, 2, 1], [0, 1, 3], [0, 3, 2], [1, 2, 3]])
     dented = np.vstack([whole, whole[1:].mean(axis=0) * (1 - 1e-3)])
     parts = [
-        Part(row, replace(from_corners(corners[faces]), positions=corners, triangles=faces,
+        VisualMesh(row, replace(from_corners(corners[faces]), positions=corners, triangles=faces,
                           normals=np.zeros_like(corners)), (1.0, 0.0, 0.0, 1.0))
         for row, corners, faces in (
             (2, whole + away, faces),
             (0, dented + away, np.vstack([faces[:3], [[1, 2, 4], [2, 3, 4], [3, 1, 4]]])),
         )
     ]  # fmt: skip
-    made = Triangles.of(parts)
+    made = Triangles.from_visuals(parts)
     convex = {int(row): set(made.hull[made.row == row] >= 0) for row in (0, 2)}
     assert convex == {2: {True}, 0: {False}}
     for row in (0, 2):
@@ -73,13 +73,13 @@ def test_a_texture_that_was_painted_over_is_read_again(tmp_path):
     cv2.imwrite(str(file), np.zeros((4, 4, 3), np.uint8))
     textured = [part(texture=str(file), uv=np.zeros((6, 2), np.float32))]
     plain = part()
-    assert Triangles.of(textured).textures.texels[1:].max() == 0
-    made = Triangles.of([*textured, plain, *textured])
+    assert Triangles.from_visuals(textured).textures.texels[1:].max() == 0
+    made = Triangles.from_visuals([*textured, plain, *textured])
     assert {(int(n), int(s), int(at)) for n, s, at in zip(
         made.part, made.smooth, made.layer, strict=True)} == {(0, -1, 0), (1, 1, -1), (2, -1, 0)}
     cv2.imwrite(str(file), np.full((4, 4, 3), 200, np.uint8))
     os.utime(file, ns=(1, 1))
-    assert (Triangles.of(textured).textures.texels[1:] & 255).min() == 200
+    assert (Triangles.from_visuals(textured).textures.texels[1:] & 255).min() == 200
 
 
 LENSES = {
@@ -97,7 +97,11 @@ def test_cameras_that_see_alike_have_the_same_tiles_and_others_their_own():
     def tiles_of(settings):
         config = CameraConfig.from_mapping({"width": 40, "height": 32, **settings})
         with World() as world:
-            return CameraSensor(config, create_renderer("exact", world)).view(np.eye(4)).tiles()
+            return (
+                CameraSensor(config, create_renderer("exact", world))
+                .make_view(np.eye(4))
+                .get_tiles()
+            )
 
     found = [tiles_of(settings) for settings in LENSES.values()]
     assert len(set(map(id, found))) == len(LENSES)
@@ -106,9 +110,9 @@ def test_cameras_that_see_alike_have_the_same_tiles_and_others_their_own():
 
 
 def test_a_large_pictures_tiles_are_not_kept(monkeypatch):
-    monkeypatch.setattr(tiles, "LARGE", 40 * 32 - 1)
+    monkeypatch.setattr(tiles, "LARGEST_CACHED_IMAGE", 40 * 32 - 1)
     K = np.array([[30.0, 0, 20], [0, 30, 16], [0, 0, 1]])
-    assert View(40, 32, np.eye(4), K).tiles() is not View(40, 32, np.eye(4), K).tiles()
+    assert View(40, 32, np.eye(4), K).get_tiles() is not View(40, 32, np.eye(4), K).get_tiles()
 
 
 def parted(low, high, of) -> list[frozenset]:
@@ -121,7 +125,7 @@ def parted(low, high, of) -> list[frozenset]:
     keys = [*(low + high).T, (high - low).max(axis=1)]
     ways = [of[np.argsort(key[of], kind="stable")] for key in keys if half]
     cut = [effort(way[:half]) + effort(way[half:]) for way in ways]
-    if len(of) <= CLUSTER and not (half and min(cut) < 0.6 * effort(of)):
+    if len(of) <= CLUSTER_SIZE and not (half and min(cut) < 0.6 * effort(of)):
         return [frozenset(of)]
     best = ways[int(np.argmin(cut))]
     return parted(low, high, best[:half]) + parted(low, high, best[half:])
@@ -137,26 +141,29 @@ def test_every_triangle_is_in_one_group_of_few_that_face_one_side():
     part = np.repeat([0, 4, 7], 300)
     side = 2 * np.abs(normal).argmax(axis=1)
     side += normal[np.arange(900), side // 2] > 0
-    made, one = list(map(frozenset, groups(corners, normal, part))), 6 * part + side
+    made, one = list(map(frozenset, cluster_triangles(corners, normal, part))), 6 * part + side
     wanted = [group for key in np.unique(one) for group in parted(
         corners.min(axis=1), corners.max(axis=1), np.flatnonzero(one == key))]
     assert set(made) == set(wanted) and len(made) == len(wanted) > 40
     assert sum(map(len, made)) == 900
     # neighbours are together: a strip of squares is cut across, not into its odd and even ones
     strip = np.array([[[x, 0, 0], [x + 1, 0, 0], [x, 1, 0]] for x in range(64)], float)
-    halves = groups(strip, np.tile([0.0, 0, 1], (64, 1)), np.zeros(64, int))
+    halves = cluster_triangles(strip, np.tile([0.0, 0, 1], (64, 1)), np.zeros(64, int))
     assert all(np.ptp(np.sort(group)) == len(group) - 1 for group in halves)
-    assert groups(strip[:0], strip[:0, 0], np.zeros(0, int)) == []
-    for count, many in ((CLUSTER, 1), (CLUSTER + 1, 2)):  # all in one place
+    assert cluster_triangles(strip[:0], strip[:0, 0], np.zeros(0, int)) == []
+    for count, many in ((CLUSTER_SIZE, 1), (CLUSTER_SIZE + 1, 2)):  # all in one place
         one = strip[np.zeros(count, int)]
-        assert len(groups(one, np.tile([0.0, 0, 1], (count, 1)), np.zeros(count, int))) == many
+        assert (
+            len(cluster_triangles(one, np.tile([0.0, 0, 1], (count, 1)), np.zeros(count, int)))
+            == many
+        )
 
 
 def test_flat_triangles_of_a_part_that_face_one_side_are_one_facet():
     signs = np.array(np.meshgrid(*[(-1.0, 1.0)] * 3)).reshape(3, -1).T
     solid = np.array([np.diag(one)[::int(one.prod())] for one in signs])  # of eight sides
     faces = np.concatenate([solid, 2.0 * solid + 1.0])
-    made = Triangles.of([Part(0, from_corners(faces), (1.0, 0.0, 0.0, 1.0))] * 2)
+    made = Triangles.from_visuals([VisualMesh(0, from_corners(faces), (1.0, 0.0, 0.0, 1.0))] * 2)
     facing = [(n, *way) for n, way in zip(
         made.part, np.rint(1e3 * made.normals[:, 0]).astype(int).tolist(), strict=True)]
     number = dict(zip(facing, made.facets, strict=True))
@@ -174,13 +181,13 @@ def test_of_a_part_of_many_triangles_it_is_not_asked_whether_it_is_convex(many, 
     faces = np.vstack([np.column_stack([one, after, np.full(many, many)]),
                        np.column_stack([after, one, np.full(many, many + 1)])])
     mesh = replace(from_corners(CORNERS), positions=np.vstack([ring, tip, -tip]), triangles=faces)
-    assert _convex(Part(0, mesh, (1.0, 0.0, 0.0, 1.0))) is asked
+    assert _is_convex(VisualMesh(0, mesh, (1.0, 0.0, 0.0, 1.0))) is asked
 
 
 def test_what_is_known_of_a_cluster_holds_all_its_triangles():
     draw = np.random.default_rng(4)
     corners = draw.normal(size=(200, 1, 3)) + 0.05 * draw.normal(size=(200, 3, 3))
-    made = Triangles.of([Part(0, from_corners(corners), (1.0, 0.0, 0.0, 1.0))])
+    made = Triangles.from_visuals([VisualMesh(0, from_corners(corners), (1.0, 0.0, 0.0, 1.0))])
     seen = made.clusters
     assert seen.count.sum() == len(made.corners) == 200
     for n, (first, count) in enumerate(zip(seen.first, seen.count, strict=True)):
@@ -200,7 +207,7 @@ def test_two_triangles_are_a_quad_where_they_lie_in_one_plane(size):
     for fold, told in ((0.0, True), (0.002, False)):
         outline = np.array([[0.0, 0, 0], [1, 0, 0], [0.8, 0.9, fold], [0, 1, 0]]) + [3.0, -2.0, 1.0]
         faces = size * np.float32(outline @ turn.T)[[[0, 1, 3], [1, 2, 3]]]
-        made = Triangles.of([Part(0, replace(from_corners(faces), normals=np.tile(
+        made = Triangles.from_visuals([VisualMesh(0, replace(from_corners(faces), normals=np.tile(
             np.float32(turn[:, 2]), (6, 1))), (1.0, 0.0, 0.0, 1.0))])
         assert made.clusters.quad.tolist() == [told]
 
@@ -209,10 +216,10 @@ def test_two_triangles_are_a_quad_where_they_lie_in_one_plane(size):
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_a_quad_far_from_its_link_is_flat_to_seven_digits(off, flat, side):
     outline = np.array([[0.0, 0, 0], [1, 0, 0], [1, 1, 0], [0, 1, off]]) + side * 1000.0
-    assert _quad(outline[[[0, 1, 2], [0, 2, 3]]]) == ((1, 2) if flat else None)
+    assert _find_quad(outline[[[0, 1, 2], [0, 2, 3]]]) == ((1, 2) if flat else None)
 
 
 def test_of_nothing_nothing_is_known():
-    none = Triangles.of([])
+    none = Triangles.from_visuals([])
     assert {len(getattr(none.clusters, one.name)) for one in fields(none.clusters)} == {0}
     assert len(none.corners) == len(none.facets) == 0

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.rendering import textures
-from aras_sim_bridge.rendering.textures import DIRECTIONS, PLACES, SPOTS, TURNS, Textures
+from aras_sim_bridge.rendering.textures import DIRECTIONS, PLACES, SAMPLE_POINTS, TURNS, Textures
 
 
 def test_textures_lie_one_after_the_other_with_all_their_halves(tmp_path):
@@ -19,7 +19,7 @@ def test_textures_lie_one_after_the_other_with_all_their_halves(tmp_path):
     files[str(tmp_path / "missing.png")] = np.full((512, 512, 3), 255, np.uint8)
     made, end = Textures(set(files)), 0
     for file, bgr in files.items():
-        at = made.layer(file)
+        at = made.find_layer(file)
         assert at == end and made.texels[at] == len(bgr)
         half, at = bgr[::-1, :, ::-1].astype(float), at + 1
         while True:
@@ -43,7 +43,7 @@ def test_directions_go_round_half_a_turn_nearly_evenly():
     step = np.diff([*order, np.pi + order[0]])
     assert step.min() > 0.7 * np.pi / TURNS and step.max() < 1.4 * np.pi / TURNS
     for turn in np.linspace(0.0, np.pi, 97):
-        k = textures._direction.py_func(np.cos(2 * turn), np.sin(2 * turn))
+        k = textures._find_direction.py_func(np.cos(2 * turn), np.sin(2 * turn))
         assert abs(DIRECTIONS[k] @ [np.cos(turn), np.sin(turn)]) > np.cos(0.75 * np.pi / TURNS)
 
 
@@ -55,7 +55,7 @@ def test_places_in_a_pixel_stand_for_equal_parts_of_it():
     for k, (c, s) in enumerate(DIRECTIONS):
         before = np.sort(pixel @ (c, s))
         for n in (1, 4, 7, PLACES):
-            along, across = SPOTS[k, n, :n].T
+            along, across = SAMPLE_POINTS[k, n, :n].T
             wanted = before[((np.arange(n) + 0.5) / n * len(before)).astype(int)]
             assert np.abs(along - wanted).max() < 4e-3
             # x = along c - across s, y = along s + across c, both within half a pixel.
@@ -67,6 +67,6 @@ def test_places_in_a_pixel_stand_for_equal_parts_of_it():
             golden = (np.arange(n) - (n - 1) / 2) * (np.sqrt(5.0) - 1.0) / 2 + 0.5
             apart = (share - golden + 0.5) % 1.0 - 0.5
             assert np.abs(apart).max() < 0.01
-            assert (SPOTS[k, n, n:] == 0.0).all()
-    assert sorted(map(tuple, SPOTS[0, 0, :4])) == [
+            assert (SAMPLE_POINTS[k, n, n:] == 0.0).all()
+    assert sorted(map(tuple, SAMPLE_POINTS[0, 0, :4])) == [
         (-0.25, -0.25), (-0.25, 0.25), (0.25, -0.25), (0.25, 0.25)]

@@ -50,9 +50,10 @@ def strip_of(view, wide):
 def covered(renderer, view, body) -> float:
     """Area that a body covers, px, before anything is rounded."""
     one = renderer.sample(view, 1.0, -0.5)
-    edges, fragments = renderer.resolve(one, view, one.canvas.shader.plain(
-        renderer.triangles, one.seen))[:2]
-    mine = renderer.scene.labels()[renderer.triangles.row[one.seen.triangle]] == body.body_id
+    edges, fragments = renderer.resolve(one, view, one.canvas.shader.compute_uniform_colours(
+        renderer.triangles, one.visible))[:2]
+    rows = renderer.triangles.row[one.visible.triangle]
+    mine = renderer.scene.compute_labels()[rows] == body.body_id
     area = float(fragments.share[mine[fragments.member]].sum())
     width = one.canvas.tiles.columns
     for n, tile in enumerate(one.samples.tile):
@@ -179,6 +180,7 @@ def test_what_is_hidden_or_of_the_same_colour_costs_no_edge(bench):
     view = view_at((0.0, 0.0), 0.3)
     assert (renderer.render(view) == 255).all()
     one = renderer.sample(view, 1.0, -0.5)
-    edges = renderer.resolve(one, view, one.canvas.shader.plain(renderer.triangles,
-                                                                 one.seen))[0]
+    edges = renderer.resolve(
+        one, view, one.canvas.shader.compute_uniform_colours(renderer.triangles, one.visible)
+    )[0]
     assert not edges.any()

@@ -11,15 +11,15 @@ from test_kernels import SAMPLES, texels
 from aras_sim_bridge.rendering import (
     View,
     create_renderer,
-    crowd,
+    dense_coverage,
+    edge_detection,
     edges,
-    finding,
     sampling,
     shading,
     shadows,
     textures,
 )
-from aras_sim_bridge.rendering.crowd import FINE
+from aras_sim_bridge.rendering.dense_coverage import FINE
 from aras_sim_bridge.rendering.sampling import BACKGROUND, NOTHING, SEVERAL
 from aras_sim_bridge.rendering.tiles import TILE, Tiles
 
@@ -102,7 +102,7 @@ def test_what_a_cover_hides_is_behind_it_at_the_tile_s_four_corners(cells, away)
         wanted.append(left)
         out.append(best if list(left) == [best] and whole[n] else SEVERAL)
     matrices = matrices_of(tiles, columns, cells)
-    tile, _, begin, members, fulls = sampling._settled(
+    tile, _, begin, members, fulls = sampling._cull_tiles(
         cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells)
     np.testing.assert_array_equal(tile, out)
     for n, left in enumerate(wanted):
@@ -114,7 +114,7 @@ def test_what_a_cover_hides_is_behind_it_at_the_tile_s_four_corners(cells, away)
 def test_what_most_tiles_show_is_told():
     one = np.zeros(0, np.int64)
     cover = np.array([4, 4, -1, 2, 4, 2, 4, 4, 2, 4])
-    most = sampling._settled(
+    most = sampling._cull_tiles(
         cover, np.zeros(11, np.int64), one, one > 0, np.ones((5, 3, 3)), np.ones(5, bool),
         matrices_of(10, 5, 1), np.tile(AXIS, (10, 1)), np.full((10, 5), 0.5),
         np.ones(10, bool), 1)[1]
@@ -203,7 +203,7 @@ def test_what_pokes_into_a_pixel_before_what_it_shows_makes_it_an_edge(cells, be
         words[0, n], words[1, n] = bits_of(given), bits_of(mixed)
         start = np.where(np.arange(10) > n, count, 0)
         order = rng.permutation(count)
-        found = finding._thin(
+        found = edge_detection._find_thin_edges(
             *words, tile, pixel, start, order, full[order], touched[order], plain, smooth, SKY,
             side, cut, matrices_of(9, columns, cells), np.tile(AXIS, (9, 1)), valid, cells, columns,
             near, far)
@@ -251,7 +251,7 @@ def test_of_what_is_cut_off_no_pixel_is_an_edge(ends, axis):
     one, other = low + ends * (high - low), high - ends * (high - low)
     for near, far, wanted in ((0.01, one, along.min(axis=1) < one),
                               (other, 9.0, along.max(axis=1) > other)):
-        found = finding._thin(
+        found = edge_detection._find_thin_edges(
             *np.zeros((2, 1), np.uint64), np.array([SEVERAL]), np.full((8, 8), -1, np.int32),
             np.array([0, 1]), np.array([0]), np.array([False]), np.array([~np.uint64(0)]),
             np.array([0xFF0000FF], np.uint32), np.array([-1]), SKY,
@@ -282,7 +282,7 @@ def test_pixels_whose_corners_show_what_differs_are_edges(cells, through_it):
         pixel[first[1] + 3:first[1] + 6, first[0] + 2:first[0] + 7] = 1
         valid = rng.random((24, 24)) < 0.95
         member = np.array([7, 0, 1] if through_it else [0, 1, 2])
-        edge, mixed = finding._edges(
+        edge, mixed = edge_detection._find_corner_edges(
             tile, pixel, np.where(np.arange(10) > n, 3, 0), member, opaque, plain, smooth, part,
             SKY, side, light, matrices_of(9, columns, cells), valid, cells, columns)
         shown = np.kron(tile.reshape(3, 3), np.ones((8, 8), int))
@@ -328,7 +328,7 @@ def resolved_of(side, corner, cells, u, v, **given):
     room = 3 * count
     start, member, share, at = (np.empty(2, np.int64), np.empty(room, np.int64), np.empty(room),
                                 np.empty((room, 2)))
-    total = edges.resolved(
+    total = edges.resolve_fragments(
         np.array([v * TILE + u]), np.array([0, count]), np.arange(count), np.zeros(count, bool),
         np.full(count, ~np.uint64(0)), corner, np.ascontiguousarray(side), said["cut"],
         said["opaque"], said["plain"], np.arange(count), said["hull"],
@@ -437,8 +437,18 @@ def test_a_sample_on_a_triangle_s_side_is_met(k):
     line = np.tile([9.0, 0.0, 0.0], (1, 6, 1))
     line[0, k] = -1 / 64, 1.0, 0.0
     counts = np.zeros((1, 2))
-    crowd.sampled(np.zeros(1, np.int64), line, np.array([3]), np.zeros(1, bool), 0.0, 0.0, 1, 1,
-                  np.empty((3, FINE), np.float32), counts)
+    dense_coverage.sample_pixel(
+        np.zeros(1, np.int64),
+        line,
+        np.array([3]),
+        np.zeros(1, bool),
+        0.0,
+        0.0,
+        1,
+        1,
+        np.empty((3, FINE), np.float32),
+        counts,
+    )
     assert counts[0].tolist() == [16.0, 16.0] and (SAMPLES[:, 0] == 1 / 64).any()
 
 
@@ -534,7 +544,7 @@ def test_light_lies_between_a_triangle_s_corners_though_two_are_as_bright():
                        * [[1.0], [1.3], [0.8]] for at in first])
     side, light = np.ascontiguousarray(np.linalg.inv(corner).swapaxes(1, 2)), 0.9 - 0.6 * np.eye(3)
     albedo, words = np.tile([250.0, 120.0, 40.0, 1.0], (3, 1)), np.zeros((8, 24), np.uint32)
-    shading._colour(
+    shading._draw_samples(
         np.arange(3), np.zeros((8, 24), np.int32), 2, np.zeros(3, np.uint64),
         np.zeros(3, np.uint32), SKY, np.arange(3), side, light, albedo, np.full(3, -1),
         np.zeros((3, 3, 2)), np.zeros(1, np.uint64), matrices_of(3, 3, 1), np.ones((8, 24), bool),
@@ -554,7 +564,7 @@ def test_a_pixel_that_a_texture_is_repeated_in_shows_its_mean(at):
     image[:, :32, 0], image[:24, :, 1], image[40:, 8:, 2] = 200, 160, 128
     planes, rgb = np.diag([17.3, 19.1, 1.0]), np.full(3, 255.0)
     planes[:2, 2] = at, 2.0 * at
-    textures.textured(planes, 0, texels(image), 0.0, 0.0, rgb)
+    textures.apply_texture(planes, 0, texels(image), 0.0, 0.0, rgb)
     assert rgb == pytest.approx([100.0, 60.0, 42.0], abs=0.6)  # each half is in whole levels
 
 

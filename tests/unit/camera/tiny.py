@@ -10,8 +10,8 @@ from scenes import BRIGHT
 
 from aras_sim_bridge import rendering
 from aras_sim_bridge.errors import RenderingError
-from aras_sim_bridge.rendering import Sun, View
-from aras_sim_bridge.rendering.scene import Part, Scene
+from aras_sim_bridge.rendering import Lighting, View
+from aras_sim_bridge.rendering.scene import Scene, VisualMesh
 from aras_sim_bridge.world import World
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import quaternion_from_matrix
@@ -41,11 +41,11 @@ class TinyRenderer:
     The shapes are copied to a Bullet client of its own, each visual as a fixed body.
     """
 
-    def __init__(self, world: World, light: Sun) -> None:
+    def __init__(self, world: World, light: Lighting) -> None:
         self.scene = Scene(world)
         self.light = light
         self._client: int | None = pybullet.connect(pybullet.DIRECT)
-        self._copies: list[tuple[int, Part]] = []
+        self._copies: list[tuple[int, VisualMesh]] = []
         self._row_of = np.zeros(1, np.float32)
         self._drawn_version = -1
 
@@ -58,7 +58,7 @@ class TinyRenderer:
             self._client = None
 
     def prepare(self, view: View) -> None:
-        view.tiles()
+        view.get_tiles()
 
     def render(self, view: View, blend: float = 1.0) -> np.ndarray:
         self._prepare(blend)
@@ -76,7 +76,7 @@ class TinyRenderer:
             _, depth, row = self._image(view, 1)
         else:
             depth, row = (np.zeros((view.height, view.width), np.float32) for _ in range(2))
-            rays = view.lens.rays()
+            rays = view.lens.compute_rays()
             for part, own, at in _faces(view):
                 _, face_depth, face_row = self._image(part, 1)
                 axis = view.world_T_optical[:3, :3].T @ part.world_T_optical[:3, 2]
@@ -84,11 +84,11 @@ class TinyRenderer:
                 scale = (rays[own][:, 2] if view.lens.forward else 1.0) / (rays[own] @ axis)
                 depth[own] = scale * cv2.remap(face_depth, at, None, cv2.INTER_NEAREST)[own]
                 row[own] = cv2.remap(face_row, at, None, cv2.INTER_NEAREST)[own]
-        labels = np.concatenate([[-1], self.scene.labels()]).astype(np.int32)
+        labels = np.concatenate([[-1], self.scene.compute_labels()]).astype(np.int32)
         return np.where(row > 0, depth, np.float32(np.inf)), labels[row.astype(int)]
 
-    def bodies_around(self, point: np.ndarray) -> list[str]:
-        return self.scene.bodies_around(point)
+    def find_bodies_around(self, point: np.ndarray) -> list[str]:
+        return self.scene.find_bodies_around(point)
 
     def _prepare(self, blend: float) -> None:
         if self._client is None:
@@ -97,7 +97,7 @@ class TinyRenderer:
         if self.scene.version != self._drawn_version:
             self._drawn_version = self.scene.version
             self._copy()
-        self._place(self.scene.poses_at(blend))
+        self._place(self.scene.interpolate_poses(blend))
 
     def _fine(self, view: View) -> np.ndarray:
         """Picture of a pinhole, (height, width, 3), with FINE x FINE samples a pixel."""
@@ -135,7 +135,7 @@ class TinyRenderer:
     def _copy(self) -> None:
         pybullet.resetSimulation(physicsClientId=self._client)
         self._copies = []
-        for part in self.scene.parts:
+        for part in self.scene.visuals:
             for vertices, normals, indices in _slices(part):
                 shape = pybullet.createVisualShape(
                     pybullet.GEOM_MESH, vertices=vertices, indices=indices, normals=normals,
@@ -164,7 +164,7 @@ def _faces(view: View) -> Iterator[tuple[View, np.ndarray, np.ndarray]]:
     """Pinhole views in the six directions that together see what a lens does; of each the pixels of
     the picture that lie nearest to its axis, (height, width) bool, and where in it each pixel is,
     (height, width, 2) float32 px."""
-    rays = view.lens.rays()
+    rays = view.lens.compute_rays()
     ahead = np.isfinite(rays[..., 0])
     nearest = np.where(ahead[..., None], rays @ CUBE[:, 2].T, -np.inf).argmax(axis=2)
     apart = np.linalg.norm(np.diff(rays, axis=1), axis=2)
@@ -184,7 +184,7 @@ def _faces(view: View) -> Iterator[tuple[View, np.ndarray, np.ndarray]]:
         yield part, own, np.nan_to_num(at - low).astype(np.float32)
 
 
-def _slices(part: Part, limit: int = 10000):
+def _slices(part: VisualMesh, limit: int = 10000):
     """(vertices, normals, indices) lists; a client takes a bounded number of vertices at once."""
     triangles = part.mesh.triangles
     step = limit // 3

@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.rendering import Sun, View, create_renderer
-from aras_visual_servo_base.poses import IDENTITY, Pose, exponential, inverse, transform
+from aras_sim_bridge.rendering import Lighting, View, create_renderer
+from aras_visual_servo_base.poses import IDENTITY, Pose, exponential, inverse, matrix_from_xyz_rpy
 from aras_visual_servo_camera.undistortion import CameraModel
 
 SIZE = (640, 480)
@@ -24,7 +24,7 @@ RADIUS, HEIGHT, ROUND = 0.03, 0.08, 256  # m; sides of the cylinder's prism
 PROFILE = ((0.0, 0.0), (0.08, 0.0), (0.08, 0.015), (0.02, 0.015), (0.02, 0.06), (0.0, 0.06))
 DEEP = 0.04
 GREYS = {"box": 0.78, "cylinder": 0.75, "bracket": 0.8}
-SUN = Sun(direction=(-0.25, 0.5, -0.75), ambient=0.35, diffuse=0.65,
+SUN = Lighting(direction=(-0.25, 0.5, -0.75), ambient=0.35, diffuse=0.65,
           background=(0.25, 0.25, 0.25, 1.0))  # fmt: skip
 FLOOR = 0.15
 DISTANCE = 0.4  # m
@@ -99,7 +99,7 @@ class _Body:
     def pose(self) -> Pose:
         return self.at
 
-    def scoped(self, link: str) -> str:
+    def get_scoped_name(self, link: str) -> str:
         return f"{self.name}::{link}"
 
 
@@ -154,9 +154,9 @@ class Sequence:
         lean = 0.75 + 0.25 * np.sin(0.9 * s + 0.5)
         turn = 0.6 + 1.1 * np.sin(0.45 * s)
         far = DISTANCE + 0.05 * np.sin(0.7 * s + 1.0)
-        middle = transform((0.0, 0.0, 0.03), (0.0, 0.0, turn))
+        middle = matrix_from_xyz_rpy((0.0, 0.0, 0.03), (0.0, 0.0, turn))
         # z towards the solid, seen from above at `lean` from the vertical.
-        away = transform((0.0, 0.0, 0.0), (lean - np.pi, 0.0, 0.0))
+        away = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (lean - np.pi, 0.0, 0.0))
         away[:3, 3] = -far * away[:3, 2]
         shake = (
             0.03 * np.sin(1.7 * s), 0.02 * np.sin(2.3 * s + 0.4), 0.0,
@@ -197,7 +197,7 @@ class Sequence:
         middle = (self.pose(i) @ (0.0, 0.0, 0.03, 1.0))[:3]
 
         def hidden(away: float) -> float:
-            camera_T_card = transform(0.75 * middle + away * out, (0.0, 0.0, side))
+            camera_T_card = matrix_from_xyz_rpy(0.75 * middle + away * out, (0.0, 0.0, side))
             self.card.at = Pose.from_matrix(view.world_T_optical @ camera_T_card)
             return float((self._renderer.measure(view)[1] == 1).sum())
 

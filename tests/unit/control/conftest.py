@@ -108,7 +108,7 @@ class Rig:
         controllers = [self.manager.load(name) for name in names]
         request = self.manager.switch(names, [], 2)
         self.step()
-        assert request.ok, request.reason
+        assert request.is_successful, request.reason
         return controllers if len(controllers) > 1 else controllers[0]
 
 

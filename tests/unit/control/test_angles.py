@@ -20,7 +20,7 @@ from aras_sim_bridge import angles
      (0, 10.5 * pi, 0.5 * pi), (1, 1 + 40 * pi, 0)],
 )
 def test_shortest_is_in_half_open_half_turns(start, goal, distance):
-    assert angles.shortest(start, goal) == pytest.approx(distance, abs=1e-12)
+    assert angles.shortest_angular_distance(start, goal) == pytest.approx(distance, abs=1e-12)
 
 
 @pytest.mark.parametrize(
@@ -37,7 +37,9 @@ def test_shortest_is_in_half_open_half_turns(start, goal, distance):
     ],
 )
 def test_with_large_limits(proves, start, goal, lower, upper, distance):
-    assert angles.with_large_limits(start, goal, lower, upper) == pytest.approx(distance), proves
+    assert angles.shortest_angular_distance_with_large_limits(
+        start, goal, lower, upper
+    ) == pytest.approx(distance), proves
 
 
 @pytest.mark.parametrize(
@@ -51,7 +53,9 @@ def test_with_large_limits(proves, start, goal, lower, upper, distance):
     ],
 )
 def test_towards(proves, start, goal, lower, upper, distance):
-    assert angles.towards(start, goal, lower, upper) == pytest.approx(distance), proves
+    assert angles.angular_distance_within_limits(start, goal, lower, upper) == pytest.approx(
+        distance
+    ), proves
 
 
 def grid_and_noise():
@@ -70,20 +74,25 @@ def test_all_agree_with_the_ros_package_everywhere():
     for start, goal, lower, upper in grid_and_noise():
         where = (start, goal, lower, upper)
         assert angles.normalize_angle(start) == pytest.approx(ros.normalize_angle(start)), where
-        assert angles.shortest(start, goal) == pytest.approx(
+        assert angles.shortest_angular_distance(start, goal) == pytest.approx(
             ros.shortest_angular_distance(start, goal), abs=1e-12), where
         for scale in (1.0, 4.0):
             low, high = scale * lower, scale * upper
-            assert angles.with_large_limits(start, goal, low, high) == pytest.approx(
+            assert angles.shortest_angular_distance_with_large_limits(
+                start, goal, low, high
+            ) == pytest.approx(
                 ros.shortest_angular_distance_with_large_limits(start, goal, low, high)[1],
-                abs=1e-12), where
+                abs=1e-12,
+            ), where
 
 
 def test_distances_lead_to_the_goal_s_angle():
     """Whatever way they go: start + distance is the goal, give or take full turns."""
     for start, goal, lower, upper in grid_and_noise():
-        for distance in (angles.shortest(start, goal),
-                         angles.with_large_limits(start, goal, lower, upper)):
+        for distance in (
+            angles.shortest_angular_distance(start, goal),
+            angles.shortest_angular_distance_with_large_limits(start, goal, lower, upper),
+        ):
             turns = (start + distance - goal) / (2 * pi)
             assert turns == pytest.approx(round(turns), abs=1e-9)
             assert abs(distance) <= 2 * pi

@@ -21,16 +21,16 @@ class Inbox:
 
     def add(self, stream) -> None:
         step = 0
-        while stream.act(step, 8):
+        while stream.deliver(step, 8):
             step += 1
-        stream.ended()
+        stream.on_end()
 
 
 class Thread:
     """As SimulationThread; jobs are done at once."""
 
-    gate = None
-    inbox = Inbox()
+    lockstep = None
+    receiver = Inbox()
 
     def post(self, job) -> None:
         job()
@@ -51,7 +51,7 @@ def ros(monkeypatch):
             it.open.pop()
 
     monkeypatch.setattr(command_topic.rospy, "Subscriber", Subscriber)
-    monkeypatch.setattr(command_topic, "_feeds", {})
+    monkeypatch.setattr(command_topic, "_subscriptions", {})
     monkeypatch.setattr(
         command_topic.rospy, "logerr", lambda text, *args: it.lines.append(text % args)
     )
@@ -144,14 +144,14 @@ def test_complaints_come_five_seconds_apart_and_count_what_was_refused(ros, monk
     for now[0] in (0.0, 4.9, 5.0, 9.9):
         Connection(b"abc").tell(ros.latest)
     first, second = ros.lines
-    assert first.startswith("/c: a message of 3 bytes is no std_msgs/Float64: ")
+    assert first.startswith("/c: a message of 3 bytes is not a std_msgs/Float64: ")
     assert "refused" not in first and second.endswith(" (3 refused so far)")
     topic.shutdown()
 
 
 def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
     streams, taken, thread = [], [], Thread()
-    thread.inbox = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.ended()))
+    thread.receiver = SimpleNamespace(add=lambda stream: (streams.append(stream), stream.on_end()))
     CommandTopic("/c", Float64, lambda m: taken.append(m.data), thread)
     last = struct.pack("<I", 8) + body(4.0)
     connection = Connection(body(1.0), body(2.0), body(3.0), rest=last[:2], comes=last[2:])
@@ -159,9 +159,9 @@ def test_all_that_rospy_read_goes_with_the_connection_and_only_once(ros):
     (stream,) = streams
     assert connection.read_buff.getvalue() == b"" and connection.read_buff.tell() == 0
     for step in range(3):
-        stream.act(step, 8)
+        stream.deliver(step, 8)
     assert taken == [1.0, 2.0, 3.0]
-    assert stream.read(bytearray(64)) and stream.act(3, 8)  # begun by rospy, ended by us
+    assert stream.read(bytearray(64)) and stream.deliver(3, 8)  # begun by rospy, ended by us
     assert taken[3:] == [4.0]
 
 
@@ -172,8 +172,8 @@ def test_rospy_s_thread_rests_until_its_connection_ends(ros, monkeypatch, why):
     monkeypatch.setattr(command_topic.rospy, "is_shutdown", lambda: why == "the node ends")
     streams, removed = [], []
     thread = Thread()
-    thread.inbox = SimpleNamespace(
-        add=streams.append, remove=lambda stream: (removed.append(stream), stream.ended()))
+    thread.receiver = SimpleNamespace(
+        add=streams.append, remove=lambda stream: (removed.append(stream), stream.on_end()))
     topic = CommandTopic("/c", Float64, lambda m: None, thread)
     connection, subscriber = Connection(body(1.0)), ros.latest
     connection.done = why == "rospy closed it"
@@ -196,7 +196,7 @@ class Gate:
     def claim(self, topic: str) -> None:
         self.told.append(f"claim {topic}")
 
-    def heard(self, topic: str) -> None:
+    def note_message(self, topic: str) -> None:
         self.told.append(f"heard {topic}")
 
     def release(self, topic: str) -> None:
@@ -205,12 +205,12 @@ class Gate:
 
 def test_lockstep_hears_of_a_message_when_all_have_taken_it(ros):
     thread = Thread()
-    thread.gate = Gate()
+    thread.lockstep = Gate()
     first, second = (
-        CommandTopic("/c", Float64, lambda m: thread.gate.told.append(m.data), thread)
+        CommandTopic("/c", Float64, lambda m: thread.lockstep.told.append(m.data), thread)
         for _ in range(2)
     )
     Connection(body(1.0)).tell(ros.latest)
     first.shutdown()
     second.shutdown()
-    assert thread.gate.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]
+    assert thread.lockstep.told == ["claim /c", 1.0, 1.0, "heard /c", "release /c"]

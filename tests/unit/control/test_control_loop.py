@@ -69,10 +69,10 @@ def test_compiled_cycles_follow_one_another_and_have_the_controllers_period(
         control_period_ns=3 * STEP if slower else None)
     rig.run("c")
     rig.step(4)
-    first, again = (rig.loop.begin(rig.time_ns + STEP, STEP) for _ in range(2))
+    first, again = (rig.loop.start_cycles(rig.time_ns + STEP, STEP) for _ in range(2))
     assert first is again is None if slower else first[0] is again[0]  # gathered once
-    assert rig.loop.begin(rig.time_ns + 2 * STEP, STEP) is None  # a step was left out
-    assert rig.loop.begin(rig.time_ns, STEP) is None
+    assert rig.loop.start_cycles(rig.time_ns + 2 * STEP, STEP) is None  # a step was left out
+    assert rig.loop.start_cycles(rig.time_ns, STEP) is None
 
 
 def test_a_command_beyond_the_limits_is_told_in_compiled_cycles_too(make_rig, make_joint):
@@ -83,7 +83,7 @@ def test_a_command_beyond_the_limits_is_told_in_compiled_cycles_too(make_rig, ma
     rig.step()
     for commands, told in (([1.5, -1.5], 0), ([9.0, -9.0], 2)):
         controller.set_command(commands)
-        assert rig.loop.begin(rig.time_ns + STEP, STEP)
+        assert rig.loop.start_cycles(rig.time_ns + STEP, STEP)
         assert sum("is beyond its limits [-2, 2]" in line for line in rig.log) == told
 
 

@@ -83,8 +83,8 @@ def switch(rig, start=(), stop=(), strictness=STRICT, **more):
         rig.step()
         return False, str(refusal)
     rig.step()
-    assert request.done
-    return request.ok, request.reason
+    assert request.is_done
+    return request.is_successful, request.reason
 
 
 class TestLoading:
@@ -154,7 +154,7 @@ class TestLoading:
         rig.manager.shutdown()
         assert recorder.calls[-1] == "stopping"
         assert states(rig) == {}
-        assert request.done and not request.ok
+        assert request.is_done and not request.is_successful
 
 
     def test_who_is_not_loaded_is_named(self, rig):
@@ -166,9 +166,9 @@ class TestSwitching:
     def test_it_happens_at_the_end_of_the_next_update(self, rig):
         (recorder,) = load(rig, "r")
         request = rig.manager.switch(["r"], [], STRICT)
-        assert not request.done and states(rig) == {"r": "initialized"}
+        assert not request.is_done and states(rig) == {"r": "initialized"}
         rig.step()
-        assert request.done and request.ok
+        assert request.is_done and request.is_successful
         assert recorder.calls == ["starting"]
         rig.step(2)
         assert recorder.calls == ["starting", "update", "update"]
@@ -180,15 +180,15 @@ class TestSwitching:
     def test_it_may_be_carried_out_while_time_stands_still(self, rig):
         load(rig, "a1")
         request = rig.manager.switch(["a1"], [], STRICT)
-        rig.manager.carry_out(rig.time_ns)
-        assert request.ok and states(rig) == {"a1": "running"}
+        rig.manager.carry_out_switches(rig.time_ns)
+        assert request.is_successful and states(rig) == {"a1": "running"}
 
     def test_nothing_blocks_while_paused(self, rig):
         load(rig, "a1")
         request = rig.manager.switch(["a1"], [], STRICT)
-        assert not request.done
+        assert not request.is_done
         request.finish("paused")
-        assert (request.done, request.ok, request.reason) == (True, False, "paused")
+        assert (request.is_done, request.is_successful, request.reason) == (True, False, "paused")
         rig.step()
         assert states(rig) == {"a1": "initialized"}
 
@@ -284,9 +284,9 @@ class TestSwitching:
         first = rig.manager.switch(["a1"], [], STRICT)
         second = rig.manager.switch(["a2"], ["a1"], STRICT)
         third = rig.manager.switch(["a1"], [], STRICT)
-        assert not any(request.ok or request.done for request in (first, second))
+        assert not any(request.is_successful or request.is_done for request in (first, second))
         rig.step()
-        assert (first.ok, second.ok, third.ok) == (True, True, False)
+        assert first.is_successful and second.is_successful and not third.is_successful
         assert "'a' by a1, a2" in third.reason
         assert states(rig) == {"a1": "stopped", "a2": "running"}
 
@@ -295,7 +295,7 @@ class TestSwitching:
         request = rig.manager.switch(["a1"], [], STRICT)
         rig.manager.unload("a1")
         rig.step()
-        assert request.done and not request.ok
+        assert request.is_done and not request.is_successful
 
 
 class TestFaults:

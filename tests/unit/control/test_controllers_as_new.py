@@ -15,7 +15,7 @@ from aras_sim_bridge.control.controllers.trajectory_types import Trajectory, Tra
 
 PIDS = {"a": {"p": 20.0, "i": 7.0, "d": 1.5, "i_clamp": 3.0},
         "b": {"p": 10.0, "i": 50.0, "d": 0.1, "i_clamp": 100.0, "antiwindup": True}}  # fmt: skip
-TYPES = ControllerTypes().types()
+TYPES = ControllerTypes().list_types()
 KEEPS_ITS_RHYTHM = "joint_state_controller/JointStateController"  # over restarts, as in ros_control
 
 
@@ -83,7 +83,7 @@ class Bench:
     def switch(self, starts, stops):
         request = self.rig.manager.switch(starts, stops)
         self.go_on(1)
-        assert request.ok, request.reason
+        assert request.is_successful, request.reason
 
 
 def live(bench, kind):
@@ -135,7 +135,7 @@ def test_what_pids_kept_is_gone_when_the_simulation_begins_anew(make):
         ask(controller, kind, 0.3)
         bench.go_on(37)
         assert all(pid.integral and pid.command for pid in controller.pids.values())
-        controller.begin_anew(0)
+        controller.restart(0)
         assert not any(pid.integral or pid.command for pid in controller.pids.values()), kind
         held += 1
     assert held > 5

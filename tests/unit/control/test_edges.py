@@ -23,7 +23,7 @@ from aras_sim_bridge.control.limits import (
     POSITION_SOFT,
     VELOCITY_SOFT,
     LimitRule,
-    enforced,
+    enforce_limits,
 )
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.errors import HardwareError
@@ -125,7 +125,7 @@ def test_a_range_that_the_urdf_leaves_out_is_zero(make_joint, make_limits, kind)
     joint, _ = make_joint("J", kind, limits=make_limits(lower=None, upper=None))
     limits = resolve_limits(joint, {}, "/limits/J", print)
     assert (limits.min_position, limits.max_position) == (0.0, 0.0)
-    assert JointHandle("J", kind, joint.limits).travel == (0.0, 0.0)
+    assert JointHandle("J", kind, joint.limits).position_limits == (0.0, 0.0)
 
 
 @pytest.mark.parametrize("command", [9.0, -9.0])
@@ -135,11 +135,11 @@ def test_position_rules_without_a_range_limit_speed_alone(make_soft, command):
         joint = JointHandle("J", "continuous", None, make_soft(), POSITION)
         joint.position = 3.0  # beyond the soft limits, which need a range
         joint.position_command = command
-        enforced(LimitRule(rule, limits, joint).row, joint.row, 0.1)
+        enforce_limits(LimitRule(rule, limits, joint).row, joint.row, 0.1)
         assert joint.position_command == pytest.approx(3.0 + (0.5 if command > 0 else -0.5))
     free = JointHandle("J", "continuous", None, None, POSITION)
     free.position_command = command
-    enforced(LimitRule(POSITION_SATURATION, JointBounds(), free).row, free.row, 0.1)
+    enforce_limits(LimitRule(POSITION_SATURATION, JointBounds(), free).row, free.row, 0.1)
     assert free.position_command == command
 
 
@@ -150,7 +150,7 @@ def test_soft_velocity_without_soft_limits_is_the_hard_one(make_soft, limits, co
     joint = JointHandle("J", "revolute", None, make_soft(None, None, 0.0, 0.0), VELOCITY)
     joint.position = 0.3
     joint.velocity_command = command
-    enforced(LimitRule(VELOCITY_SOFT, limits, joint).row, joint.row, 0.1)
+    enforce_limits(LimitRule(VELOCITY_SOFT, limits, joint).row, joint.row, 0.1)
     assert joint.velocity_command == (5.0 if command > 0 else -5.0)
     assert abs(joint.velocity_command) < inf
 

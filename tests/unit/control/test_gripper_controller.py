@@ -35,7 +35,7 @@ def make(make_rig, make_joint):
 def test_it_starts_where_the_joint_is(make):
     for kind in ("position", "effort"):
         controller, rig = make(kind)
-        assert controller.loop_gains() == ({"b": (50.0, 12.0)} if kind == "effort" else {})
+        assert controller.get_loop_gains() == ({"b": (50.0, 12.0)} if kind == "effort" else {})
         rig.step(5)
         handle = rig.hardware.handles["b"]
         assert (handle.position_command if kind == "position" else handle.effort_command) == (

@@ -8,7 +8,12 @@ import threading
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, LARGEST, Inbox, Stream
+from aras_sim_bridge.ros.runtime.message_receiver import (
+    BUFFER_SIZE,
+    LARGEST_MESSAGE,
+    MessageReceiver,
+    MessageStream,
+)
 
 STEP_NS = 1_000_000
 
@@ -16,12 +21,12 @@ STEP_NS = 1_000_000
 class Publisher:
     """The other end of a stream; `acted` lists what acted, `ended` says that it is over."""
 
-    def __init__(self, inbox: Inbox, bodies: list[bytes] = (), rest: bytes = b"") -> None:
+    def __init__(self, inbox: MessageReceiver, bodies: list[bytes] = (), rest: bytes = b"") -> None:
         self.end, ours = socket.socketpair()
         self.ours = ours
         self.acted: list[int] = []
         self.ended = threading.Event()
-        self.stream = Stream(
+        self.stream = MessageStream(
             ours, lambda body: self.acted.append(int(body)), self.ended.set, bodies, rest
         )
         inbox.add(self.stream)
@@ -37,7 +42,7 @@ def framed(number: int) -> bytes:
 
 @pytest.fixture
 def inbox():
-    box = Inbox()
+    box = MessageReceiver()
     yield box
     box.close()
 
@@ -47,19 +52,19 @@ def test_messages_act_in_order_one_a_step(inbox, begin):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
     for step in range(3):
-        assert inbox.take(begin + step * STEP_NS, 2)
+        assert inbox.deliver(begin + step * STEP_NS, 2)
         assert publisher.acted == [1, 2, 3][: step + 1]
-    assert not inbox.take(begin + 3 * STEP_NS, 2)
+    assert not inbox.deliver(begin + 3 * STEP_NS, 2)
 
 
 def test_the_last_word_acts_in_a_step_that_had_its_message(inbox):
     publisher = Publisher(inbox)
     publisher.send(1)
-    inbox.take(STEP_NS, 8)
+    inbox.deliver(STEP_NS, 8)
     publisher.send(2, 3)
     publisher.end.close()
-    assert inbox.take(STEP_NS, 8) or inbox.take(STEP_NS, 8)  # the message, then the end
-    inbox.take(2 * STEP_NS, 8)
+    assert inbox.deliver(STEP_NS, 8) or inbox.deliver(STEP_NS, 8)  # the message, then the end
+    inbox.deliver(2 * STEP_NS, 8)
     assert publisher.acted[-1] == 3 and publisher.ended.is_set()
 
 
@@ -67,55 +72,55 @@ def test_what_is_passed_over_is_counted_by_stream_until_it_is_asked_for(inbox):
     first, second = Publisher(inbox), Publisher(inbox)
     first.send(*range(6))
     second.send(*range(9))
-    inbox.take(0, 1)
-    assert second.stream.passed_over == 7 and inbox.most_passed_over() == 7
-    assert inbox.most_passed_over() == 0
-    inbox.take(STEP_NS, 1)
-    assert inbox.most_passed_over() == 0
+    inbox.deliver(0, 1)
+    assert second.stream.skipped_count == 7 and inbox.take_skipped_count() == 7
+    assert inbox.take_skipped_count() == 0
+    inbox.deliver(STEP_NS, 1)
+    assert inbox.take_skipped_count() == 0
     first.send(*range(4))
-    inbox.take(2 * STEP_NS, 0)
-    assert inbox.most_passed_over() == 3
+    inbox.deliver(2 * STEP_NS, 0)
+    assert inbox.take_skipped_count() == 3
 
 
 def test_the_longest_message_that_may_be_is_read(inbox):
-    assert (LARGEST, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
+    assert (LARGEST_MESSAGE, BUFFER_SIZE) == (16 * 1024 * 1024, 1024 * 1024)
     publisher = Publisher(inbox)
-    publisher.end.sendall(struct.pack("<I", LARGEST))
-    inbox.take(0, 1)
+    publisher.end.sendall(struct.pack("<I", LARGEST_MESSAGE))
+    inbox.deliver(0, 1)
     assert not publisher.ended.is_set()
 
 
 def test_all_streams_end_with_the_box():
-    box = Inbox()
+    box = MessageReceiver()
     publishers = [Publisher(box) for _ in range(2)]
     box.close()
     assert all(publisher.ended.is_set() for publisher in publishers)
     publishers[0].send(1)
-    assert not box.take(0, 0) and not publishers[0].acted
+    assert not box.deliver(0, 0) and not publishers[0].acted
 
 
 def test_a_stream_without_news_is_no_end(inbox):
     publisher = Publisher(inbox)
     assert publisher.stream.read(bytearray(100))
-    assert not inbox.take(0, 0) and not publisher.ended.is_set()
+    assert not inbox.deliver(0, 0) and not publisher.ended.is_set()
 
 
 def test_a_step_takes_one_message_however_often_it_is_looked_for(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
-    inbox.take(0, 8)
-    inbox.take(0, 8)
+    inbox.deliver(0, 8)
+    inbox.deliver(0, 8)
     assert publisher.acted == [1]
-    inbox.take(STEP_NS, 8)
+    inbox.deliver(STEP_NS, 8)
     assert publisher.acted == [1, 2]
 
 
 def test_without_backlog_the_newest_that_arrived_acts_in_the_step(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2, 3)
-    inbox.take(0, 0)
+    inbox.deliver(0, 0)
     publisher.send(4)
-    inbox.take(0, 0)
+    inbox.deliver(0, 0)
     assert publisher.acted == [3, 4]
 
 
@@ -123,9 +128,9 @@ def test_of_a_flood_the_newest_wait_and_the_last_one_acts(inbox):
     publisher = Publisher(inbox)
     for step in range(100):
         publisher.send(*range(10 * step, 10 * step + 10))
-        inbox.take(step * STEP_NS, 1)
+        inbox.deliver(step * STEP_NS, 1)
         assert publisher.acted[-1] >= 10 * step + 8  # none older than the one before the newest
-    inbox.take(100 * STEP_NS, 1)
+    inbox.deliver(100 * STEP_NS, 1)
     assert publisher.acted[-1] == 999
     assert publisher.acted == sorted(publisher.acted)
     assert len(publisher.acted) == 101
@@ -136,7 +141,7 @@ def test_a_message_in_pieces_acts_when_it_is_whole(inbox):
     data = framed(12345) + framed(678)
     for k in range(len(data)):
         publisher.end.sendall(data[k : k + 1])
-        inbox.take(k * STEP_NS, 1)
+        inbox.deliver(k * STEP_NS, 1)
         assert publisher.acted == [12345] * (k >= 8) + [678] * (k >= 15)
 
 
@@ -144,7 +149,7 @@ def test_what_was_read_before_counts(inbox):
     publisher = Publisher(inbox, [b"5", b"6"], framed(7)[:3])
     publisher.end.sendall(framed(7)[3:])
     for step in range(3):
-        inbox.take(step * STEP_NS, 2)
+        inbox.deliver(step * STEP_NS, 2)
     assert publisher.acted == [5, 6, 7]
 
 
@@ -152,7 +157,7 @@ def test_streams_do_not_mix(inbox):
     first, second = Publisher(inbox), Publisher(inbox)
     first.send(1)
     second.send(2)
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     assert (first.acted, second.acted) == ([1], [2])
 
 
@@ -160,18 +165,18 @@ def test_the_last_word_of_who_leaves_acts_and_then_it_is_over(inbox):
     publisher = Publisher(inbox)
     publisher.send(1, 2)
     publisher.end.close()
-    inbox.take(0, 1)
-    inbox.take(STEP_NS, 1)
+    inbox.deliver(0, 1)
+    inbox.deliver(STEP_NS, 1)
     assert publisher.acted == [1, 2]
     assert publisher.ended.is_set()
-    assert not inbox.take(2 * STEP_NS, 1)
+    assert not inbox.deliver(2 * STEP_NS, 1)
 
 
 def test_nonsense_ends_its_stream_alone(inbox):
     mad, sane = Publisher(inbox), Publisher(inbox)
-    mad.end.sendall(struct.pack("<I", LARGEST + 1))
+    mad.end.sendall(struct.pack("<I", LARGEST_MESSAGE + 1))
     sane.send(1)
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     assert mad.ended.is_set()
     assert sane.acted == [1]
     assert not sane.ended.is_set()
@@ -180,23 +185,23 @@ def test_nonsense_ends_its_stream_alone(inbox):
 def test_a_socket_closed_under_it_is_no_fault(inbox):
     publisher = Publisher(inbox)
     publisher.ours.close()
-    inbox.take(0, 1)
+    inbox.deliver(0, 1)
     other = Publisher(inbox)  # likely under the same number
     other.send(5)
-    inbox.take(STEP_NS, 1)
+    inbox.deliver(STEP_NS, 1)
     assert other.acted == [5]
     inbox.remove(publisher.stream)
     assert publisher.ended.is_set()
     other.send(6)
-    inbox.take(2 * STEP_NS, 1)
+    inbox.deliver(2 * STEP_NS, 1)
     assert other.acted == [5, 6]
 
 
 def test_a_stream_that_is_closed_before_it_is_read_has_ended(inbox):
     acted, ended, (ours, _) = [], threading.Event(), socket.socketpair()
     ours.close()
-    inbox.add(Stream(ours, acted.append, ended.set, [b"1"]))
-    assert ended.is_set() and not inbox.take(0, 0) and not acted
+    inbox.add(MessageStream(ours, acted.append, ended.set, [b"1"]))
+    assert ended.is_set() and not inbox.deliver(0, 0) and not acted
 
 
 def test_a_command_wakes_who_waits_for_commands(inbox):
@@ -208,11 +213,11 @@ def test_a_command_wakes_who_waits_for_commands(inbox):
 
 
 def test_the_bell_wakes_once_for_each_look(inbox):
-    inbox.ring()
-    inbox.ring()
+    inbox.wake()
+    inbox.wake()
     assert not inbox.wait(None)  # it was the bell, no command
-    inbox.quiet()
-    ringing = threading.Timer(0.01, inbox.ring)
+    inbox.clear_wake()
+    ringing = threading.Timer(0.01, inbox.wake)
     ringing.start()
     inbox.wait(None)  # for ever, if not for the bell
     ringing.join()

@@ -5,7 +5,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_sim_bridge.control.controllers.interpolation import Interpolation
+from aras_sim_bridge.control.controllers.interpolation import CommandInterpolator
 from aras_sim_bridge.control.joints import JointHandle
 
 MS = 1_000_000
@@ -13,7 +13,7 @@ MS = 1_000_000
 
 def interpolation(kind="revolute", velocity=5.0):
     limits = SimpleNamespace(lower=-9.0, upper=9.0, velocity=velocity, effort=1.0)
-    return Interpolation(JointHandle("a", kind, limits))
+    return CommandInterpolator(JointHandle("a", kind, limits))
 
 
 def follow(it, commands, ms, period=0.001):
@@ -21,8 +21,8 @@ def follow(it, commands, ms, period=0.001):
     values = []
     for k in range(1, ms + 1):
         if k in commands:
-            it.take(commands[k], k * MS)
-        values.append(it.advance(period) if it.moves else it.value)
+            it.set_target(commands[k], k * MS)
+        values.append(it.advance(period) if it.is_moving else it.value)
     return values
 
 
@@ -62,7 +62,7 @@ def test_a_far_command_is_approached_at_the_joint_s_velocity_limit(sign):
 
 
 def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
-    for it in (Interpolation(JointHandle("a", "prismatic")),
+    for it in (CommandInterpolator(JointHandle("a", "prismatic")),
                interpolation("prismatic", velocity=0.0)):
         assert follow(it, {1: 50.0}, 80)[-1] == pytest.approx(50.0, abs=1e-3)
 
@@ -75,7 +75,7 @@ def test_without_a_velocity_limit_a_far_command_takes_the_usual_interval():
 ])
 def test_a_command_beyond_half_a_turn_goes_the_way_that_steps_go(kind, lower, upper, end):
     limits = SimpleNamespace(lower=lower, upper=upper, velocity=50.0, effort=1.0)
-    it = Interpolation(JointHandle("a", kind, limits))
+    it = CommandInterpolator(JointHandle("a", kind, limits))
     values = follow(it, {1: 4.0}, 400)
     assert values[-1] == pytest.approx(end, abs=1e-12)
     assert all(min(end, 0.0) <= value <= max(end, 0.0) for value in values)
@@ -86,7 +86,7 @@ def test_pauses_and_a_clock_set_back_do_not_change_the_interval():
     for again_ms in (400, 700_000, -300):
         it = interpolation()
         values = follow(it, {k: 0.0 for k in range(1, 600, 10)}, 700)
-        it.take(0.01, 700 * MS + again_ms * MS)
+        it.set_target(0.01, 700 * MS + again_ms * MS)
         values = follow(it, {}, 40)
         # Over 10 ms, not over 33 or 100.
         assert values[8] == pytest.approx(0.01 * (9 - 3 * (1 - 0.75**9)) / 10.0, rel=0.01)
@@ -97,7 +97,7 @@ def test_starting_forgets_the_stream_and_rests():
     it = interpolation()
     follow(it, {k: 0.001 * k for k in range(1, 200, 10)}, 200)
     it.start(-1.0)
-    assert not it.moves
+    assert not it.is_moving
     assert follow(it, {}, 50) == [-1.0] * 50
     fresh = interpolation()
     fresh.start(-1.0)
@@ -125,11 +125,11 @@ def test_starting_forgets_how_uneven_the_stream_was():
 ])  # fmt: skip
 def test_an_uneven_stream_s_line_lasts_longer_by_its_changes(intervals, lasting):
     it, at = interpolation(), 1000
-    it.take(0.0, at * MS)
+    it.set_target(0.0, at * MS)
     for interval in intervals[:-1]:
         at += interval
-        it.take(0.0, at * MS)
-    it.take(0.1, (at + intervals[-1]) * MS)
+        it.set_target(0.0, at * MS)
+    it.set_target(0.1, (at + intervals[-1]) * MS)
     values = follow(it, {}, 20)
     # The corner's lag has died away after 15 ms: then it goes as fast as the line.
     assert values[-1] - values[-2] == pytest.approx(0.1 / lasting, rel=0.01)
@@ -159,7 +159,7 @@ def test_the_set_point_does_not_depend_on_the_control_period():
     """Lines in time, not in cycles: after 20 ms of 1 ms or 5 ms cycles, the same place."""
     fine, coarse = interpolation(), interpolation()
     for it, period in ((fine, 0.001), (coarse, 0.005)):
-        it.take(0.1, MS)
+        it.set_target(0.1, MS)
         for _ in range(round(0.020 / period)):
             it.advance(period)
     assert coarse.value == pytest.approx(fine.value, abs=0.1 * 0.002 / 0.033)

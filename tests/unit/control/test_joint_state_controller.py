@@ -77,13 +77,15 @@ def test_the_cycles_to_come_are_those_in_which_it_will_sample(make, rate):
     states = []
     controller.on_state = states.append
     rig.step(7)
-    due = controller.due_in(rig.time_ns + rig.step_ns, rig.time_ns + 60 * rig.step_ns, rig.step_ns)
+    due = controller.list_due_cycles(
+        rig.time_ns + rig.step_ns, rig.time_ns + 60 * rig.step_ns, rig.step_ns
+    )
     states.clear()
     rig.step(60)
     assert [s.stamp_ns for s in states] == due and len(due) >= 4
-    before = controller.due_in(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
-    controller.sampled(3)
-    after = controller.due_in(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
+    before = controller.list_due_cycles(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
+    controller.count_samples(3)
+    after = controller.list_due_cycles(rig.time_ns, rig.time_ns + 100_000_000, rig.step_ns)
     assert after == before[3:]
 
 
@@ -145,7 +147,7 @@ def test_it_claims_nothing(make):
         ({"extra_joints": [{"name": "a", "position": 1}]}, "must be a double.*write 0.0"),
         ({"extra_joints": [{"position": 1.0}]}, r"extra_joints\[0\]/name"),
         ({"extra_joints": "a"}, "extra_joints must be a list"),
-        ({"extra_joints": [3]}, r"extra_joints\[0\] must hold a name, found 3"),
+        ({"extra_joints": [3]}, r"extra_joints\[0\] must have a name, found 3"),
     ],
 )
 def test_bad_parameters_are_named(make, change, text):

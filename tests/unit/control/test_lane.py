@@ -7,8 +7,8 @@ import weakref
 
 import pytest
 
-from aras_sim_bridge.ros.runtime import lane as lanes
-from aras_sim_bridge.ros.runtime.lane import Lane
+from aras_sim_bridge.ros.runtime import send_queue as lanes
+from aras_sim_bridge.ros.runtime.send_queue import SendQueue
 
 SIZE = 300_000  # of a message: more than the socket below takes at once
 QUEUE = 2
@@ -25,7 +25,7 @@ def line():
     theirs.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 32_768)
     theirs.settimeout(5.0)
     lost = []
-    lane = Lane(ours, QUEUE, lambda: lost.append(ours))
+    lane = SendQueue(ours, QUEUE, lambda: lost.append(ours))
     yield lane, theirs, lost
     lane.close()
     for end in (ours, theirs, server):
@@ -51,7 +51,7 @@ def received(theirs: socket.socket, size: int) -> bytes:
 def test_rest_of_a_message_follows_without_another_one(line):
     lane, theirs, _ = line
     lane.send(message(7))
-    assert lane.left  # otherwise this test would show nothing
+    assert lane.has_unsent  # otherwise this test would show nothing
     assert received(theirs, SIZE) == bytes([7]) * SIZE
 
 
@@ -83,26 +83,26 @@ def test_next_message_waits_behind_the_rest_of_the_one_before(line):
 def test_who_is_behind_is_told_until_it_has_taken_all_or_is_given_up(line):
     lane, theirs, _ = line
     lane.send(message(1))
-    assert lane.left
-    assert not lane.behind  # the socket has the beginning; the next message finds a place
+    assert lane.has_unsent
+    assert not lane.is_behind  # the socket has the beginning; the next message finds a place
     lane.send(message(2))
-    assert lane.behind
-    assert lane in lanes.DRAIN.behind()
-    lane.given_up = True
-    assert lane not in lanes.DRAIN.behind()
+    assert lane.is_behind
+    assert lane in lanes.QUEUE_FLUSHER.list_behind()
+    lane.is_abandoned = True
+    assert lane not in lanes.QUEUE_FLUSHER.list_behind()
     assert received(theirs, 2 * SIZE) == bytes([1]) * SIZE + bytes([2]) * SIZE
     end = time.monotonic() + 5.0
-    while lane.given_up and time.monotonic() < end:
+    while lane.is_abandoned and time.monotonic() < end:
         time.sleep(0.001)
     for n in (3, 4):
         lane.send(message(n))
-    assert lane.behind  # it is waited for again
+    assert lane.is_behind  # it is waited for again
 
 
 def test_somebody_is_told_when_a_socket_took_more(line, monkeypatch):
     lane, theirs, _ = line
     told = []
-    monkeypatch.setattr(lanes.DRAIN, "on_taken", lambda: told.append(lane.left))
+    monkeypatch.setattr(lanes.QUEUE_FLUSHER, "on_progress", lambda: told.append(lane.has_unsent))
     lane.send(message(1))
     received(theirs, SIZE)
     end = time.monotonic() + 5.0
@@ -129,11 +129,11 @@ class Sip:
 @pytest.mark.parametrize("most", range(1, 13))
 def test_every_byte_goes_once_wherever_a_socket_stops(most):
     sip = Sip(most)
-    lane = Lane(sip, QUEUE, lambda: None)
+    lane = SendQueue(sip, QUEUE, lambda: None)
     lane.send((b"0123", memoryview(b"45"), b"6789"))
     for _ in range(10):
         lane.flush()
-    assert sip.taken == b"0123456789" and not lane.left
+    assert sip.taken == b"0123456789" and not lane.has_unsent
 
 
 def test_lost_listener_is_reported_once(line):
@@ -147,7 +147,7 @@ def test_lost_listener_is_reported_once(line):
         time.sleep(0.01)
     lane.send(message(3))
     assert len(lost) == 1
-    assert not lane.left
+    assert not lane.has_unsent
 
 
 def test_what_a_closed_socket_did_not_take_is_let_go(line):
@@ -156,21 +156,21 @@ def test_what_a_closed_socket_did_not_take_is_let_go(line):
     gone = [weakref.ref(image[1].obj) for image in images]
     for image in images:
         lane.send(image)
-    assert lane.left
+    assert lane.has_unsent
     lane.socket.close()  # by rospy, which tells the publisher
     lane.close()
-    assert not lane.left
-    assert lane not in lanes.DRAIN.sending()
+    assert not lane.has_unsent
+    assert lane not in lanes.QUEUE_FLUSHER.list_unsent()
     del image, images
     assert [reference() for reference in gone] == [None] * 3
     lane.send(message(9))
-    assert not lane.left
+    assert not lane.has_unsent
 
 
 def test_a_lane_with_the_number_of_a_closed_one_keeps_its_turn(line):
     first, _, _ = line
     first.send(message(1))
-    second = Lane(first.socket, QUEUE, lambda: None)
+    second = SendQueue(first.socket, QUEUE, lambda: None)
     second.send(message(2))
     first.close()
-    assert second in lanes.DRAIN.sending()
+    assert second in lanes.QUEUE_FLUSHER.list_unsent()

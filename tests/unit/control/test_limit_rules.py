@@ -20,8 +20,8 @@ from aras_sim_bridge.control.limits import (
     VELOCITY_SATURATION,
     VELOCITY_SOFT,
     LimitRule,
-    enforced,
-    rule_for,
+    enforce_limits,
+    make_rule,
 )
 from aras_sim_bridge.description import SoftLimits
 from aras_sim_bridge.errors import HardwareError
@@ -38,7 +38,7 @@ def handle(soft=None, position=0.0, velocity=0.0, interface=EFFORT):
 
 def enforce(rule, joint):
     """Limit the joint's command once, DT after the last time."""
-    enforced(rule.row, joint.row, DT)
+    enforce_limits(rule.row, joint.row, DT)
 
 
 @pytest.mark.parametrize(
@@ -231,9 +231,9 @@ def test_rules_name_the_limit_they_lack(make_soft):
         (POSITION, JointBounds(-1.0, 1.0), make_soft(), "max_velocity"),
     ):
         with pytest.raises(HardwareError, match=f"'J'.*{lacking}"):
-            rule_for(handle(soft, interface=interface), limits)
-    assert rule_for(handle(), None) is None
-    rule = rule_for(handle(interface=POSITION), JointBounds(-1.0, 1.0))
+            make_rule(handle(soft, interface=interface), limits)
+    assert make_rule(handle(), None) is None
+    rule = make_rule(handle(interface=POSITION), JointBounds(-1.0, 1.0))
     assert rule.kind == POSITION_SATURATION
 
 

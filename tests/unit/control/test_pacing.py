@@ -22,38 +22,38 @@ def wall():
 def test_steps_come_in_groups(wall):
     pacer = Pacer(1.0, wall)
     wall.now += 0.0099
-    assert pacer.due_until(0) == 2 * BATCH_NS
-    assert pacer.wait(2 * BATCH_NS) == pytest.approx(0.0021)
+    assert pacer.find_due_time(0) == 2 * BATCH_NS
+    assert pacer.compute_wait(2 * BATCH_NS) == pytest.approx(0.0021)
 
 
 def test_an_event_does_not_wait_for_its_group(wall):
     pacer = Pacer(1.0, wall)
-    assert pacer.wait(0, 3 * MS) == pytest.approx(0.003)
+    assert pacer.compute_wait(0, 3 * MS) == pytest.approx(0.003)
     wall.now += 0.0031
-    assert pacer.due_until(0) == 0
-    assert pacer.due_until(0, 3 * MS) == 3 * MS
+    assert pacer.find_due_time(0) == 0
+    assert pacer.find_due_time(0, 3 * MS) == 3 * MS
     # Done with: the next to wait for is the group's end.
-    assert pacer.wait(3 * MS, 3 * MS) == pytest.approx(0.0009)
-    assert pacer.due_until(3 * MS, 3 * MS) <= 3 * MS
+    assert pacer.compute_wait(3 * MS, 3 * MS) == pytest.approx(0.0009)
+    assert pacer.find_due_time(3 * MS, 3 * MS) <= 3 * MS
 
 
 def test_an_event_ahead_changes_nothing(wall):
     pacer = Pacer(1.0, wall)
     wall.now += 0.005
-    assert pacer.due_until(0, 50 * MS) == BATCH_NS
-    assert pacer.wait(BATCH_NS, 50 * MS) == pytest.approx(0.003)
+    assert pacer.find_due_time(0, 50 * MS) == BATCH_NS
+    assert pacer.compute_wait(BATCH_NS, 50 * MS) == pytest.approx(0.003)
 
 
 def test_a_late_event_costs_no_step(wall):
     pacer = Pacer(1.0, wall)
     wall.now += 0.009
-    assert pacer.due_until(0, 3 * MS) == 2 * BATCH_NS
+    assert pacer.find_due_time(0, 3 * MS) == 2 * BATCH_NS
 
 
 def test_at_full_speed_events_need_no_care(wall):
     pacer = Pacer(0.0, wall)
-    assert pacer.due_until(0, 3 * MS) == BATCH_NS
-    assert pacer.wait(0, 3 * MS) == 0.0
+    assert pacer.find_due_time(0, 3 * MS) == BATCH_NS
+    assert pacer.compute_wait(0, 3 * MS) == 0.0
 
 
 @pytest.mark.parametrize("factor", [0.25, 0.5, 2.0, 3.0])
@@ -61,9 +61,9 @@ def test_simulated_time_follows_wall_time_times_the_factor(wall, factor):
     pacer = Pacer(factor, wall)
     begin, time_ns = wall.now, 0
     for group in range(1, 200):
-        assert pacer.due_until(time_ns) == time_ns  # not a moment too early
-        wall.now += pacer.wait(time_ns) + 1e-6
-        time_ns = pacer.due_until(time_ns)
+        assert pacer.find_due_time(time_ns) == time_ns  # not a moment too early
+        wall.now += pacer.compute_wait(time_ns) + 1e-6
+        time_ns = pacer.find_due_time(time_ns)
         assert time_ns == group * BATCH_NS
         assert (wall.now - begin) * factor * 1e9 == pytest.approx(time_ns, abs=1e4)
 
@@ -71,20 +71,20 @@ def test_simulated_time_follows_wall_time_times_the_factor(wall, factor):
 def test_groups_may_be_single_steps(wall):
     pacer = Pacer(1.0, wall)
     wall.now += 0.0032
-    assert pacer.due_until(0, group_ns=1 * MS) == 3 * MS
-    assert pacer.wait(3 * MS, group_ns=1 * MS) == pytest.approx(0.0008)
-    assert pacer.due_until(0, group_ns=2 * MS) == 2 * MS  # steps of 2 ms
-    assert pacer.wait(2 * MS, group_ns=2 * MS) == pytest.approx(0.0008)
+    assert pacer.find_due_time(0, group_ns=1 * MS) == 3 * MS
+    assert pacer.compute_wait(3 * MS, group_ns=1 * MS) == pytest.approx(0.0008)
+    assert pacer.find_due_time(0, group_ns=2 * MS) == 2 * MS  # steps of 2 ms
+    assert pacer.compute_wait(2 * MS, group_ns=2 * MS) == pytest.approx(0.0008)
 
 
 @pytest.mark.parametrize("factor", [0.5, 2.0])
 def test_a_lag_is_made_good_up_to_a_limit_and_given_up_beyond(wall, factor):
     pacer = Pacer(factor, wall)
     wall.now += 0.150 / factor
-    assert pacer.due_until(0) == 148 * MS
+    assert pacer.find_due_time(0) == 148 * MS
     wall.now += 0.300 / factor
-    assert pacer.due_until(148 * MS) == 152 * MS
-    assert pacer.wait(152 * MS) == pytest.approx(0.004 / factor, rel=1e-6)
+    assert pacer.find_due_time(148 * MS) == 152 * MS
+    assert pacer.compute_wait(152 * MS) == pytest.approx(0.004 / factor, rel=1e-6)
 
 
 @pytest.mark.parametrize("factor", [0.5, 1.0, 2.0])
@@ -92,15 +92,15 @@ def test_a_new_factor_counts_from_now_on(wall, factor):
     pacer = Pacer(1.0, wall)
     wall.now += 1.0
     pacer.set_factor(factor, 40 * MS)
-    assert pacer.due_until(40 * MS) == 40 * MS
+    assert pacer.find_due_time(40 * MS) == 40 * MS
     wall.now += 0.1 / factor
-    assert pacer.due_until(40 * MS) == 140 * MS
+    assert pacer.find_due_time(40 * MS) == 140 * MS
 
 
 def test_the_factor_that_came_out_is_measured_in_windows(wall):
     pacer = Pacer(0.5, wall)
     wall.now += 2.5
-    pacer.due_until(1000 * MS)
+    pacer.find_due_time(1000 * MS)
     assert pacer.real_time_factor == pytest.approx(0.4)
     meter = FactorMeter(wall)
     wall.now += 2.5
@@ -115,7 +115,7 @@ def test_the_factor_that_came_out_is_measured_in_windows(wall):
 def test_who_falls_short_of_the_wanted_factor_is_warned(wall, caplog, factor, reached_ms, warned):
     pacer = Pacer(factor, wall)
     wall.now += 2.0
-    pacer.due_until(reached_ms * MS)
+    pacer.find_due_time(reached_ms * MS)
     assert ("cannot keep up" in caplog.text) == warned
 
 
@@ -128,7 +128,7 @@ def test_who_falls_short_for_long_is_warned_every_ten_seconds(caplog):
     told = []
     for k in range(1, 13):
         wall.now = 2.0 * k
-        pacer.due_until(1000 * MS * k)
+        pacer.find_due_time(1000 * MS * k)
         told.append(len(caplog.records))
     assert told == [1] * 5 + [2] * 5 + [3] * 2
     assert caplog.records[0].getMessage().startswith(
@@ -136,12 +136,12 @@ def test_who_falls_short_for_long_is_warned_every_ten_seconds(caplog):
 
 
 def test_the_very_instants_of_what_is_due(wall):
-    assert Pacer(1.0, wall).due_until(0, 1) == 0 and Pacer().factor == 1.0
+    assert Pacer(1.0, wall).find_due_time(0, 1) == 0 and Pacer().factor == 1.0
     pacer = Pacer(1.0, wall)
     wall.now = 100.003
-    assert pacer.due_until(0, 3 * MS) == 3 * MS
+    assert pacer.find_due_time(0, 3 * MS) == 3 * MS
     for lag, due in ((200 * MS, 200 * MS), (200 * MS + 1, 4 * MS)):
         wall.now = 100.0
         pacer = Pacer(1.0, wall)
         wall.now += lag / 1e9
-        assert pacer.due_until(0) == due
+        assert pacer.find_due_time(0) == due

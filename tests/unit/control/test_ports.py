@@ -7,24 +7,24 @@ from types import SimpleNamespace
 
 import pytest
 
-from aras_sim_bridge.ros.camera.compressed import Encoder
+from aras_sim_bridge.ros.camera.compressed import BackgroundWorker
 from aras_sim_bridge.ros.control import state_topic
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 
 
 class Publisher:
-    """As QuickPublisher, with listeners that the test sends and takes away."""
+    """As NonBlockingPublisher, with listeners that the test sends and takes away."""
 
-    def __init__(self, topic, message, queue_size, changed) -> None:
-        self.listeners = 0
-        self.changed = changed
+    def __init__(self, topic, message, queue_size, on_change) -> None:
+        self.subscriber_count = 0
+        self.on_change = on_change
         self.sent: list[object] = []
 
     def publish(self, message: object) -> None:
         self.sent.append(message.data)
 
     def unregister(self) -> None:
-        self.listeners = 0
+        self.subscriber_count = 0
 
 
 class Thread:
@@ -45,7 +45,7 @@ class Thread:
 @pytest.fixture
 def topic(monkeypatch):
     """A state topic of `port`, with its thread and its publisher."""
-    monkeypatch.setattr(state_topic, "QuickPublisher", Publisher)
+    monkeypatch.setattr(state_topic, "NonBlockingPublisher", Publisher)
     port, thread = SimpleNamespace(on_state=None), Thread()
     made = StateTopic(
         "/state", lambda: SimpleNamespace(data=None), 1, port,
@@ -55,8 +55,8 @@ def topic(monkeypatch):
 
 
 def listen(topic, count: int) -> None:
-    topic.publisher.listeners = count
-    topic.publisher.changed()
+    topic.publisher.subscriber_count = count
+    topic.publisher.on_change()
 
 
 def test_nothing_is_built_while_nobody_listens(topic):
@@ -80,10 +80,10 @@ def test_a_listener_that_leaves_does_not_take_the_callback_from_a_running_update
 
 def test_who_comes_while_another_leaves_is_heard_in_whatever_order_it_is_told(topic):
     listen(topic, 1)
-    topic.publisher.listeners = 2  # one comes,
-    topic.publisher.listeners = 1  # the other leaves,
-    topic.publisher.changed()  # and both are told late
-    topic.publisher.changed()
+    topic.publisher.subscriber_count = 2  # one comes,
+    topic.publisher.subscriber_count = 1  # the other leaves,
+    topic.publisher.on_change()  # and both are told late
+    topic.publisher.on_change()
     topic.thread.turn()
     assert topic.port.on_state is not None
 
@@ -92,9 +92,9 @@ def test_a_listener_that_was_quicker_than_the_constructor_is_heard(monkeypatch):
     class Awaited(Publisher):
         def __init__(self, *args, **options) -> None:
             super().__init__(*args, **options)
-            self.listeners = 1  # rospy told nobody
+            self.subscriber_count = 1  # rospy told nobody
 
-    monkeypatch.setattr(state_topic, "QuickPublisher", Awaited)
+    monkeypatch.setattr(state_topic, "NonBlockingPublisher", Awaited)
     port, thread = SimpleNamespace(on_state=None), Thread()
     StateTopic("/state", SimpleNamespace, 1, port, lambda message, state: None, thread)
     thread.turn()
@@ -120,7 +120,7 @@ def test_nobody_waits_for_the_encoder_and_the_newest_frames_stay():
         if item == 99:
             done.set()
 
-    encoder = Encoder(work, 4, "encoder")
+    encoder = BackgroundWorker(work, 4, "encoder")
     encoder.put(0)
     assert begun.wait(10.0)
     for n in range(1, 100):
@@ -140,7 +140,7 @@ def test_an_encoder_that_is_stopped_lets_the_rest_be():
         encoder.stop()
         stopped.set()
 
-    encoder = Encoder(work, 4, "to be stopped")
+    encoder = BackgroundWorker(work, 4, "to be stopped")
     encoder.put(1)
     encoder.put(2)
     assert stopped.wait(10.0)

@@ -10,8 +10,8 @@ from types import SimpleNamespace
 import pytest
 from std_msgs.msg import Float64, Header
 
-from aras_sim_bridge.ros.runtime import lane, publisher
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime import publisher, send_queue
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 
 class Connection:
@@ -70,7 +70,7 @@ def leave(ros, connection: Connection) -> None:
 
 
 def test_who_comes_later_gets_the_last_message_of_a_latched_topic_once(ros):
-    topic = QuickPublisher("/t", Float64, 2, latch=True)
+    topic = NonBlockingPublisher("/t", Float64, 2, latch=True)
     topic.publish_bytes(b"one")
     topic.publish_bytes(b"two")
     first = join(ros)
@@ -82,7 +82,7 @@ def test_who_comes_later_gets_the_last_message_of_a_latched_topic_once(ros):
 
 
 def test_without_latch_nothing_is_kept(ros):
-    topic = QuickPublisher("/t", Float64, 2)
+    topic = NonBlockingPublisher("/t", Float64, 2)
     first = join(ros)
     topic.publish_bytes(b"one")
     second = join(ros)
@@ -92,44 +92,44 @@ def test_without_latch_nothing_is_kept(ros):
 
 
 def test_images_for_who_has_gone_are_let_go(ros):
-    topic = QuickPublisher("/t", Float64, 2)
+    topic = NonBlockingPublisher("/t", Float64, 2)
     listener = join(ros)
     for _ in range(4):
         topic.publish_bytes(bytes(4_000_000))
-    (queued,) = topic._lanes.values()
-    assert queued.left
+    (queued,) = topic._queues.values()
+    assert queued.has_unsent
     leave(ros, listener)
-    assert not queued.left
-    assert topic._lanes == {}
-    assert queued not in lane.DRAIN.sending()
+    assert not queued.has_unsent
+    assert topic._queues == {}
+    assert queued not in send_queue.QUEUE_FLUSHER.list_unsent()
 
 
 def test_images_on_a_topic_that_is_taken_off_are_let_go(ros):
-    topic = QuickPublisher("/t", Float64, 2)
+    topic = NonBlockingPublisher("/t", Float64, 2)
     join(ros)
     for _ in range(4):
         topic.publish_bytes(bytes(4_000_000))
-    (queued,) = topic._lanes.values()
+    (queued,) = topic._queues.values()
     topic.unregister()
-    assert not queued.left
-    assert topic.listeners == 0
+    assert not queued.has_unsent
+    assert topic.subscriber_count == 0
 
 
 def test_changes_are_told_and_who_was_quicker_than_the_constructor_is_counted(ros):
     early = Connection()
     ros.impl.connections = [early]
     told = []
-    topic = QuickPublisher("/t", Float64, 2, changed=lambda: told.append(1))
+    topic = NonBlockingPublisher("/t", Float64, 2, on_change=lambda: told.append(1))
     assert told
-    assert topic.listeners == 1
+    assert topic.subscriber_count == 1
     before = len(told)
     join(ros)
     assert len(told) > before
-    assert topic.listeners == 2
+    assert topic.subscriber_count == 2
 
 
 def test_headers_are_numbered(ros):
-    topic = QuickPublisher("/t", Header, 2)
+    topic = NonBlockingPublisher("/t", Header, 2)
     message = SimpleNamespace(
         _has_header=True, header=Header(), serialize=lambda buffer: buffer.write(b"x")
     )
@@ -142,7 +142,7 @@ def test_headers_are_numbered(ros):
 
 
 def test_a_connection_that_is_not_up_yet_is_sent_to_once_it_is(ros):
-    topic = QuickPublisher("/t", Float64, 2, latch=True)
+    topic = NonBlockingPublisher("/t", Float64, 2, latch=True)
     topic.publish_bytes(b"one")
     slow = Connection()
     up, slow.socket = slow.socket, None
@@ -157,7 +157,7 @@ def test_a_connection_that_is_not_up_yet_is_sent_to_once_it_is(ros):
 def test_a_connection_that_breaks_is_taken_from_rospy_and_closed(ros):
     removed, closed = [], threading.Event()
     ros.impl.remove_connection = removed.append
-    topic = QuickPublisher("/t", Float64, 2)
+    topic = NonBlockingPublisher("/t", Float64, 2)
     listener = join(ros)
     listener.far.close()
     listener.close = closed.set

@@ -35,7 +35,7 @@ def users_module(tmp_path, monkeypatch):
 
 
 def test_types_of_ros_controllers_are_built_in():
-    assert set(ControllerTypes().types()) >= {
+    assert set(ControllerTypes().list_types()) >= {
         "joint_state_controller/JointStateController",
         "effort_controllers/GripperActionController",
         "effort_controllers/JointEffortController",
@@ -68,7 +68,7 @@ def test_a_users_class_by_path_or_by_parameter(users_module):
     assert cls.version == 1
     extra = {"mine/Mine": "users_controllers:Mine"}
     assert registry.find("mine/Mine", extra) is cls
-    assert "mine/Mine" in registry.types(extra)
+    assert "mine/Mine" in registry.list_types(extra)
 
 
 def test_it_loads_and_runs_without_a_line_changed_here(users_module, make_rig, make_joint):

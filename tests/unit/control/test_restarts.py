@@ -48,7 +48,7 @@ def test_an_emergency_stop_holds_the_joint_where_a_reset_has_put_it(make_rig, ma
     rig.hardware.e_stop = True
     for place in (0.3, 0.1):
         rig.model.q[0] = place
-        rig.loop.begin_anew()
+        rig.loop.restart()
         rig.step(2)
         assert rig.model.calls[-1] == ("position", "a", pytest.approx(place))
 
@@ -59,7 +59,7 @@ def test_a_clock_that_was_put_back_leaves_a_pid_what_it_has_gathered(make_rig, m
         "pid": {"p": 0.0, "i": 10.0, "i_clamp": 9.0}}})
     rig.model.stuck.add("a")
     rig.run("c").set_command(0.5)
-    for begin, gathered in ((rig.loop.reset, 200), (rig.loop.begin_anew, 100)):
+    for begin, gathered in ((rig.loop.reset, 200), (rig.loop.restart, 100)):
         rig.step(100)
         begin()
         rig.step(100)
@@ -75,7 +75,7 @@ def test_a_restarted_loop_has_forgotten_the_way_that_it_went(make_rig, make_join
     controller = rig.run("c")
     rig.step()
     if compiled:
-        assert rig.loop.begin(rig.time_ns + rig.step_ns, rig.step_ns)
+        assert rig.loop.start_cycles(rig.time_ns + rig.step_ns, rig.step_ns)
     controller.set_command(0.9)
     rig.step(9)
     assert 0.0 < rig.model.tau[0] < 0.9
@@ -91,7 +91,7 @@ def test_the_first_write_lasts_one_step_of_the_physics(make_rig, make_joint, ste
     """A position joint may move by its velocity limit, 5 rad/s, times the step."""
     rig = make_rig([make_joint("a", interface="PositionJointInterface")], step_ns=step_ns,
                    physics=False)
-    for k, begin in enumerate((int, rig.loop.reset, rig.loop.begin_anew), 1):
+    for k, begin in enumerate((int, rig.loop.reset, rig.loop.restart), 1):
         begin()
         rig.hardware.handles["a"].position_command = 1.0
         rig.time_ns = 7 * step_ns * (k % 2)  # the clock goes back, or on

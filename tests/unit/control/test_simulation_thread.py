@@ -14,7 +14,7 @@ from types import SimpleNamespace
 import pytest
 
 from aras_sim_bridge.ros.runtime import simulation_thread
-from aras_sim_bridge.ros.runtime.inbox import Inbox
+from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationBusyError, SimulationThread
 
@@ -32,7 +32,7 @@ class Counter:
         self.time_ns += self.step_ns
         time.sleep(0.0001)
 
-    def next_picture_ns(self) -> None:
+    def next_image_ns(self) -> None:
         return None
 
     def close(self) -> None:
@@ -44,13 +44,13 @@ class Gate:
     """Closes at a simulated time until it is opened."""
 
     def __init__(self) -> None:
-        self.closed = False
+        self.is_closed = False
 
-    def remaining(self) -> float | None:
-        return 1.0 if self.closed else None
+    def compute_remaining(self) -> float | None:
+        return 1.0 if self.is_closed else None
 
-    def clear(self) -> None:
-        self.closed = False
+    def end_round(self) -> None:
+        self.is_closed = False
 
 
 @pytest.fixture
@@ -60,7 +60,7 @@ def started():
 
     def start(factor: float, gate: Gate | None = None, **options) -> SimulationThread:
         thread = SimulationThread(Counter, Pacer(factor), **options)
-        thread.gate = gate
+        thread.lockstep = gate
         threads.append(thread)
         thread.start()
         return thread
@@ -82,38 +82,38 @@ def test_no_step_is_made_behind_a_closed_gate_but_jobs_are_run(started):
 
     def close(time_ns: int) -> None:
         if time_ns == 10_000_000:
-            gate.closed = True
+            gate.is_closed = True
 
     thread = started(0.0, gate, after_step=close)
-    until(lambda: thread.held)
+    until(lambda: thread.is_time_stopped)
     assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
     time.sleep(0.02)
     assert thread.call(lambda: thread.simulation.time_ns) == 10_000_000
-    gate.closed = False
+    gate.is_closed = False
     thread.wake()
     until(lambda: thread.now_ns() > 20_000_000)
 
 
 def test_unpausing_clears_the_gate_that_steps_closed(started):
     gate = Gate()
-    thread = started(0.0, gate, paused=True, after_step=lambda _: setattr(gate, "closed", True))
+    thread = started(0.0, gate, paused=True, after_step=lambda _: setattr(gate, "is_closed", True))
     assert thread.step(5, 5.0) == 5_000_000  # steps asked for are made
     thread.unpause()
     until(lambda: thread.now_ns() == 6_000_000)
 
 
-class Commands(Inbox):
+class Commands(MessageReceiver):
     """Before a step there is one where `comes` says so; `flood` are passed over in a group."""
 
     def __init__(self, comes: Callable[[int], bool], flood: int = 0) -> None:
         super().__init__()
         self.comes, self.flood, self.backlogs, self.waits = comes, flood, [], []
 
-    def take(self, time_ns: int, backlog: int) -> bool:
+    def deliver(self, time_ns: int, backlog: int) -> bool:
         self.backlogs.append(backlog)
         return self.comes(time_ns)
 
-    def most_passed_over(self) -> int:
+    def take_skipped_count(self) -> int:
         return self.flood
 
     def wait(self, seconds: float | None, commands: bool = True) -> bool:
@@ -128,20 +128,20 @@ class Plan(Pacer):
         super().__init__(factor)
         self.steps, self.groups, self.over = iter(steps), [], threading.Event()
 
-    def due_until(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
+    def find_due_time(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
         self.groups.append(group_ns // MS)
         count = next(self.steps, None)
         if count is None:
             self.over.set()
         return time_ns + round(MS * (count or 0))
 
-    def wait(self, time_ns: int, event_ns: int | None, group_ns: int) -> float:
+    def compute_wait(self, time_ns: int, event_ns: int | None, group_ns: int) -> float:
         return 60.0 if self.over.is_set() else 0.0
 
 
-def run(plan: Plan, inbox: Inbox, gate: Gate | None = None, build=Counter) -> None:
-    thread = SimulationThread(build, plan, inbox=inbox)
-    thread.gate = gate
+def run(plan: Plan, inbox: MessageReceiver, gate: Gate | None = None, build=Counter) -> None:
+    thread = SimulationThread(build, plan, receiver=inbox)
+    thread.lockstep = gate
     thread.start()
     assert plan.over.wait(20.0)
     thread.stop()
@@ -170,10 +170,10 @@ def test_what_came_before_time_was_set_back_is_forgotten():
     made.time_ns = 100 * MS
 
     class Reset(Plan):
-        def due_until(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
+        def find_due_time(self, time_ns: int, event_ns: int | None, group_ns: int) -> int:
             if len(self.groups) == 1:
                 made.time_ns = time_ns = 0
-            return super().due_until(time_ns, event_ns, group_ns)
+            return super().find_due_time(time_ns, event_ns, group_ns)
 
     plan = Reset(1, 1, 1)
     run(plan, Commands(lambda time_ns: time_ns > 50 * MS), build=lambda: made)
@@ -206,7 +206,7 @@ def test_a_pause_is_not_made_good():
 def test_a_bell_that_was_heard_does_not_wake_again(started):
     """While time stands still the thread waits, and does not spin."""
 
-    class Counting(Inbox):
+    class Counting(MessageReceiver):
         waits = 0
 
         def wait(self, seconds: float | None, commands: bool = True) -> bool:
@@ -214,7 +214,7 @@ def test_a_bell_that_was_heard_does_not_wake_again(started):
             return super().wait(seconds, commands)
 
     inbox = Counting()
-    thread = started(1.0, paused=True, inbox=inbox)
+    thread = started(1.0, paused=True, receiver=inbox)
     thread.call(lambda: None)
     until(lambda: inbox.waits)
     waits = inbox.waits
@@ -256,7 +256,7 @@ def test_a_fault_between_steps_ends_the_thread_and_is_told(started):
     told: list[BaseException] = []
     thread = started(0.0, paused=True, on_fault=told.append, after_step=lambda _: refuse())
     thread.unpause()
-    until(lambda: thread.stopping)
+    until(lambda: thread.is_stopping)
     assert str(told[0]) == "not so"
     with pytest.raises(SimulationBusyError, match="shutting down"):
         thread.call(lambda: None)
@@ -362,7 +362,7 @@ def test_steps_are_jobs_of_a_hundred_each_for_which_there_is_a_limit(started, mo
     limits.clear()
     assert thread.step(100, 0.0) == 350 * MS  # all of them, if late
     assert limits == [0.1]
-    with pytest.raises(SimulationBusyError, match="100 of 101 steps were done within 0 s; ask for"):
+    with pytest.raises(SimulationBusyError, match="100 of 101 steps were done within 0 s; request"):
         thread.step(101, 0.0)
 
 
@@ -410,7 +410,7 @@ def test_what_a_job_of_more_than_a_twentieth_second_took_is_not_made_good(
 
 def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come():
     inbox = Commands(lambda _: len(inbox.waits) == 1)
-    thread = SimulationThread(Counter, Plan(), paused=True, inbox=inbox)
+    thread = SimulationThread(Counter, Plan(), paused=True, receiver=inbox)
     thread.start()
     until(lambda: inbox.waits)
     thread.wake()
@@ -421,7 +421,7 @@ def test_paused_commands_are_looked_at_every_four_milliseconds_while_they_come()
 
 def test_a_job_does_not_wait_for_the_rest_of_the_steps_that_are_due():
     plan, seen = Plan(4), []
-    thread = SimulationThread(Counter, plan, inbox=Commands(lambda _: False))
+    thread = SimulationThread(Counter, plan, receiver=Commands(lambda _: False))
 
     def after_step(time_ns: int) -> None:
         if time_ns == MS:

@@ -4,7 +4,7 @@ from itertools import pairwise, product
 
 import pytest
 
-from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint, spline
+from aras_sim_bridge.control.controllers.splines import Segment, Tolerance, Waypoint, fit_spline
 
 S = 1_000_000_000
 
@@ -28,7 +28,7 @@ S = 1_000_000_000
     ],
 )
 def test_coefficients(proves, start, end, duration, coefficients):
-    assert spline(Waypoint(*start), Waypoint(*end), duration) == pytest.approx(
+    assert fit_spline(Waypoint(*start), Waypoint(*end), duration) == pytest.approx(
         coefficients, abs=1e-12
     ), proves
 
@@ -83,4 +83,4 @@ def test_monotonic_where_the_line_is():
 )
 def test_tolerances_of_zero_are_not_checked(tolerance, position, velocity, holds):
     assert Tolerance() == (0.0, 0.0, 0.0)
-    assert Tolerance(*tolerance).holds(position, velocity) is holds
+    assert Tolerance(*tolerance).is_met(position, velocity) is holds

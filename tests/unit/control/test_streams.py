@@ -14,7 +14,7 @@ import threading
 
 import pytest
 
-from aras_sim_bridge.ros.runtime.inbox import Inbox, Stream
+from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver, MessageStream
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
@@ -43,14 +43,14 @@ class Simulation:
         self.time_ns += self.step_ns
         self.wall.now += STEP_COST
 
-    def next_picture_ns(self) -> None:
+    def next_image_ns(self) -> None:
         return None
 
     def close(self) -> None:
         pass
 
 
-class Script(Inbox):
+class Script(MessageReceiver):
     """Messages that arrive at given times; the end of the script ends the thread."""
 
     def __init__(self, wall: Wall, arrivals: list[float], end: float) -> None:
@@ -65,7 +65,7 @@ class Script(Inbox):
         self.over = threading.Event()
         self._far, near = socket.socketpair()
         self._near = near
-        self.add(Stream(near, self._act, lambda: None))
+        self.add(MessageStream(near, self._act, lambda: None))
 
     def _act(self, body: bytes) -> None:
         number = int(body)
@@ -78,10 +78,10 @@ class Script(Inbox):
         self._far.sendall(b"".join(struct.pack("<I", len(b)) + b for b in bodies))
         self.sent = here
 
-    def take(self, time_ns: int, backlog: int) -> bool:
+    def deliver(self, time_ns: int, backlog: int) -> bool:
         self._deliver()
         self._look_for_the_end()
-        return super().take(time_ns, backlog)
+        return super().deliver(time_ns, backlog)
 
     def wait(self, seconds: float | None, commands: bool = True) -> bool:
         self.waits += 1
@@ -109,7 +109,7 @@ def run(
     script = Script(wall, arrivals, end)
     pacer = Pacer(factor, wall)
     simulation = Simulation(wall, step_ns)
-    thread = SimulationThread(lambda: simulation, pacer, inbox=script, **options)
+    thread = SimulationThread(lambda: simulation, pacer, receiver=script, **options)
     begin = wall.now
     thread.start()
     assert script.over.wait(60.0)
@@ -147,7 +147,7 @@ def test_a_stream_survives_a_pause_of_the_thread():
             wall.now += 0.010
 
     thread = SimulationThread(
-        lambda: simulation, Pacer(1.0, wall), after_step=stall, inbox=script
+        lambda: simulation, Pacer(1.0, wall), after_step=stall, receiver=script
     )
     thread.start()
     assert script.over.wait(60.0)
@@ -173,7 +173,7 @@ def test_after_a_reset_of_time_the_stream_before_does_not_count():
         if time_ns == 500_000_000 and not resets:
             thread.post(reset)
 
-    thread = SimulationThread(lambda: simulation, pacer, after_step=after_step, inbox=script)
+    thread = SimulationThread(lambda: simulation, pacer, after_step=after_step, receiver=script)
     thread.start()
     assert script.over.wait(60.0)
     thread.stop()
@@ -183,20 +183,20 @@ def test_after_a_reset_of_time_the_stream_before_does_not_count():
 class Answers:
     """A gate that closes after each step, until a message acts."""
 
-    closed = True
+    is_closed = True
 
     def __init__(self, script: Script) -> None:
         self._script = script
         self._heard = 0
 
-    def remaining(self) -> float | None:
+    def compute_remaining(self) -> float | None:
         if self._script.over.is_set() or len(self._script.order) > self._heard:
             self._heard = len(self._script.order)
-            self.closed = False
+            self.is_closed = False
             return None
         return 1.0
 
-    def clear(self) -> None:
+    def end_round(self) -> None:
         pass
 
 
@@ -209,13 +209,13 @@ def test_in_lockstep_each_command_acts_in_a_step_of_its_own(at_once):
     acted: list[list[int]] = []
 
     def after_step(_time_ns: int) -> None:
-        gate.closed = True
+        gate.is_closed = True
         acted.append(script.order[sum(map(len, acted)):])
 
     thread = SimulationThread(
-        lambda: simulation, Pacer(0.0, wall), after_step=after_step, inbox=script
+        lambda: simulation, Pacer(0.0, wall), after_step=after_step, receiver=script
     )
-    thread.gate = gate
+    thread.lockstep = gate
     thread.start()
     assert script.over.wait(60.0)
     thread.stop()

@@ -145,13 +145,13 @@ class TestFollowing:
         assert b.after(0.51) == pytest.approx(0.9)
         points = [point(0.0, [9.0]), point(1.0, [1.4])]
         b.controller.set_command(Trajectory(["a"], points, b.rig.time_ns - STEP))  # as it was meant
-        assert "1 of 2 trajectory points are past" in b.rig.log[0]
+        assert "1 of 2 trajectory points are in the past" in b.rig.log[0]
 
     def test_all_points_past_are_refused_and_the_present_one_goes_on(self, bench):
         b = bench()
         b.controller.set_command(line())
         b.rig.step(1)
-        with pytest.raises(TrajectoryError, match="all 1 trajectory points are past"):
+        with pytest.raises(TrajectoryError, match="all 1 trajectory points are in the past"):
             b.controller.set_command(line(9.0, 0.1, stamp_ns=b.rig.time_ns - S // 5))
         assert b.after(0.5) == pytest.approx(0.5)
 
@@ -390,10 +390,10 @@ class TestGoals:
     @pytest.mark.parametrize(
         ("trajectory", "code", "text"),
         [
-            (Trajectory(["a", "a"], [point(1, [1, 1])]), ErrorCode.INVALID_JOINTS, "twice"),
-            (Trajectory([], [point(1, [])]), ErrorCode.INVALID_JOINTS, "none"),
+            (Trajectory(["a", "a"], [point(1, [1, 1])]), ErrorCode.INVALID_JOINTS, "repeated"),
+            (Trajectory([], [point(1, [])]), ErrorCode.INVALID_JOINTS, "empty"),
             (Trajectory(["a", "b"], []), ErrorCode.INVALID_JOINTS, "unknown are 'b'"),
-            (Trajectory([], []), ErrorCode.INVALID_JOINTS, "none"),
+            (Trajectory([], []), ErrorCode.INVALID_JOINTS, "empty"),
             (Trajectory(["a"], [point(1, [])]), ErrorCode.INVALID_GOAL, "0 positions for 1"),
             (Trajectory(["a"], [point(1, [1, 2], [1])]), ErrorCode.INVALID_GOAL, "1 velocities"),
             (Trajectory(["a"], [point(1, [1], [1, 2])]), ErrorCode.INVALID_GOAL, "2 velocities"),

@@ -9,7 +9,7 @@ from aras_sim_bridge.description import parse_sdf, read_sdf, world_file
 from aras_sim_bridge.errors import DescriptionError, UnknownModelError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_sim_bridge.world import World
-from aras_sim_bridge.world.loops import position
+from aras_sim_bridge.world.closed_chains import compute_position
 from aras_visual_servo_base.poses import Pose, Twist
 
 BOX = "<collision name='c'><geometry><box><size>.1 .1 .1</size></box></geometry></collision>"
@@ -43,7 +43,7 @@ def test_links_without_joints_are_free_bodies_of_one_model():
     assert list(made.parts[0].joints) == ["j"] and not made.warnings
     with World(gravity=(0.0, 0.0, -1.0)) as world:
         whole = world.spawn(made, "m", Pose((0, 0, 10)), {"j": 0.25})
-        assert list(world.models) == ["m", "m::b"] and list(world.whole_models) == ["m"]
+        assert list(world.models) == ["m", "m::b"] and list(world.main_models) == ["m"]
         part = world.models["m::b"]
         np.testing.assert_allclose(part.link_pose("b").matrix(),
                                    Pose.from_rpy((1, 0, 13), (0, 0, 0.5)).matrix(), atol=1e-9)
@@ -98,7 +98,7 @@ def four_bar_pendulum(made):
         ends = [arm.link_pose(end) for end in (loop.joint.parent, loop.joint.child)]
         gap = math.dist((ends[0] @ loop.in_parent).xyz, (ends[1] @ loop.in_child).xyz)
         angles = dict(zip(arm.joint_names, arm.read_joints()[0], strict=True))
-        angles[loop.joint.name] = position(loop, *ends)
+        angles[loop.joint.name] = compute_position(loop, *ends)
         world.reset_simulation()
         world.step()
         return angles, gap
@@ -235,7 +235,7 @@ def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad
     said = list(found.warnings)
     world_file.populate(simulation.spawn, found, said.append)
     assert list(simulation.world.models) == [f"m{k}" for k in range(19)]
-    assert any("'bad' is left out" in text and (reason in text or bad == "gone include")
+    assert any("'bad' is ignored" in text and (reason in text or bad == "gone include")
                for text in said)
     assert any(reason in text for text in said)
     simulation.close()
@@ -243,7 +243,7 @@ def test_a_world_with_one_bad_model_of_twenty_starts_with_nineteen(tmp_path, bad
 
 @pytest.mark.parametrize(("text", "sentence"), [
     ("<static>yes</static>", "model 'm': static is 'yes', read as true; write true or false"),
-    ("<static>maybe</static>", "static is 'maybe', which is neither true nor false; left out"),
+    ("<static>maybe</static>", "static is 'maybe', which is neither true nor false; ignored"),
     ("<pose>1 2 3</pose>", "pose '1 2 3' has three numbers, read as a position without rotation"),
 ])
 def test_what_gazebo_s_parser_forgives_is_repaired_and_named(text, sentence):

@@ -124,7 +124,8 @@ def test_a_link_has_the_colour_of_its_first_visual_that_has_one():
     assert shown(green, green) == (GREEN, ())
     for visuals, rgba in (((green, blue), GREEN), ((PLAIN, blue, PLAIN, green), BLUE)):
         assert shown(*visuals) == (
-            rgba, ("link 'a': its visuals have several colours; all get the first",))
+            rgba,
+            ("link 'a': its visuals have several colours; the first is used for all of them",))
 
 
 @pytest.mark.parametrize("tag", ["diffuse", "ambient"])

@@ -66,7 +66,7 @@ def test_what_gazebo_takes_where_a_file_says_nothing():
     assert (world.time_step, world.gravity, world.update_rate) == (0.001, (0.0, 0.0, -9.8), 1000.0)
     assert (lens.kind, lens.scale_to_hfov) == ("gnomonical", True)
     assert lens.cutoff_angle == math.pi / 2
-    assert (sensor.measured_in, sensor.on_child, sensor.rate) == ("child", False, 0.0)
+    assert (sensor.wrench_frame, sensor.on_child, sensor.rate) == ("child", False, 0.0)
     assert astuple(Light("l"))[1:12] == (
         "directional", (0.0, 0.0, 10.0), (0.0,) * 3, (0.8, 0.8, 0.8, 1.0), (0.2, 0.2, 0.2, 1.0),
         (-0.4834, 0.0967, -0.8701), 0.9, 0.01, 0.001, 1000.0, 0.6)
@@ -184,7 +184,7 @@ def test_flags_of_links():
 @pytest.mark.parametrize("inside, warning", [
     ("<gazebo reference='b'/>", "<gazebo reference='b'> names no link or joint; ignored"),
     ("<gazebo><plugin filename='x.so'/></gazebo>", "plugin 'x.so' is not known; ignored"),
-    ("<gazebo reference='a'><sensor type='ray'/></gazebo>", "sensor type 'ray' is not known"),
+    ("<gazebo reference='a'><sensor type='ray'/></gazebo>", "sensor type 'ray' is unknown"),
 ])
 def test_what_is_not_known_warns(inside, warning):
     (said,) = robot(inside).warnings

@@ -5,9 +5,9 @@ import math
 import numpy as np
 import pytest
 
-from aras_sim_bridge.description.inertia import checked_inertial, principal_axes, tensor
+from aras_sim_bridge.description.inertia import inertia_tensor, make_inertial, principal_axes
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.world.bullet_file import principal_inertial
+from aras_sim_bridge.world.bullet_files import find_principal_frame
 from aras_visual_servo_base.poses import rotate
 
 
@@ -32,7 +32,9 @@ def test_one_product_of_inertia_turns_the_axes(place):
     inertia[place] = 0.5
     moments, axes = principal_axes(tuple(inertia))
     assert sorted(moments) == pytest.approx([1.5, 2.0, 2.5])
-    np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor(inertia), atol=1e-12)
+    np.testing.assert_allclose(
+        axes @ np.diag(moments) @ axes.T, inertia_tensor(inertia), atol=1e-12
+    )
 
 
 def tensors():
@@ -50,8 +52,10 @@ def test_principal_axes_turn_and_never_mirror():
     for inertia in tensors():
         moments, axes = principal_axes(inertia)
         assert np.linalg.det(axes) == pytest.approx(1.0)
-        np.testing.assert_allclose(axes @ np.diag(moments) @ axes.T, tensor(inertia), atol=1e-12)
-        mirrored += np.linalg.det(np.linalg.eigh(tensor(inertia))[1]) < 0.0
+        np.testing.assert_allclose(
+            axes @ np.diag(moments) @ axes.T, inertia_tensor(inertia), atol=1e-12
+        )
+        mirrored += np.linalg.det(np.linalg.eigh(inertia_tensor(inertia))[1]) < 0.0
     assert 0 < mirrored < 20
 
 
@@ -64,43 +68,43 @@ def test_a_diagonal_tensor_keeps_its_axes():
 def test_what_bullet_gets_is_the_same_tensor_about_the_same_point():
     rpy = (0.3, -0.2, 0.9)
     for inertia in tensors():
-        inertial = checked_inertial("link 'a'", 2.0, (1.0, 2.0, 3.0), rpy, inertia, [])
-        pose, moments = principal_inertial(inertial)
+        inertial = make_inertial("link 'a'", 2.0, (1.0, 2.0, 3.0), rpy, inertia, [])
+        pose, moments = find_principal_frame(inertial)
         assert pose.xyz == (1.0, 2.0, 3.0)
         R = np.array([rotate(pose.quat, tuple(axis)) for axis in np.eye(3)]).T
         frame = matrix(rpy)
         np.testing.assert_allclose(R @ np.diag(moments) @ R.T,
-                                   frame @ tensor(inertia) @ frame.T, atol=1e-12)
+                                   frame @ inertia_tensor(inertia) @ frame.T, atol=1e-12)
 
 
 def test_a_tensor_too_small_to_matter_refuses_no_robot():
     """TIAGo's antennas, a milligram each."""
     warnings = []
     antenna = (2.371e-8, 6.119e-8, 1.179e-8, 2.833e-8, 7.74e-9, 3.849e-8)
-    made = checked_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), antenna, warnings)
+    made = make_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), antenna, warnings)
     assert made.inertia == pytest.approx((1e-9, 0, 0, 1e-9, 0, 1e-9))
-    assert "negative principal moment (-3.535e-08); used that of a solid sphere" in warnings[0]
+    assert "principal moment (-3.535e-08); replaced by that of a solid sphere" in warnings[0]
     larger = tuple(40 * moment for moment in antenna)
     with pytest.raises(DescriptionError, match=r"negative principal moment \(-1.4"):
-        checked_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), larger, warnings)
+        make_inertial("link 'a'", 1e-6, (0, 0, 0), (0, 0, 0), larger, warnings)
 
 
 def test_tensors_that_no_body_has():
     warnings = []
-    assert checked_inertial("link 'a'", 0.0, (0, 0, 0), (0, 0, 0), (1,) * 6, warnings) is None
+    assert make_inertial("link 'a'", 0.0, (0, 0, 0), (0, 0, 0), (1,) * 6, warnings) is None
     assert not warnings
     with pytest.raises(DescriptionError, match="mass is -1.0 kg; it must not be negative"):
-        checked_inertial("link 'a'", -1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 1), warnings)
+        make_inertial("link 'a'", -1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 1), warnings)
     with pytest.raises(DescriptionError, match=r"negative principal moment \(-1\)"):
-        checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 2, 0, 1, 0, 5), warnings)
+        make_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 2, 0, 1, 0, 5), warnings)
     assert not warnings
-    ball = checked_inertial("link 'a'", 2.0, (0, 0, 0), (0, 0, 0), (0,) * 6, warnings)
+    ball = make_inertial("link 'a'", 2.0, (0, 0, 0), (0, 0, 0), (0,) * 6, warnings)
     assert ball.inertia == pytest.approx((0.002, 0, 0, 0.002, 0, 0.002))  # 2/5 m r², r = 5 cm
     assert "link 'a': the inertia tensor is zero" in warnings.pop()
     flat = (1.0, 0.0, 0.0, 100.0, 0.0, 1.0)
-    assert checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), flat, warnings).inertia == flat
+    assert make_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), flat, warnings).inertia == flat
     assert "1, 1, 100 break the triangle inequality" in warnings.pop()
-    checked_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 2.003), warnings)
+    make_inertial("link 'a'", 1.0, (0, 0, 0), (0, 0, 0), (1, 0, 0, 1, 0, 2.003), warnings)
     assert not warnings, "a CAD export's rounding"
 
 
@@ -109,7 +113,7 @@ def test_tensors_that_no_body_has():
     ((0.0,) * 6, False), ((1e-8, 2e-8, 0.0, 1e-8, 0.0, 1e-8), False),
 ])
 def test_whatever_is_done_to_a_tensor_mass_and_frame_stay(inertia, kept):
-    made = checked_inertial("w", 2.5, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), inertia, [])
+    made = make_inertial("w", 2.5, (1.0, 2.0, 3.0), (0.1, 0.2, 0.3), inertia, [])
     assert (made.mass, made.origin_xyz, made.origin_rpy) == (2.5, (1, 2, 3), (0.1, 0.2, 0.3))
     ball = 2.5 * 0.4 * 0.05**2
     assert made.inertia == pytest.approx(inertia if kept else (ball, 0, 0, ball, 0, ball))
@@ -121,7 +125,7 @@ def test_how_much_a_tensor_may_be_rounded(scale):
     def read(*moments):
         warnings = []
         xx, yy, zz = (scale * moment for moment in moments)
-        checked_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), (xx, 0, 0, yy, 0, zz), warnings)
+        make_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), (xx, 0, 0, yy, 0, zz), warnings)
         return len(warnings)
 
     assert read(1.0, 1.0, -1e-9) == read(1.0, 1.0, -0.9e-9) == 0
@@ -138,9 +142,9 @@ def test_a_tensor_is_negligible_up_to_a_millionth():
         warnings = []
         tensor = (largest, 0.0, 0.0, 1e-7, 0.0, lowest)
         if max(largest, -lowest) <= 1e-6:
-            checked_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), tensor, warnings)
+            make_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), tensor, warnings)
             assert f"negative principal moment ({lowest:.4g})" in warnings[0]
             assert "a solid sphere of 5 cm radius (0.001 kg m²)" in warnings[0]
         else:
             with pytest.raises(DescriptionError, match="check the signs of ixx … izz"):
-                checked_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), tensor, warnings)
+                make_inertial("w", 1.0, (0, 0, 0), (0, 0, 0), tensor, warnings)

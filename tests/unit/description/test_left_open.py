@@ -26,7 +26,7 @@ from aras_sim_bridge.description import (
     world_file,
 )
 from aras_sim_bridge.description.types import SUN as SUN_OF_GAZEBO
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.settings import build
 
@@ -57,7 +57,7 @@ LENS = ("gnomonical", True, math.pi / 2, None)
     (SensorDescription("imu", "t"),
      ("imu", "t", "", "", 0.0, "", HERE, HERE, 0.0, 0.0, False, (), (), "", "child", False, ())),
     (Light("sun"), ("sun", *SUN)),
-    (Surroundings(), ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
+    (SceneSettings(), ((0.4, 0.4, 0.4, 1.0), (0.7, 0.7, 0.7, 1.0), False, "none")),
     (RobotDescription("r", "a", {}, {}),
      ("r", "a", {}, {}, (), (), (), (), (), {}, False, (), HERE, {}, (), ())),
 ])

@@ -95,8 +95,8 @@ DAMAGED = [
      "a transform is 1e+16, beyond 1e+09"),
     ("unit.dae", dae('meter="1"', 'meter="1e11"'), "a transform is 1e+11, beyond 1e+09"),
     ("nan_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex nan"), "a corner is not finite"),
-    ("word_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex one"), "'vertex' lines are no"),
-    ("cut_ascii.stl", ascii_stl()[:250].rpartition(b"vertex")[0], "'vertex' lines are no triang"),
+    ("word_ascii.stl", ascii_stl().replace(b"vertex 0.1", b"vertex one"), "lines do not form"),
+    ("cut_ascii.stl", ascii_stl()[:250].rpartition(b"vertex")[0], "lines do not form triang"),
     ("empty.obj", b"", "it has no faces"),
     ("far.obj", obj("f 1 2 99999999"), "line 9: a face refers to element 99999999 of 4"),
     ("back.obj", obj("f 1 2 -99999999"), "refers to element -99999999 of 4"),
@@ -104,7 +104,7 @@ DAMAGED = [
     ("before.obj", b"f 1 2 3\n" + obj(), "line 1: a face refers to element 1 of 0"),
     ("normal.obj", obj("f 1//7 2//7 3//7"), "refers to element 7 of 0"),
     ("texture.obj", obj("f /1 /2 /3"), "refers to element 1 of 0"),
-    ("word.obj", obj("f one two three"), "line 9: what should be a number is none"),
+    ("word.obj", obj("f one two three"), "line 9: it contains an invalid number"),
     ("inf.obj", obj("v inf 0 0"), "line 9: a vertex needs three finite numbers"),
     ("short.obj", obj("v 0 0"), "a vertex needs three finite numbers"),
     ("pair.obj", b"v 0 0 0\nv 1 0 0\nf 1 2\n", "it has no faces"),
@@ -114,34 +114,34 @@ DAMAGED = [
     ("zip.dae", b"PK\3\4" + bytes(99), "COLLADA: line 1"),
     ("utf16.dae", dae().decode().encode("utf-16"), "it is not UTF-8 text"),
     ("entity.dae", b'<!DOCTYPE a [<!ENTITY b "c">]><COLLADA/>', "document type"),
-    ("bare.dae", b"<COLLADA/>", "its scene shows no triangles"),
-    ("none.dae", dae('<instance_geometry url="#g"/>'), "its scene shows no triangles"),
+    ("bare.dae", b"<COLLADA/>", "its scene contains no triangles"),
+    ("none.dae", dae('<instance_geometry url="#g"/>'), "its scene contains no triangles"),
     ("meter.dae", dae('meter="1"', 'meter="-1"'), "<unit>: meter -1 must be positive"),
     ("zero.dae", dae('meter="1"', 'meter="0"'), "<unit>: meter 0 must be positive"),
-    ("65.dae", dae('offset="0"', 'offset="65"'), "an offset that cannot be"),
+    ("65.dae", dae('offset="0"', 'offset="65"'), "an invalid offset"),
     ("name.dae", dae('geometry id="g"', "geometry"), "geometry '' cannot be read"),
     ("array.dae", dae("float_array", "floats"), "No array found in source s"),
     ("accessor.dae", dae("technique_common", "technique"), "No accessor info in source"),
     ("source.dae", dae('source="#s"', 'source="#t"'), "there is no <source> '#t'"),
     ("vertex.dae", dae('source="#v"', 'source="#w"'), "there is no <source> '#w'"),
     ("offset.dae", dae(' offset="0"'), "<input>: offset is missing"),
-    ("wide.dae", dae('offset="0"', 'offset="999999999"'), "an offset that cannot be"),
+    ("wide.dae", dae('offset="0"', 'offset="999999999"'), "an invalid offset"),
     ("far.dae", dae("<p>0 ", "<p>99999999 "), "(maxindex=99999999) for source 's' (len=4)"),
     ("back.dae", dae("<p>0 ", "<p>-1 "), "a face names position -1 of 4"),
     ("list.dae", polygons(dae("<p>0 ", "<p>99999999 "), b"3 3 3 3"), "(maxindex=99999999)"),
     ("large.dae", polygons(dae(), b"3 3 3 2000000000"), "<polylist> of 4: <p> has 12 indices"),
-    ("two.dae", polygons(dae(), b"2 4 3 3"), "each polygon has three corners or more"),
-    ("polygons.dae", polygon_list(b"0 2 1", b"0 1 3", b"0 3"), "<polygons> has one of fewer"),
+    ("two.dae", polygons(dae(), b"2 4 3 3"), "each polygon needs at least three corners"),
+    ("polygons.dae", polygon_list(b"0 2 1", b"0 1 3", b"0 3"), "has a polygon with fewer"),
     ("meaning.dae", polygons(dae("POSITION", "PLACE"), b"3 3 3 3"), "Bad vertices definition"),
-    ("url.dae", dae(' url="#g"'), "<instance_geometry>: url '' does not begin with #"),
-    ("web.dae", dae('url="#g"', 'url="http://a.org/b.dae#g"'), "does not begin with #"),
-    ("away.dae", dae('url="#g"', 'url="#h"'), "shows a geometry that is not there: '#h'"),
+    ("url.dae", dae(' url="#g"'), "<instance_geometry>: url '' does not start with #"),
+    ("web.dae", dae('url="#g"', 'url="http://a.org/b.dae#g"'), "does not start with #"),
+    ("away.dae", dae('url="#g"', 'url="#h"'), "contains a geometry that does not exist: '#h'"),
     ("scene.dae", dae('instance_visual_scene url="#scene"', "instance_visual_scene"), "url ''"),
     ("count.dae", dae('count="12"', 'count="2000000000"'), "of 2000000000 has 12 numbers"),
     ("more.dae", dae('triangles count="4"', 'triangles count="3"'), "<p> has 12 indices"),
     ("few.dae", dae('triangles count="4"', 'triangles count="5"'), "<p> has 12 indices"),
     ("nan.dae", dae(">0 0 0 0.1", ">nan 0 0 0.1"), "not finite"),
-    ("word.dae", dae("<p>0 ", "<p>one "), "<p> holds what is no number"),
+    ("word.dae", dae("<p>0 ", "<p>one "), "<p> contains text that is not a number"),
     ("move.dae", dae("<translate>0 0 0", "<translate>0 0 inf"), "<translate> is not finite"),
     # Thirty nodes that each show the one before twice: a thousand million.
     ("twice.dae", dae("</library_geometries>", "</library_geometries><library_nodes>" + "".join(
@@ -219,7 +219,7 @@ def test_a_mesh_that_is_damaged_after_the_spawn(tmp_path):
         with pytest.raises(DescriptionError, match="not <COLLADA>"):
             world.reset_simulation()
         with pytest.raises(DescriptionError, match="not <COLLADA>"):
-            world.change("robot", model.description)
+            world.change_model("robot", model.description)
         world.step()
         path.write_bytes(dae())
         world.reset_simulation()
@@ -380,7 +380,7 @@ def test_a_file_is_read_once_until_it_or_what_it_names_changes(tmp_path):
     colours.write_text("newmtl m\nKd 0 0 1.0\n")
     assert read(str(path))[0].rgba == (0.0, 0.0, 1.0, 1.0)
     colours.write_text("newmtl m\nKd 0 zero 1\n")
-    with pytest.raises(DescriptionError, match="line 1: what should be a number is none"):
+    with pytest.raises(DescriptionError, match="line 1: it contains an invalid number"):
         read(str(path))
     path.write_bytes(binary_stl())
     with pytest.raises(DescriptionError, match="no faces"):

@@ -6,7 +6,7 @@ import pytest
 import rospkg
 
 from aras_sim_bridge.description import packages
-from aras_sim_bridge.errors import DescriptionError, LeftOutError
+from aras_sim_bridge.errors import DescriptionError, UnsupportedPartError
 
 
 def make(folder, name):
@@ -17,25 +17,25 @@ def make(folder, name):
 def test_a_package_that_is_made_after_it_was_missed_is_found(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     with pytest.raises(DescriptionError, match="package 'late_arm' is not in ROS_PACKAGE_PATH"):
-        packages.find("late_arm")
+        packages.find_package("late_arm")
     make(tmp_path / "src" / "arm", "late_arm")
-    assert packages.find("late_arm") == str(tmp_path / "src" / "arm")
+    assert packages.find_package("late_arm") == str(tmp_path / "src" / "arm")
 
 
 def test_a_package_that_moved_is_found_in_its_new_place(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     make(tmp_path / "a", "moving_arm")
-    assert packages.find("moving_arm") == str(tmp_path / "a")
+    assert packages.find_package("moving_arm") == str(tmp_path / "a")
     os.rename(tmp_path / "a", tmp_path / "b")
-    assert packages.find("moving_arm") == str(tmp_path / "b")
+    assert packages.find_package("moving_arm") == str(tmp_path / "b")
 
 
 def test_what_was_found_is_not_searched_again(tmp_path, monkeypatch):
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path))
     make(tmp_path / "a", "kept_arm")
-    packages.find("kept_arm")
+    packages.find_package("kept_arm")
     monkeypatch.setattr(packages, "_crawl", lambda *_: pytest.fail("searched again"))
-    assert packages.find("kept_arm") == str(tmp_path / "a")
+    assert packages.find_package("kept_arm") == str(tmp_path / "a")
 
 
 def test_packages_are_found_where_rospack_finds_them(tmp_path, monkeypatch):
@@ -59,10 +59,12 @@ def test_packages_are_found_where_rospack_finds_them(tmp_path, monkeypatch):
         try:
             expected = rospack.get_path(name)
         except rospkg.ResourceNotFound:
-            with pytest.raises(LeftOutError, match=f"package '{name}' is not in ROS_PACKAGE_P"):
-                packages.find(name)
+            with pytest.raises(
+                UnsupportedPartError, match=f"package '{name}' is not in ROS_PACKAGE_P"
+            ):
+                packages.find_package(name)
         else:
-            assert packages.find(name) == expected
+            assert packages.find_package(name) == expected
             found.append(name)
     assert found == ["deep", "old", "other", "twice", "whole"]
 
@@ -73,13 +75,13 @@ def test_what_builds_leave_and_what_lies_too_deep_is_not_searched(tmp_path, monk
     make(tmp_path / "1/2/3/4/six/6", "deeper")
     for name in ("CMakeFiles", "__pycache__", "node_modules"):
         make(tmp_path / name / "p", f"in{name}")
-        with pytest.raises(LeftOutError):
-            packages.find(f"in{name}")
-    assert packages.find("deep") == str(tmp_path / "1/2/3/4/5")
-    with pytest.raises(LeftOutError):
-        packages.find("deeper")
+        with pytest.raises(UnsupportedPartError):
+            packages.find_package(f"in{name}")
+    assert packages.find_package("deep") == str(tmp_path / "1/2/3/4/5")
+    with pytest.raises(UnsupportedPartError):
+        packages.find_package("deeper")
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(tmp_path / "1"))
-    assert packages.find("deeper") == str(tmp_path / "1/2/3/4/six/6")
+    assert packages.find_package("deeper") == str(tmp_path / "1/2/3/4/six/6")
 
 
 def test_installed_packages_are_below_share(tmp_path, monkeypatch):
@@ -92,16 +94,16 @@ def test_installed_packages_are_below_share(tmp_path, monkeypatch):
     (one / "share/eye").mkdir()  # no package
     monkeypatch.setenv("ROS_PACKAGE_PATH", str(built))
     monkeypatch.setenv("CMAKE_PREFIX_PATH", f"{one}::{two}")
-    assert packages.find("arm") == str(built / "arm")
-    assert packages.find("hand") == str(one / "share/hand")
-    assert packages.find("eye") == str(two / "share/eye")
-    assert packages.find("catkin") == "/usr/share/catkin"
+    assert packages.find_package("arm") == str(built / "arm")
+    assert packages.find_package("hand") == str(one / "share/hand")
+    assert packages.find_package("eye") == str(two / "share/eye")
+    assert packages.find_package("catkin") == "/usr/share/catkin"
 
 
 @pytest.mark.parametrize("name", ["", "1st", "_arm", "-arm", "an arm", "arm/hand", "arm\n", "är"])
 def test_a_name_that_no_package_has_is_refused(name):
     with pytest.raises(DescriptionError, match="is not a package name: letters, digits"):
-        packages.find(name)
+        packages.find_package(name)
 
 
 def test_a_package_s_manifest_may_be_anything(tmp_path, monkeypatch):
@@ -110,11 +112,11 @@ def test_a_package_s_manifest_may_be_anything(tmp_path, monkeypatch):
                        ("folder", b"<package>\n<name>\n  declared </name></package>")):
         make(tmp_path / name, "x")
         (tmp_path / name / "package.xml").write_bytes(text)
-    assert packages.find("bytes") == str(tmp_path / "bytes")
-    assert packages.find("nameless") == str(tmp_path / "nameless")
-    assert packages.find("declared") == str(tmp_path / "folder")
-    with pytest.raises(LeftOutError):
-        packages.find("folder")
+    assert packages.find_package("bytes") == str(tmp_path / "bytes")
+    assert packages.find_package("nameless") == str(tmp_path / "nameless")
+    assert packages.find_package("declared") == str(tmp_path / "folder")
+    with pytest.raises(UnsupportedPartError):
+        packages.find_package("folder")
 
 
 @pytest.mark.parametrize(("uri", "path"), [
@@ -128,33 +130,33 @@ def test_a_package_s_manifest_may_be_anything(tmp_path, monkeypatch):
 def test_the_path_that_a_uri_names(monkeypatch, uri, path):
     monkeypatch.setenv("GAZEBO_MODEL_PATH", "")
     monkeypatch.setenv("HOME", "/nowhere")
-    assert packages.located(uri, "here", "/pack/{}".format, "/base") == path
+    assert packages.locate(uri, "here", "/pack/{}".format, "/base") == path
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
-    ("", "here: the mesh file name is empty or holds a NUL character"),
-    (" \n", "here: the mesh file name is empty or holds a NUL character"),
-    ("/a\0b", "here: the mesh file name is empty or holds a NUL character"),
-    ("a.stl", "here: mesh 'a.stl' is a relative path and the description came as text"),
-    ("package://arm/../b/a", "here: mesh 'package://arm/../b/a' climbs out of package 'arm'"),
-    ("package://arm/../armour/a.stl", "climbs out of package 'arm'; keep the file inside"),
+    ("", "here: the mesh file name is empty or contains a NUL character"),
+    (" \n", "here: the mesh file name is empty or contains a NUL character"),
+    ("/a\0b", "here: the mesh file name is empty or contains a NUL character"),
+    ("a.stl", "here: mesh 'a.stl' is a relative path, but the description was not"),
+    ("package://arm/../b/a", "here: mesh 'package://arm/../b/a' is outside of package 'arm'"),
+    ("package://arm/../armour/a.stl", "outside of package 'arm'; keep the file inside"),
     ("ftp://arm/a.stl", "here: mesh 'ftp://arm/a.stl' has the unknown scheme 'ftp://'"),
     ("ftp://" + 194 * "a", f"mesh 'ftp://{194 * 'a'}' has"),
     ("ftp://" + 195 * "a", f"mesh 'ftp://{194 * 'a'}…' has"),
 ])
 def test_a_uri_that_names_no_path_is_refused(uri, reason):
-    with pytest.raises(LeftOutError) as refused:
-        packages.located(uri, "here", "/pack/{}".format)
+    with pytest.raises(UnsupportedPartError) as refused:
+        packages.locate(uri, "here", "/pack/{}".format)
     assert reason in str(refused.value)
 
 
 def test_what_a_uri_names_may_be_no_mesh():
     with pytest.raises(DescriptionError, match="here: the material file name is empty"):
-        packages.located("", "here", what="material")
+        packages.locate("", "here", what="material")
 
 
 @pytest.mark.parametrize("name", ["no_such_arm", "no arm"])
 def test_a_package_that_cannot_be_found_costs_its_mesh_alone(monkeypatch, name):
     monkeypatch.setenv("ROS_PACKAGE_PATH", "")
-    with pytest.raises(LeftOutError, match=f"here: mesh 'package://{name}/a': "):
-        packages.located(f"package://{name}/a", "here")
+    with pytest.raises(UnsupportedPartError, match=f"here: mesh 'package://{name}/a': "):
+        packages.locate(f"package://{name}/a", "here")

@@ -56,7 +56,7 @@ def test_each_unknown_plugin_is_named_once():
 
 @pytest.mark.parametrize("mimic, words", [
     ("<mimic joint='a'/>", "is not needed: <mimic> already works"),
-    ("", "is not served: give joint 'b' a <mimic joint='a'/>, which works"),
+    ("", "is not supported: give joint 'b' a <mimic joint='a'/>, which works"),
 ])
 def test_what_becomes_of_a_mimic_plugin_is_said_once(mimic, words):
     name = "libroboticsgroup_upatras_gazebo_mimic_joint_plugin.so"
@@ -125,7 +125,7 @@ def test_depth_cameras_as_upstream_names_and_bounds_them():
     near = config("libgazebo_ros_openni_kinect.so", "<pointCloudCutoff>0</pointCloudCutoff>"
                   "<pointCloudCutoffMax>.5</pointCloudCutoffMax>", kind="depth").depth_topics
     assert (near.nearest, near.farthest) == (0.0, 0.5)
-    with pytest.raises(CameraError, match="depth_topics/points 'a b' is no name"):
+    with pytest.raises(CameraError, match="depth_topics/points 'a b' is not a valid ROS name"):
         config("libgazebo_ros_depth_camera.so", "<pointCloudTopicName>a b</pointCloudTopicName>")
 
 
@@ -146,8 +146,8 @@ def test_the_eyes_of_a_multicamera(read):
     assert [eye.topic_root for eye in made] == ["/head/camera/left", "/head/camera/right"]
     assert [eye.update_rate for eye in made] == [7.0, 7.0]
     assert [eye.shutter for eye in made] == ["stereo", "stereo"]
-    assert [eye.intrinsics().P[0, 3] for eye in made] == [
-        0.0, pytest.approx(-0.07 * made[1].intrinsics().K[0, 0])]
+    assert [eye.make_intrinsics().P[0, 3] for eye in made] == [
+        0.0, pytest.approx(-0.07 * made[1].make_intrinsics().K[0, 0])]
 
 
 CONTACT = "<contact><collision>c</collision></contact>"
@@ -250,7 +250,7 @@ def test_in_which_frame_and_of_whom_a_wrench_is(frame, direction):
             "</measure_direction></force_torque>"
     made = measured("ft_sensor", "<topicName>t</topicName>", "force_torque", asked)
     assert made.warnings == ()
-    assert made.sensors[0].measured_in == (frame or "child")
+    assert made.sensors[0].wrench_frame == (frame or "child")
     assert made.sensors[0].on_child is (direction == "parent_to_child")
 
 
@@ -272,8 +272,8 @@ def test_only_the_first_plugin_of_a_camera_delivers_its_pictures():
     read = sensor("libgazebo_ros_camera.so", "<cameraName>second</cameraName>", before=(
         "<plugin filename='libgazebo_ros_camera.so'><cameraName>first</cameraName></plugin>"))
     assert read.cameras[0].plugin.camera_name == "first"
-    assert read.warnings == ("camera 'eye' on link 'a': one plug-in delivers its pictures; "
-                             "'second' is left out",)
+    assert read.warnings == ("camera 'eye' on link 'a': only one plug-in can publish its images; "
+                             "'second' is ignored",)
 
 
 @pytest.mark.parametrize(("names", "sides"), [
@@ -319,4 +319,4 @@ def test_a_setting_that_a_plugin_does_not_serve_is_named(name):
             ) + "</robot>")
     lines = [line for line in parse_urdf(text).warnings if "<wheels>" in line]
     assert len(lines) == 1 and f"plugin 'lib{name}.so': " in lines[0]
-    assert lines[0].endswith("not served; left out")
+    assert lines[0].endswith("not supported; ignored")

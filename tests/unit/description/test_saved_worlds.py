@@ -12,10 +12,10 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from aras_sim_bridge.description import parse_sdf, world_file
-from aras_sim_bridge.description.model_folders import folder_of
+from aras_sim_bridge.description.model_folders import find_folder
 from aras_sim_bridge.description.packages import find_model
-from aras_sim_bridge.description.population import members
-from aras_sim_bridge.description.shapes import triangles
+from aras_sim_bridge.description.population import place_copies
+from aras_sim_bridge.description.shapes import make_meshes
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -94,7 +94,7 @@ def test_models_and_their_meshes_come_from_the_model_folders(folders, read, uri)
     assert (second.name, second.static, second.initial_pose[0]) == ("second", True, (1, 2, 3))
     for model in found.models:
         (visual,) = model.links["body"].visuals
-        assert np.ptp(triangles(visual.geometry)[0].positions, axis=0) == pytest.approx(
+        assert np.ptp(make_meshes(visual.geometry)[0].positions, axis=0) == pytest.approx(
             (0.1, 0.2, 0.3))
 
 
@@ -116,7 +116,7 @@ def test_a_relative_folder_is_beside_its_file(tmp_path):
     egg.mkdir()
     for uri, base in (("egg", tmp_path), ("file://egg", tmp_path), (f"file://{egg}", "/nowhere"),
                       (str(egg), None)):  # fmt: skip
-        assert folder_of(uri, base) == str(egg)
+        assert find_folder(uri, base) == str(egg)
 
 
 @pytest.mark.parametrize(("uri", "reason"), [
@@ -125,7 +125,7 @@ def test_a_relative_folder_is_beside_its_file(tmp_path):
     ("model://empty", "model.sdf has no <model> and no <light>"),
     ("model://nameless", "model.config names no <sdf> file"),
     ("model://../models/egg", "no folder of that name"),
-    ("https://fuel.example/egg", "the scheme https:// is not served"),
+    ("https://fuel.example/egg", "the scheme https:// is not supported"),
     ("", "it has no <uri>"),
     ("eggs", "there is no folder"),
 ])
@@ -138,7 +138,7 @@ def test_an_include_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(
     found = read(f"<include><uri>{uri}</uri></include>" + include("egg"))
     assert [model.name for model in found.models] == ["egg"]
     (warning,) = found.warnings
-    assert f"<include> of '{uri}' is left out: " in warning and reason in warning
+    assert f"<include> of '{uri}' is ignored: " in warning and reason in warning
 
 
 def test_a_cyclic_include_is_one_warning(folders, read):
@@ -149,7 +149,7 @@ def test_a_cyclic_include_is_one_warning(folders, read):
                 .replace("</joint", "</joint" if name == "hen" else "</battery"))
     found = read(include("hen"))
     assert list(found.models[0].links) == ["body", "egg::body"]
-    assert "<include> of 'model://hen' is left out: it includes itself: hen → egg → hen" in \
+    assert "<include> of 'model://hen' is ignored: it includes itself: hen → egg → hen" in \
         found.warnings
 
 
@@ -248,7 +248,7 @@ def test_what_a_state_says_in_vain_is_named(folders, read):
         "<state> places lights that do not exist: l; ignored",
         "<state> places links of model 'crate' that do not exist: lid; ignored",
         "<state>: model 'crate': scale (0.0, 1.0, 1.0) is not positive; ignored",
-        "<state> has crate in motion; all begins at rest",
+        "<state> has crate in motion; all models start at rest",
     ]
 
 
@@ -262,8 +262,8 @@ def test_frames_of_a_world_and_what_is_left_out_of_one(read):
     assert xyz == pytest.approx((1, 6, 1))
     assert rpy == pytest.approx((0, 0, math.pi / 2))
     assert found.warnings == (
-        "SDF: <joint> 'j' of the world is left out: there is no link ''",
-        "SDF: <actor> 'walks' is not served; left out",
+        "SDF: <joint> 'j' of the world is ignored: there is no link ''",
+        "SDF: <actor> 'walks' is not supported; ignored",
     )
 
 
@@ -318,14 +318,14 @@ def test_a_population_by_chance_fills_its_region_the_same_way_each_time(read, re
     ("<cylinder><radius>0</radius><length>1</length></cylinder>", "length must be positive"),
     ("<cylinder><radius>1</radius><length>0</length></cylinder>", "length must be positive"),
     ("<box><size>1 1 1</size></box><distribution><type>uniform</type></distribution>",
-     "distribution 'uniform' is served in no such region"),
-    ("", "distribution 'random' is served in no such region"),
+     "distribution 'uniform' is not supported in this region"),
+    ("", "distribution 'random' is not supported in this region"),
 ])
 def test_a_population_that_cannot_be_served_is_one_warning(read, inside, reason):
     found = read(population(inside) + "<model name='n'>" + SOLID.format("") + "</model>")
     assert [m.name for m in found.models] == ["n"]
     (warning,) = found.warnings
-    assert reason in warning and "<population> 'p'" in warning and "left out" in warning
+    assert reason in warning and "<population> 'p'" in warning and "ignored" in warning
 
 
 SCRIPT = """// a comment { with braces
@@ -382,7 +382,7 @@ def test_a_texture_is_whole_and_upright_on_each_side_of_a_box(materials, read):
         world.spawn(found.models[0], "crate")
         scene = Scene(world)
         scene.refresh()
-        (part,) = scene.parts
+        (part,) = scene.visuals
     mesh = part.mesh
     assert mesh.texture == str(materials)
     right = {(1, 0, 0): (0, 1, 0), (-1, 0, 0): (0, -1, 0), (0, 1, 0): (-1, 0, 0),
@@ -395,11 +395,11 @@ def test_a_texture_is_whole_and_upright_on_each_side_of_a_box(materials, read):
 
 
 @pytest.mark.parametrize(("inside", "reason"), [
-    (crate("Crate/Lost"), "texture 'gone.png' of material 'Crate/Lost' is left out"),
-    (crate("Crate/None"), "'Crate/None' is none of Gazebo's"),
+    (crate("Crate/Lost"), "texture 'gone.png' of material 'Crate/Lost' is ignored"),
+    (crate("Crate/None"), "'Crate/None' is unknown in Gazebo"),
     (crate("Crate/Base", uris="<uri>model://gone/x</uri>"), "'model://gone/x': package 'gone'"),
     (crate("Crate/Base", uris="<uri>model://crate/x.material</uri>"), "x.material cannot be read"),
-    (crate("Crate/Base", "<sphere><radius>1</radius></sphere>"), "drawn on box, plane, mesh only"),
+    (crate("Crate/Base", "<sphere><radius>1</radius></sphere>"), "drawn on box, plane, mesh"),
 ])
 def test_a_material_that_cannot_be_served_costs_nothing_but_itself(materials, read, inside, reason):
     found = read(inside)
@@ -469,7 +469,7 @@ def test_a_texture_that_is_no_picture_is_left_out_by_name(materials, read):
     (model,) = read(crate("Crate/Side")).models
     assert model.links["body"].visuals[0].texture == ""
     assert model.colours["body"] == (0.9, 0.8, 0.7, 0.5)
-    assert model.warnings[0].endswith("'Crate/Side' is left out: it is no picture that can be read")
+    assert model.warnings[0].endswith("'Crate/Side' is ignored: the file is not a readable image")
 
 
 @pytest.mark.parametrize("place", ["scripts/side2.png", "textures/side2.png", "side2.png"])
@@ -489,7 +489,7 @@ def test_a_texture_lies_beside_its_script_or_in_the_folder_next_to_it(materials,
         + struct.pack(">IIII", zlib.crc32(header), 0, 0x49444154, zlib.crc32(b"IDAT")))
     (model,) = read(crate("M")).models
     assert model.links["body"].visuals[0].texture == ""
-    assert "link 'body': texture 'side2.png' of material 'M' is left out: " in model.warnings[0]
+    assert "link 'body': texture 'side2.png' of material 'M' is ignored: " in model.warnings[0]
 
 
 def tilted(kind, count, size=(2.0, 1.0, 0.8), extra=""):
@@ -550,14 +550,14 @@ def test_a_region_is_turned_by_its_pose_and_its_corner_is_not(read, kind):
 def test_there_are_up_to_a_thousand_copies(inside, count):
     warnings = []
     given = ElementTree.fromstring(population(inside))
-    assert len(members(given, warnings)) == count
+    assert len(place_copies(given, warnings)) == count
     assert len(warnings) == (count == 0)
 
 
 def test_a_population_of_nothing_is_one_warning(read):
     found = read("<population name='p'><box><size>1 1 1</size></box></population>")
     assert found.models == ()
-    assert found.warnings == ("<population> 'p': it has no <model>; left out",)
+    assert found.warnings == ("<population> 'p': it has no <model>; ignored",)
 
 
 def matrix(values):
@@ -663,7 +663,7 @@ def test_what_is_faster_than_1_cm_a_second_was_in_motion(read, speed, moves):
                      "<static>1</static></model><model name='o'><link name='a'/></model>"
                      f"<state><model name='m'>{text}</model><model name='o'/></state>")
         assert found.warnings == (
-            ("<state> has m in motion; all begins at rest",) if moves else ())
+            ("<state> has m in motion; all models start at rest",) if moves else ())
 
 
 @pytest.mark.parametrize(("shape", "name", "before", "after"), [
@@ -775,7 +775,7 @@ def test_a_script_of_a_text_without_a_place_is_left_out():
     assert made.colours == {"body": (1.0, 0.0, 0.0, 1.0)}
     (warning,) = made.warnings
     assert "link 'body': material 'looks' is a relative path" in warning
-    assert warning.endswith("; its material is left out")
+    assert warning.endswith("; its material is ignored")
 
 
 def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch):
@@ -798,7 +798,7 @@ def test_packages_export_folders_of_models(folders, read, tmp_path, monkeypatch)
     assert find_model("arm") == str(arm)
     for uri in ("model://sets/../../arm", "model://sets/none"):
         with pytest.raises(DescriptionError, match="no folder of that name"):
-            folder_of(uri, None)
+            find_folder(uri, None)
 
 
 def test_a_population_may_include_its_model(folders, read):

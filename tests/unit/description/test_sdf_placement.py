@@ -169,7 +169,8 @@ def test_one_model_at_a_time_is_what_can_be_spawned(count, lights, words):
     with pytest.raises(DescriptionError) as refused:
         parse_sdf(f"<sdf>{text}<include><uri>x://y</uri></include></sdf>")
     said = str(refused.value)
-    assert f"SDF: {words}; give one model at a time; <include> of 'x://y' is left out: " in said
+    found = f"SDF: {words}; it must contain exactly one model; <include> of 'x://y' is ignored: "
+    assert found in said
 
 
 def test_warnings_of_the_text_come_before_those_of_its_model():
@@ -182,7 +183,7 @@ def test_warnings_of_the_text_come_before_those_of_its_model():
 def test_one_world_is_simulated():
     world = "<world name='w'><model name='m'><link name='a'/></model></world>"
     assert len(read_sdf(f"<sdf>{world}<model name='n'/></sdf>").models) == 1
-    with pytest.raises(DescriptionError, match="SDF: 2 worlds; one is simulated"):
+    with pytest.raises(DescriptionError, match="SDF: 2 worlds; only one can be simulated"):
         read_sdf(f"<sdf>{world}{world}</sdf>")
     assert read_sdf("<gazebo><world name='w'/></gazebo>").models == ()
 
@@ -223,8 +224,8 @@ def test_frames_of_a_world_stand_on_each_other():
                            "relative_to='b'/></light></world></sdf>")
         assert not content.lights
         frame, light_line = content.warnings
-        assert frame.startswith(f"frame 'b' is left out: '{on}' is no link, joint, frame or model")
-        assert "light 'l' is left out" in light_line
+        assert frame.startswith(f"frame 'b' is ignored: '{on}' is no link, joint, frame or model")
+        assert "light 'l' is ignored" in light_line
 
 
 @pytest.mark.parametrize("inside", ["", "<pose>1 2 3 0 0 0</pose>"])

@@ -3,7 +3,7 @@
 import pytest
 
 from aras_sim_bridge.description import parse_urdf, read_sdf
-from aras_sim_bridge.description.served import BLOCKS, SERVED
+from aras_sim_bridge.description.supported_elements import BLOCKS, SUPPORTED
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.world import World
 
@@ -88,7 +88,7 @@ def test_an_element_that_is_not_served_is_named_once(place):
         before = said(place.replace("{}", ""))
         named = [one for one in said(place.replace("{}", text)) if one not in before]
         assert sum(f"<{tag}>" in one for one in named) == 1, named
-        assert len(named) == 1 and named[0].endswith("not served; left out")
+        assert len(named) == 1 and named[0].endswith("not supported; ignored")
     assert said(place.replace("{}", "<other:tag xmlns:other='x'/>")) == said(
         place.replace("{}", ""))
 
@@ -101,7 +101,7 @@ def test_one_sentence_names_what_is_left_out_in_the_same_places():
     tags = "".join(f"<gazebo reference='{link}'><kp>{k}</kp><kd>5</kd><mu1>1</mu1></gazebo>"
                    for k, link in enumerate("ab"))
     assert said(GAZEBO.format(tags)) == [
-        "<gazebo reference='a'> and 1 more: <kp>, <kd> are not served; left out"]
+        "<gazebo reference='a'> and 1 more: <kp>, <kd> are not supported; ignored"]
 
 
 def values():
@@ -150,14 +150,15 @@ def test_gazebo_tags_add_links_and_joints_and_close_chains():
 
 
 @pytest.mark.parametrize(("tag", "reason"), [
-    ("<gazebo><link name='a'/></gazebo>", "two links are named 'a'; rename one; the link is left"),
-    ("<gazebo><link/></gazebo>", "needs a name of 1 to 256 characters; the link is left out"),
+    ("<gazebo><link name='a'/></gazebo>",
+     "two links are named 'a'; rename one; the link is ignored"),
+    ("<gazebo><link/></gazebo>", "needs a name of 1 to 256 characters; the link is ignored"),
     ("<gazebo><joint name='k' type='ball'><parent>a</parent><child>b</child></joint></gazebo>",
      "joint 'k': joint type 'ball' is not supported"),
     ("<gazebo><joint name='k' type='fixed'><parent>a</parent><child>c</child></joint></gazebo>",
-     "joint 'k': link 'c' does not exist; the joint is left out"),
+     "joint 'k': link 'c' does not exist; the joint is ignored"),
     ("<gazebo><joint name='j' type='fixed'><parent>a</parent><child>b</child></joint></gazebo>",
-     "two joints are named 'j'; rename one; the joint is left out"),
+     "two joints are named 'j'; rename one; the joint is ignored"),
 ])
 def test_what_a_gazebo_tag_adds_and_cannot_be_is_left_out_and_named(tag, reason):
     made = parse_urdf(GAZEBO.format(tag))
@@ -198,7 +199,7 @@ def test_a_spring_that_cannot_be_is_named(stiffness):
 
 
 def test_the_table_names_blocks_of_every_kind():
-    assert all(entry == SERVED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
+    assert all(entry == SUPPORTED or isinstance(entry, (tuple, dict)) for block in BLOCKS.values()
                for entry in block.values())
 
 
@@ -209,16 +210,16 @@ TURNED = ("<robot name='r'><link name='a'/><link name='b'/><joint name='j' type=
 
 @pytest.mark.parametrize(("text", "reason"), [
     (TURNED.format("revolute", LIMIT.format(-180, 180), ""),
-     "joint 'j': its limits -180 180 are in radians, and look like degrees; write -3.1416 3.1416"),
+     "joint 'j': its limits -180 180 must be in radians, but look like degrees; write -3.1416"),
     (TURNED.format("revolute", LIMIT.format(-1, 1), "<origin rpy='90 0 -45'/>"),
-     "joint 'j': origin rpy 90 0 -45 is in radians, and looks like degrees; write 1.5708 0 -0.78"),
+     "joint 'j': origin rpy 90 0 -45 must be in radians, but looks like degrees; write 1.5708"),
     (TURNED.format("revolute", LIMIT.format(-18.5, 12.6), "<origin rpy='6.25 -3.14 0'/>"), ""),
     (TURNED.format("prismatic", LIMIT.format(-180, 180), ""), ""),
     ("<sdf><model name='m'><link name='a'><pose>0 0 0 0 0 90</pose></link></model></sdf>",
-     "model 'm', link 'a': pose: roll pitch yaw 0 0 90 is in radians, and looks like degrees"),
+     "model 'm', link 'a': pose: roll pitch yaw 0 0 90 must be in radians, but looks like degrees"),
     ("<sdf><model name='m'><link name='a'/><link name='b'/><joint name='j' type='revolute'><parent>"
      "a</parent><child>b</child><axis><limit><lower>-90</lower><upper>90</upper></limit></axis>"
-     "</joint></model></sdf>", "model 'm', joint 'j': its limits -90 90 are in radians"),
+     "</joint></model></sdf>", "model 'm', joint 'j': its limits -90 90 must be in radians"),
     ("<sdf><model name='m'><pose>100 20 0 0 0 1.57</pose><link name='a'/></model></sdf>", ""),
 ])
 def test_degrees_where_radians_belong_are_named_with_the_radians(text, reason):

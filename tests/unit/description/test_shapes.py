@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from aras_sim_bridge.blending import blended_poses
+from aras_sim_bridge.blending import blend_poses
 from aras_sim_bridge.description import (
     Geometry,
     Inertial,
@@ -20,11 +20,11 @@ from aras_sim_bridge.rendering.scene import Scene
 from aras_sim_bridge.world import World
 from aras_visual_servo_base.meshes.mesh import (
     Mesh,
-    _unique_rows,
+    _find_unique_rows,
     check_reach,
     from_corners,
     from_indices,
-    normalised,
+    normalise,
 )
 from aras_visual_servo_base.poses import Pose, quaternion_from_rpy
 
@@ -50,7 +50,7 @@ def volume(mesh):
 ])
 def test_solids_have_their_size_and_volume(shape, expected, extents):
     """Facets lie inside round shapes: up to 2 % of the volume are lost."""
-    (mesh,) = shapes.triangles(shape)
+    (mesh,) = shapes.make_meshes(shape)
     assert np.ptp(mesh.positions, axis=0) == pytest.approx(extents, rel=1e-6)
     assert np.abs(mesh.positions.max(axis=0) + mesh.positions.min(axis=0)).max() < 1e-6
     assert 0.98 * expected < volume(mesh) <= expected * (1 + 1e-6)
@@ -73,7 +73,7 @@ def rings(shape):
 ])
 def test_round_shapes_are_of_32_sectors_and_half_a_circle_of_16_rings(shape):
     """Frustums of polygons of 32 sides: their corners, and their volume in closed form."""
-    (mesh,) = shapes.triangles(shape)
+    (mesh,) = shapes.make_meshes(shape)
     profile = np.array(rings(shape))
     angles = np.arange(32) * 2 * math.pi / 32
     expected = {tuple(np.round((r * math.cos(a), r * math.sin(a), z), 5) + 0.0)
@@ -88,7 +88,7 @@ def test_round_shapes_are_of_32_sectors_and_half_a_circle_of_16_rings(shape):
 
 @pytest.mark.parametrize("normal", [(0, 0, 1), (0, 0, -1), (1, 0, 0), (0, -0.6, 0.8)])
 def test_a_plane_is_a_rectangle_that_its_normal_leaves(normal):
-    (mesh,) = shapes.triangles(Geometry("plane", size=(2.0, 6.0, 0.0), normal=normal))
+    (mesh,) = shapes.make_meshes(Geometry("plane", size=(2.0, 6.0, 0.0), normal=normal))
     assert len(mesh.triangles) == 2
     assert np.abs(mesh.normals - normal).max() < 1e-6
     a, b, c = corners(mesh).transpose(1, 0, 2)
@@ -97,15 +97,15 @@ def test_a_plane_is_a_rectangle_that_its_normal_leaves(normal):
     assert sides == pytest.approx([2.0, 6.0, math.sqrt(40)])
     if normal == (0, 0, 1):
         assert mesh.positions.max(axis=0) == pytest.approx((1, 3, 0))
-    (endless,) = shapes.triangles(Geometry("plane", normal=normal))
+    (endless,) = shapes.make_meshes(Geometry("plane", normal=normal))
     assert np.linalg.norm(endless.positions, axis=1) == pytest.approx(50 * math.sqrt(2))
 
 
 def test_a_mirrored_mesh_keeps_its_outside_outside():
-    (box,) = shapes.triangles(BOX)
+    (box,) = shapes.make_meshes(BOX)
     T = np.array(Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3)).matrix())
     for scale in ((1, 1, 1), (2, 3, -1), (-1, -2, 1), (-1, -1, -1)):
-        moved = box.transformed(T, scale)
+        moved = box.transform(T, scale)
         assert volume(moved) == pytest.approx(0.048 * abs(np.prod(scale)), rel=1e-5)
         a, b, c = corners(moved).transpose(1, 0, 2)
         outward = np.cross(b - a, c - a)
@@ -115,11 +115,11 @@ def test_a_mirrored_mesh_keeps_its_outside_outside():
 
 @pytest.mark.parametrize("scale", [(1, 1, 1), (2, 3, -1), (0.5, 4, 1)])
 def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
-    (ball,) = shapes.triangles(Geometry("sphere", radius=0.5))
+    (ball,) = shapes.make_meshes(Geometry("sphere", radius=0.5))
     turn = Pose.from_rpy((1, 2, 3), (0.1, 0.2, 0.3))
     T = turn.matrix()
     stretch = np.diag([*scale, 1.0])
-    for moved in (ball.transformed(T, scale), ball.placed(T @ stretch)):
+    for moved in (ball.transform(T, scale), ball.apply_affine(T @ stretch)):
         local = (moved.positions - T[:3, 3]) @ T[:3, :3]
         expected = local / np.square(scale)
         expected /= np.linalg.norm(expected, axis=1, keepdims=True)
@@ -129,7 +129,7 @@ def test_a_stretched_ball_s_normals_stand_on_its_surface(scale):
 
 
 def test_what_is_inside():
-    (box,) = shapes.triangles(BOX)
+    (box,) = shapes.make_meshes(BOX)
     assert box.contains(np.array([0.09, -0.19, 0.29]))
     for point in ((0.11, 0, 0), (0, 0.21, 0), (0, 0, -0.31)):
         assert not box.contains(np.array(point))
@@ -147,7 +147,7 @@ def wound(mesh, point):
 
 def test_inside_is_what_the_surface_goes_round():
     """Of two boxes that are apart, and of a wedge with an edge along the ray that is counted."""
-    boxes = [shapes.triangles(BOX)[0].transformed(Pose.from_rpy(xyz, (0.3, -0.5, 0.8)).matrix())
+    boxes = [shapes.make_meshes(BOX)[0].transform(Pose.from_rpy(xyz, (0.3, -0.5, 0.8)).matrix())
              for xyz in ((0.4, 0.3, 0.5), (-0.3, -0.4, -0.2))]
     two = from_corners(np.concatenate([corners(box) for box in boxes]))
     tips = np.array([(0, 0, 0), (0.5773, 0.5411, 0.6119), (1, 0, 0), (0, 1, 0)], float)
@@ -161,8 +161,8 @@ def test_inside_is_what_the_surface_goes_round():
 
 
 def test_a_picture_is_whole_and_upright_on_each_side_of_a_box():
-    box = shapes.triangles(BOX)[0].placed(Pose((1.0, 2.0, 3.0)).matrix())
-    draped = box.draped("a.png", projected=True)
+    box = shapes.make_meshes(BOX)[0].apply_affine(Pose((1.0, 2.0, 3.0)).matrix())
+    draped = box.apply_texture("a.png", box_mapping=True)
     for p, n, (across, up) in zip(box.positions, box.normals, draped.uv, strict=True):
         above = np.array([0.0, 1.0, 0.0] if abs(n[2]) > 0.5 else [0.0, 0.0, 1.0])
         right = np.cross(above, n)  # of who looks at that side from outside
@@ -170,9 +170,9 @@ def test_a_picture_is_whole_and_upright_on_each_side_of_a_box():
             place = (p - (1.0, 2.0, 3.0)) @ axis / (np.abs(axis) @ BOX.size)
             assert share == pytest.approx(0.5 + place, abs=1e-5)
     assert draped.texture == "a.png"
-    own = draped.draped("b.png", projected=False)
+    own = draped.apply_texture("b.png", box_mapping=False)
     assert own.texture == "b.png" and own.uv is draped.uv
-    assert box.draped("b.png", projected=False) is box
+    assert box.apply_texture("b.png", box_mapping=False) is box
 
 
 def test_edges_are_sharp_and_round_things_smooth():
@@ -191,7 +191,7 @@ def test_numbers_are_within_reach_and_no_normal_stays_none():
     with pytest.raises(DescriptionError, match="a position is 1e\\+09, beyond 1e\\+09"):
         check_reach(np.array([3.0, -1.0001e9]), "position")
     with np.errstate(all="raise"):
-        assert normalised(np.array([[0.0, 3.0, 4.0], [0, 0, 0]])).tolist() == [[0, 0.6, 0.8],
+        assert normalise(np.array([[0.0, 3.0, 4.0], [0, 0, 0]])).tolist() == [[0, 0.6, 0.8],
                                                                               [0, 0, 0]]
 
 
@@ -200,7 +200,7 @@ def test_rows_of_any_numbers_are_told_apart():
     for reach in (3, 2**20, 2**45):
         rows = rng.integers(-reach, reach, (500, 4))
         rows = rows[rng.integers(0, 500, 2000)]
-        first, inverse = _unique_rows(rows)
+        first, inverse = _find_unique_rows(rows)
         _, expected, expected_inverse = np.unique(rows, axis=0, return_index=True,
                                                   return_inverse=True)
         assert (first == expected).all()
@@ -254,10 +254,10 @@ def test_a_visual_is_drawn_where_its_origin_and_its_link_put_it():
         scene = Scene(world)
         for _ in range(2):
             scene.refresh()
-            (part,), (pose,) = scene.parts, scene.poses()
+            (part,), (pose,) = scene.visuals, scene.read_poses()
             expected = np.array((model.link_pose("link") @ Pose.from_rpy(*origin)).matrix())
             drawn = part.mesh.positions @ pose[:3, :3].T + pose[:3, 3]
-            (box,) = shapes.triangles(BOX)
+            (box,) = shapes.make_meshes(BOX)
             exact = box.positions @ expected[:3, :3].T + expected[:3, 3]
             assert np.abs(drawn - exact).max() < 1e-6
             model.apply_force("link", (0, 100, 0), (0, 0, 0))
@@ -281,15 +281,15 @@ def test_links_are_drawn_at_their_own_poses_in_whatever_order_the_file_has_them(
         model = world.spawn(parse_urdf(f"<robot name='r'>{text}</robot>"), "m", Pose((0, 5, 0)))
         scene = Scene(world)
         scene.refresh()
-        poses, labels = scene.poses(), scene.labels()
+        poses, labels = scene.read_poses(), scene.compute_labels()
         assert len(poses) == 3
-        for part in scene.parts:
+        for part in scene.visuals:
             name = {1: "hand", 2: "root", 3: "arm"}[round(10 * np.ptp(part.mesh.positions[:, 0]))]
             assert poses[part.row][:3, 3] == pytest.approx(model.link_pose(name).xyz)
             index = model.link_index(name)
             assert labels[part.row] == model.body_id + ((index + 1) << 24)
             middle = np.add(model.link_pose(name).xyz, 0.01)
-            assert scene.bodies_around(middle) == [f"m::{name}"]
+            assert scene.find_bodies_around(middle) == [f"m::{name}"]
 
 
 def test_colours_go_link_mesh_white_and_the_invisible_is_left_out(tmp_path):
@@ -304,7 +304,7 @@ def test_colours_go_link_mesh_white_and_the_invisible_is_left_out(tmp_path):
             world.spawn(body(visual, colours=colours), "m")
             scene = Scene(world)
             scene.refresh()
-            return [part.rgba for part in scene.parts]
+            return [part.rgba for part in scene.visuals]
 
     assert drawn() == [(0, 1, 0, 1), (0.7, 0.7, 0.7, 1)]  # no library has the second material
     assert drawn(link=(1, 0, 0, 0.5)) == [(1, 0, 0, 0.5)] * 2
@@ -316,16 +316,16 @@ def test_the_scene_follows_the_world():
         scene = Scene(world)
         visual = Visual("v", (0, 0, 0), (0, 0, 0), BOX)
         assert scene.refresh() and not scene.refresh()
-        assert scene.version == 1 and not scene.parts
+        assert scene.version == 1 and not scene.visuals
         world.spawn(body(), "unseen")
         model = world.spawn(body(visual), "m")
         assert scene.refresh()
-        assert scene.labels().tolist() == [model.body_id]
-        assert scene.poses().shape == (1, 4, 4)
+        assert scene.compute_labels().tolist() == [model.body_id]
+        assert scene.read_poses().shape == (1, 4, 4)
         world.reset_simulation()
         assert scene.refresh(), "a mesh file may have changed"
         world.delete("m")
-        assert scene.refresh() and not scene.parts and scene.poses().shape == (0, 4, 4)
+        assert scene.refresh() and not scene.visuals and scene.read_poses().shape == (0, 4, 4)
         assert scene.version == 4
 
 
@@ -338,7 +338,7 @@ def test_poses_between_the_snapshot_and_now():
         scene.snapshot()
         model.set_pose(Pose.from_rpy((1, 0, 0), (0, 0, 3.2)))
         for blend, yaw in ((0.0, 3.1), (0.5, 3.15), (1.0, 3.2), (2.0, 3.2)):
-            (pose,) = scene.poses_at(blend)
+            (pose,) = scene.interpolate_poses(blend)
             assert pose[0, 3] == pytest.approx(min(blend, 1.0))
             assert math.atan2(pose[1, 0], pose[0, 0]) % (2 * math.pi) == pytest.approx(yaw)
 
@@ -347,7 +347,7 @@ def test_poses_between_the_snapshot_and_now():
 def test_half_a_turn_is_the_same_with_either_sign_of_a_quaternion(sign):
     before, after = (np.array([quaternion_from_rpy(0, 0, yaw)]) for yaw in (0.4, 0.6))
     here = np.zeros((1, 3))
-    (pose,) = blended_poses(here, before, here + 2.0, sign * after, 0.5)
+    (pose,) = blend_poses(here, before, here + 2.0, sign * after, 0.5)
     assert pose[:3, 3] == pytest.approx([1, 1, 1])
     expected = np.array(Pose.from_rpy((0, 0, 0), (0, 0, 0.5)).matrix())[:3, :3]
     np.testing.assert_allclose(pose[:3, :3], expected, atol=1e-12)

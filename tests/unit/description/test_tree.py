@@ -4,7 +4,7 @@ reads them."""
 import pytest
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.urdf import parse_tree, robot_name
+from aras_visual_servo_base.urdf import parse_tree, read_robot_name
 
 # base - j1 - a - j2 - b - eye, and a branch a - j3 - hand
 ROBOT = """<robot name="fork"><link name="base"/><link name="a"/><link name="b"/>
@@ -18,7 +18,7 @@ ROBOT = """<robot name="fork"><link name="base"/><link name="a"/><link name="b"/
 
 def names(base, link):
     """Of the joints on that path of the fork."""
-    return [joint.name for joint in parse_tree(ROBOT).path(base, link)]
+    return [joint.name for joint in parse_tree(ROBOT).find_path(base, link)]
 
 
 def test_a_path_goes_down_from_the_base():
@@ -54,8 +54,8 @@ def test_the_tree_knows_its_root_and_keeps_the_order_of_the_file():
     "", "no XML", "<robot/>", "<sdf name='r'/>", "<!DOCTYPE r [<!ENTITY a 'b'>]><robot name='r'/>",
 ])
 def test_what_is_no_robot_has_no_name(text):
-    assert robot_name(text) == ""
-    assert robot_name(ROBOT) == "fork"
+    assert read_robot_name(text) == ""
+    assert read_robot_name(ROBOT) == "fork"
 
 
 def test_a_hostile_text_is_refused_with_one_line():

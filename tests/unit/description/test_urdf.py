@@ -44,7 +44,7 @@ def test_a_joint_s_numbers():
     joint = joined(f"<origin xyz='1 2 3' rpy='.1 .2 .3'/><axis xyz='0 3 4'/>{LIMIT}"
                    "<dynamics damping='5' friction='6'/><safety_controller k_velocity='7' "
                    "k_position='8' soft_lower_limit='-.5' soft_upper_limit='.5'/>")
-    assert (joint.parent, joint.child, joint.kind, joint.moves) == ("a", "b", "revolute", True)
+    assert (joint.parent, joint.child, joint.kind, joint.is_movable) == ("a", "b", "revolute", True)
     assert (joint.origin_xyz, joint.origin_rpy) == ((1, 2, 3), (0.1, 0.2, 0.3))
     assert joint.axis == pytest.approx((0.0, 0.6, 0.8))
     assert joint.limits == JointLimits(-1.0, 2.0, 3.0, 4.0)
@@ -69,7 +69,7 @@ def test_what_a_joint_leaves_open():
     assert endless.limits == JointLimits(None, None, 5.0, 6.0)
     assert joined("<limit velocity='6'/>", "continuous").limits.effort == math.inf
     assert joined("<limit effort='5'/>", "continuous").limits.velocity == math.inf
-    assert not joined("", "fixed").moves
+    assert not joined("", "fixed").is_movable
     open_soft = joined(f"{LIMIT}<safety_controller k_velocity='1'/>").soft_limits
     assert open_soft == SoftLimits(None, None, 0.0, 1.0)
 
@@ -82,7 +82,7 @@ def test_a_mimic_follows_a_joint_that_moves():
     assert robot(text.format("j", "")).joints["k"].mimic == Mimic("j", 1.0, 0.0)
     full = robot(text.format("j", " multiplier='-2' offset='.5'"))
     assert full.joints["k"].mimic == Mimic("j", -2.0, 0.5)
-    assert full.moving_joints() == ("j", "k")
+    assert full.list_moving_joints() == ("j", "k")
     fixed = "<link name='d'/>" + JOINT.replace("'b'", "'d'").replace("'j'", "'x'")
     for more in ("", fixed):
         with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
@@ -119,7 +119,7 @@ def test_meshes_name_their_files(tmp_path):
 
 
 @pytest.mark.parametrize(("shape", "reason"), [
-    ("<mesh filename='package://p/../a.stl'/>", "climbs out of package 'p'"),
+    ("<mesh filename='package://p/../a.stl'/>", "outside of package 'p'"),
     ("<mesh filename='package://p/b.stl'/>", "does not exist"),
     ("<mesh filename='package://no such/a.stl'/>", "is not a package name"),
     ("<mesh filename='package://gone/a.stl'/>", "package 'gone' is not in ROS_PACKAGE_PATH"),
@@ -128,8 +128,9 @@ def test_meshes_name_their_files(tmp_path):
     ("<mesh filename='package://p/folder.stl'/>", "is no regular file"),
     ("<mesh filename='package://p/pipe.stl'/>", "is no regular file"),
     ("<mesh filename='package://p/device.stl'/>", "is no regular file"),
-    ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "holds a zero"),
-    ("<cone/>", "shape <cone> is not served; use box, cylinder, sphere"), ("", "has no <geometry>"),
+    ("<mesh filename='package://p/whole.stl' scale='1 0 1'/>", "contains a zero"),
+    ("<cone/>", "shape <cone> is not supported; use box, cylinder, sphere"),
+    ("", "has no <geometry>"),
 ])
 @pytest.mark.parametrize("kind", ["visual", "collision"])
 def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, reason, kind):
@@ -142,11 +143,11 @@ def test_a_shape_that_cannot_be_served_is_left_out_and_named(tmp_path, shape, re
     box = f"<{kind}><geometry><box size='1 1 1'/></geometry></{kind}>"
     found = parse_urdf(
         f"<robot name='r'><link name='a'>{box}<{kind}><geometry>{shape}</geometry></{kind}></link>"
-        "</robot>", lambda name: str(package) if name == "p" else packages.find(name))
+        "</robot>", lambda name: str(package) if name == "p" else packages.find_package(name))
     assert len(found.links["a"].visuals + found.links["a"].collisions) == 1
     (warning,) = found.warnings
     assert re.search(reason, warning) and f"link 'a', {kind} 2" in warning
-    assert warning.endswith(f"; the {kind} is left out")
+    assert warning.endswith(f"; the {kind} is ignored")
 
 
 def test_inertials_origins_and_names_of_parts():
@@ -188,7 +189,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
 @pytest.mark.parametrize("inside, reason", [
     ("", "robot 'r' has no link"),
     ("<link/>", "a link has no name"),
-    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name of 257 characters"),
+    (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name has 257 characters"),
     (A + A, "two links are named 'a'"),
     (AB, "needs exactly one root link, found 'a', 'b'"),
     (AB + JOINT + JOINT, "two joints are named 'j'"),

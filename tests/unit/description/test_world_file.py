@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from aras_sim_bridge.description import read_sdf, world_file
-from aras_sim_bridge.description.lights import _DIRECTED, _STRENGTHS, checked_light
+from aras_sim_bridge.description.lights import _DIRECTION_FIELDS, _STRENGTH_FIELDS, check_light
 from aras_sim_bridge.description.types import SUN
 from aras_sim_bridge.errors import DescriptionError, SimError, WorldError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -76,7 +76,7 @@ def test_files_that_are_no_world(tmp_path):
         world_file.load_world(str(tmp_path / "gone.world"))
     path = tmp_path / "a.world"
     path.write_text("<sdf/>")
-    with pytest.raises(DescriptionError, match="there is no <sdf><world> in it"):
+    with pytest.raises(DescriptionError, match="it contains no <sdf><world>"):
         world_file.load_world(str(path))
     path.write_bytes(b"\xff\xfe<")
     with pytest.raises(DescriptionError, match="the world file cannot be read"):
@@ -99,15 +99,15 @@ def test_a_light_s_numbers(tmp_path):
 
 
 @pytest.mark.parametrize("changes, reason", [
-    ({"name": ""}, "needs a name"), ({"direction": (0.0, 0.0, 0.0)}, "its direction is zero"),
+    ({"name": ""}, "has no name"), ({"direction": (0.0, 0.0, 0.0)}, "its direction is zero"),
     ({"diffuse": (1.0, -0.1, 0.0, 1.0)}, "diffuse .* must not be negative"),
     ({"attenuation_linear": float("nan")}, "attenuation_linear nan is not finite"),
     ({"origin_xyz": (0.0, float("inf"), 0.0)}, "origin_xyz .* is not finite"),
 ])
 def test_lights_that_cannot_be(changes, reason):
-    assert checked_light(SUN) is SUN
+    assert check_light(SUN) is SUN
     with pytest.raises(WorldError, match=reason):
-        checked_light(replace(SUN, **changes))
+        check_light(replace(SUN, **changes))
 
 
 def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
@@ -127,13 +127,13 @@ def test_a_mesh_that_is_missing_is_left_out_and_named(tmp_path, monkeypatch):
     assert [v.name for v in link.visuals] == ["b"]
     assert [c.name for c in link.collisions] == ["d"]
     first, second = found.warnings
-    assert "visual 'a'" in first and "nowhere" in first and "left out" in first
+    assert "visual 'a'" in first and "nowhere" in first and "ignored" in first
     assert "collision 'c'" in second and "c.stl" in second
     path.write_text(path.read_text().replace("nowhere/a.dae", "crate/../../a.dae"))
-    assert "climbs out" in world_file.load_world(str(path)).warnings[0]
+    assert "outside of" in world_file.load_world(str(path)).warnings[0]
 
 
-NUMBERS = [*_DIRECTED, *_STRENGTHS]
+NUMBERS = [*_DIRECTION_FIELDS, *_STRENGTH_FIELDS]
 
 
 @pytest.mark.parametrize("what", NUMBERS)
@@ -144,15 +144,15 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
         for bad in (math.nan, math.inf, -math.inf, -1e-9):
             given = tuple(bad if k == place else 1.0 for k in range(count)) if count else bad
             light = replace(SUN, **{what: given})
-            if bad == -1e-9 and what in _DIRECTED:
-                assert checked_light(light) is light
+            if bad == -1e-9 and what in _DIRECTION_FIELDS:
+                assert check_light(light) is light
             else:
                 kind = "must not be negative" if bad == -1e-9 else "is not finite"
                 with pytest.raises(WorldError, match=f"light 'sun': {what} .* {kind}"):
-                    checked_light(light)
+                    check_light(light)
     dark = replace(SUN, **{what: (0.0,) * count if count else 0.0})
     if what != "direction":
-        assert checked_light(dark) is dark
+        assert check_light(dark) is dark
 
 
 @pytest.mark.parametrize(("shines", "right"), [
@@ -160,12 +160,12 @@ def test_each_number_of_a_light_is_finite_and_each_strength_not_negative(what):
     (((0.0, 1.0), (2.0, 1.5)), False), (((-0.1, 1.0),), False),
 ])
 def test_when_a_light_shines_rises_from_0_on(shines, right):
-    light = replace(SUN, shines=shines)
+    light = replace(SUN, lit_intervals=shines)
     if right:
-        assert checked_light(light) is light
+        assert check_light(light) is light
     else:
-        with pytest.raises(WorldError, match="'sun': shines from .* s, must rise from 0 on"):
-            checked_light(light)
+        with pytest.raises(WorldError, match="'sun': lit interval from .* s; it must start at"):
+            check_light(light)
 
 
 @pytest.mark.parametrize(("inside", "expected"), [
@@ -217,9 +217,9 @@ def test_what_a_model_warns_of_is_named_with_the_model(tmp_path):
     found = world(tmp_path, "<actor name='x'/>" + inside.format("m", "ray")
                   + inside.format("n", "sonar"))
     assert found.warnings == (
-        "SDF: <actor> 'x' is not served; left out",
-        "model 'm': link 'a': sensor type 'ray' is not known; ignored",
-        "model 'n': link 'a': sensor type 'sonar' is not known; ignored")
+        "SDF: <actor> 'x' is not supported; ignored",
+        "model 'm': link 'a': sensor type 'ray' is unknown; ignored",
+        "model 'n': link 'a': sensor type 'sonar' is unknown; ignored")
 
 
 def test_files_that_a_world_names_lie_beside_it(tmp_path, monkeypatch):

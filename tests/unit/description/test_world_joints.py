@@ -85,22 +85,24 @@ def test_two_that_stand_need_no_bolt(read):
 
 
 @pytest.mark.parametrize(("added", "reason"), [
-    (joint("world", "lamp::body", "revolute"), "only fixed ones are served"),
+    (joint("world", "lamp::body", "revolute"), "only fixed joints are supported"),
     (joint("world", "ghost::body"), "there is no link 'ghost::body'"),
     (joint("world", "lamp::wick"), "there is no link 'lamp::wick'"),
     (joint("world", ""), "there is no link ''"),
     ("<joint name='j' type='fixed'/>", "there is no link ''"),
     (joint("arm::base", "lamp::body"), "both its ends may move"),
-    (joint("world", "arm::arm"), "link 'arm' hangs on another joint; join the root link of 'arm'"),
-    (joint("world", "arm::base").replace("'j'", "'hinge'"), "a name that no joint of its model"),
-    (joint("world", "lamp::body", name=""), "a name that no joint of its model"),
+    (joint("world", "arm::arm"),
+     "link 'arm' is the child of another joint; use the root link of 'arm'"),
+    (joint("world", "arm::base").replace("'j'", "'hinge'"),
+     "a name that no other joint of its model"),
+    (joint("world", "lamp::body", name=""), "a name that no other joint of its model"),
     (joint("arm::arm", "lamp::body"), "both its ends may move"),
 ])
 def test_a_joint_that_cannot_be_served_is_one_warning_and_the_rest_goes_on(read, added, reason):
     found = read(model("lamp", 2.0), arm(5.0), added)
     assert [m.name for m in found.models] == ["lamp", "arm"]
     (warning,) = found.warnings
-    assert "of the world is left out: " in warning and reason in warning
+    assert "of the world is ignored: " in warning and reason in warning
     down = fallen(found)
     assert down["lamp"] == pytest.approx(0.196, abs=2e-3)
 
@@ -114,8 +116,8 @@ def towered(top, bolted=True, kind="fixed"):
 
 
 @pytest.mark.parametrize(("tower", "end", "reason"), [
-    (towered("top", bolted=False), "top", "link 'top' hangs on another joint"),
-    (towered("top", kind="revolute"), "top", "link 'top' hangs on another joint"),
+    (towered("top", bolted=False), "top", "link 'top' is the child of another joint"),
+    (towered("top", kind="revolute"), "top", "link 'top' is the child of another joint"),
     (towered("top"), "base", ""), (towered("top", bolted=False), "base", ""),
     (towered("top", bolted=False), "", ""),
 ])

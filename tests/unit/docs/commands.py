@@ -22,7 +22,7 @@ import pytest
 import yaml
 from blocks import ROOT
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 
 SOURCES = ROOT / "src"
 OTHERS = {"tf2_ros", "camera_calibration", "rviz", "rosbag"}  # ROS's own, not looked into

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from aras_visual_servo_bench.pictures import style
+from aras_visual_servo_bench.plots import style
 
 sys.path.insert(0, str(Path(__file__).parent))
 

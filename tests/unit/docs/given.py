@@ -13,13 +13,13 @@ from typing import Any
 import numpy as np
 from blocks import ROOT
 
-from aras_visual_servo_bench.asked.cameras import draw
+from aras_visual_servo_bench.experiment.cameras import draw_outline
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 SQUARE = np.array([[-0.2, -0.1], [0.2, -0.1], [0.25, 0.1], [-0.2, 0.1]])
 CONFIG = ROOT / "src" / "aras_visual_servo_controller" / "config"
@@ -32,8 +32,8 @@ def loop() -> dict[str, Any]:
     arm, goal = Arm.from_urdf(urdf), Goal.load("goal_2016.yaml")
     focal = 102.74
     camera = CameraModel(320, 240, (focal, 0, 159.5, 0, focal, 119.5, 0, 0, 1))
-    joints = JointSample.of(0.0, arm.names, goal.joint_values(arm.names))
-    picture = draw(goal.target.outline(arm.pose(joints.positions)), camera)
+    joints = JointSample.from_values(0.0, arm.names, goal.get_joints(arm.names))
+    picture = draw_outline(goal.target.compute_outline(arm.pose(joints.positions)), camera)
     return dict(urdf=urdf, camera=camera, joints=joints, picture=picture, stamp=0.0, now=0.01)
 
 

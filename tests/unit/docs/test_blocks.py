@@ -17,10 +17,10 @@ from given import GIVEN
 
 from aras_sim_bridge.camera import CameraConfig
 from aras_sim_bridge.control.controllers.registry import ControllerTypes
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.commands import main as bench
-from aras_visual_servo_bench.study.engine import check_study
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.cli import main as bench
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.studies.engine import check_study
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_controller.settings import Settings
 
 LANGUAGES = {"python", "yaml", "bash", "text", "xml"}

@@ -4,8 +4,8 @@ import math
 
 from blocks import ROOT
 
-from aras_visual_servo_controller.judging.arrival import ARRIVED
-from aras_visual_servo_controller.judging.left_open import PLAIN
+from aras_visual_servo_controller.diagnosis.arrival_check import GOAL_TOLERANCE
+from aras_visual_servo_controller.diagnosis.pose_uncertainty import NEGLIGIBLE_UNCERTAINTY
 
 
 def said(part_and_radians, degrees="°"):
@@ -19,8 +19,8 @@ def test_pages_tell_alike_when_a_loop_has_arrived_and_what_it_leaves_open():
     pages = {name: (ROOT / name).read_text(encoding="utf-8") for name in (
         "docs/theory.md", "src/aras_visual_servo_controller/README.md", "docs/reading_results.md")}
     theory, controller, reading = pages.values()
-    assert said(ARRIVED) in theory and said(ARRIVED) in controller
-    assert said(PLAIN, " degrees") in reading
+    assert said(GOAL_TOLERANCE) in theory and said(GOAL_TOLERANCE) in controller
+    assert said(NEGLIGIBLE_UNCERTAINTY, " degrees") in reading
 
 
 def test_the_keys_of_a_camera_are_listed_in_one_place():
@@ -39,7 +39,7 @@ def test_the_help_of_every_command_ends_with_an_example():
             continue
         text = file.read_text(encoding="utf-8")
         for part in text.split("argparse.ArgumentParser(")[1:]:
-            if part.startswith((")", "prog=program()")):
+            if part.startswith((")", "prog=find_program_name()")):
                 continue  # of a type hint; bench's commands have theirs each
             found += 1
             assert "example: " in part.partition(".add_")[0], file

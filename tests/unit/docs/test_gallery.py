@@ -22,7 +22,7 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
     monkeypatch.syspath_prepend(str(scripts))
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("PYTHONPATH", os.pathsep.join(sys.path))  # of programs that it starts
-    if name != "failure":  # one report of those that keep_runs leaves shows that it does
+    if name != "failure":  # one report of those that report_runs writes shows that it does
         monkeypatch.setattr("aras_visual_servo_bench.web.report.write.write_report",
                             lambda runs, out, parts: [out / "report.html"])
     quick = ["repeats=1", "duration=0.2"] if name == "study" else []
@@ -44,7 +44,7 @@ def test_an_example_of_the_gallery(name, tmp_path, monkeypatch):
 
 
 def test_the_page_shows_each_with_picture_time_and_one_command():
-    scripts = {path.stem for path in (ROOT / "docs" / "gallery").glob("*.py")} - {"keeping"}
+    scripts = {path.stem for path in (ROOT / "docs" / "gallery").glob("*.py")} - {"output"}
     assert scripts == set(gallery_page.NAMES) and len(scripts) == 15
     text = PAGE.read_text(encoding="utf-8")
     for name in gallery_page.NAMES:

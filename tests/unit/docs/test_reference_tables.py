@@ -16,19 +16,20 @@ def script(monkeypatch):
 
 
 def test_the_pages_are_as_the_script_makes_them(script):
-    assert len(script.pages()) >= 2
-    for path in script.pages():
+    assert len(script.find_pages()) >= 2
+    for path in script.find_pages():
         page = path.read_text(encoding="utf-8")
-        assert script.filled(page) == page, f"{path}: run docs/reference_tables.py"
+        assert script.fill_tables(page) == page, f"{path}: run docs/reference_tables.py"
 
 
 def test_every_field_of_a_shown_class_is_in_its_table(script):
-    shown = [found for path in script.pages() for found in script.TABLE.findall(path.read_text())]
+    pages = script.find_pages()
+    shown = [found for path in pages for found in script.TABLE.findall(path.read_text())]
     assert len(shown) >= 10
     for _, kind, module, name, _ in shown:
         documented = getattr(importlib.import_module(module), name)
         if kind == "fields" and dataclasses.is_dataclass(documented):
-            names = {word for names, _ in script.attributes(documented)
+            names = {word for names, _ in script.read_attributes(documented)
                      for word in names.split(", ")}  # fmt: skip
             assert {field.name for field in dataclasses.fields(documented)} - names == set(), name
 
@@ -45,7 +46,7 @@ def test_what_a_docstring_changes_changes_the_page(script):
         Not this: one.
         """
 
-    found = script.attributes(Documented)
+    found = script.read_attributes(Documented)
     assert found == [("first, second", "both, in two lines | with a bar."), ("third", "m.")]
-    assert "| `third` | m. |" in script.fields_table(Documented)
-    assert any(r"lines \| with" in row for row in script.fields_table(Documented))
+    assert "| `third` | m. |" in script.make_fields_table(Documented)
+    assert any(r"lines \| with" in row for row in script.make_fields_table(Documented))

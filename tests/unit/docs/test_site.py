@@ -18,6 +18,7 @@ def test_the_site_is_built_whole(tmp_path):
     every_page_is_there_and_in_the_contents(tmp_path)
     nothing_is_fetched_from_elsewhere(tmp_path)
     docstrings_are_shown_as_they_are_written(tmp_path)
+    formulas_are_typeset_by_files_of_the_site(tmp_path)
 
 
 def every_page_is_there_and_in_the_contents(site: Path) -> None:
@@ -44,3 +45,14 @@ def docstrings_are_shown_as_they_are_written(site: Path) -> None:
     assert "height: of the camera above the target, least and greatest, m. side: greatest" in shown
     assert "with_" in shown and "problematic" not in text
     assert "Raises" in shown and "ExperimentError: it cannot be run." in shown
+
+
+def formulas_are_typeset_by_files_of_the_site(site: Path) -> None:
+    page = site / "docs" / "moments.html"
+    text = page.read_text(encoding="utf-8")
+    files = re.findall(r'(?:src|href)="([^"]*(?:katex|math)[^"?]*\.(?:js|css))', text)
+    assert {Path(file).name for file in files} == {"katex.min.js", "katex.min.css", "math.js"}
+    assert all((page.parent / file).is_file() for file in files)
+    assert list((site / "_static" / "katex" / "fonts").glob("*.woff2"))
+    assert text.count('class="math ') > 50 and "$$" not in text
+    assert "katex" not in (site / "docs" / "topics.html").read_text(encoding="utf-8")

@@ -16,10 +16,10 @@ import pytest
 from blocks import PAGES, ROOT
 
 from aras_sim_bridge.camera.config import CameraConfig
-from aras_sim_bridge.camera.lens import COEFFICIENTS, RADIUS, REACH
+from aras_sim_bridge.camera.lens import COEFFICIENTS, LARGEST_ANGLE, RADIUS_FUNCTION
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
-from aras_visual_servo_base.settings import defaults
-from aras_visual_servo_camera.features import required_order
+from aras_visual_servo_base.settings import list_defaults
+from aras_visual_servo_camera.features import compute_required_order
 from aras_visual_servo_camera.moments import POINTS
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.settings import Settings
@@ -49,6 +49,7 @@ MEASURED = {
     ("docs/porting.md", "suite"): "tests/peers",
     ("docs/solid_targets.md", "solid, seeds"): "tests/benchmarks/model_tracking.py",
     ("docs/studies.md", ""): "tests/benchmarks/study_beside.py",
+    ("docs/studies.md", "method"): "tests/benchmarks/study_beside.py",
     ("docs/differences.md", "run"): "tests/benchmarks/original_controllers.py",
     (CAMERA_KEYS, "preset"): "tests/benchmarks/calibrate_live.py",
     ("tests/README.md", "faults"): "tests/faults",
@@ -129,16 +130,18 @@ def test_moments_that_a_feature_needs_are_those_of_its_formula():
     assert set(numbers) >= {"C1", "C5", "C10", "alpha", "alpha_full", "Pyn", "area"} <= {*names,
                                                                                        "C5", "C10"}
     for name, one in numbers.items():
-        assert required_order([name]) == int(one[0]), name
-    assert told["area"] == f"2 (points: {required_order(['area'], POINTS)})"
-    assert [required_order([name]) for name in ("m20", "mu21")] == [3, 4]  # i + j + 1
+        assert compute_required_order([name]) == int(one[0]), name
+    assert told["area"] == f"2 (points: {compute_required_order(['area'], POINTS)})"
+    assert [compute_required_order([name]) for name in ("m20", "mu21")] == [3, 4]  # i + j + 1
 
 
 def test_the_reach_of_lenses_is_what_they_draw():
     for name, _, reach, models in table("docs/camera.md", "lens"):
-        assert math.degrees(2 * REACH[name]) == pytest.approx(float(re.search(r"\d+", reach)[0]))
+        assert math.degrees(2 * LARGEST_ANGLE[name]) == pytest.approx(
+            float(re.search(r"\d+", reach)[0])
+        )
         assert set(names_of(models)) <= set(COEFFICIENTS)
-    assert {row[0] for row in table("docs/camera.md", "lens")} == set(RADIUS)
+    assert {row[0] for row in table("docs/camera.md", "lens")} == set(RADIUS_FUNCTION)
 
 
 # -- defaults in tables --------------------------------------------------------------------------
@@ -164,7 +167,7 @@ def same(told: str, value: object) -> bool:
     (BRIDGE, "parameter", NodeParameters, 2), (CAMERA, "parameter", VisionParameters, 1),
     (CONTROLLER, "name", Settings, 1)])  # fmt: skip
 def test_parameters_are_listed_with_their_defaults(page, heading, kind, column):
-    known = defaults(kind)
+    known = list_defaults(kind)
     for row in table(page, heading):
         for name in names_of(row[0]):
             if name in known:

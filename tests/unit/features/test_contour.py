@@ -6,13 +6,13 @@ from feature_cases import L_SHAPE, SQUARE, TARGET, View, grey_image, rotation
 
 from aras_visual_servo_camera.contour import (
     CORNER_ACCURACY,
-    corners_like,
-    corners_of,
+    extract_outline,
+    find_corners,
     fit_corners,
-    outline_of,
+    match_corners,
 )
 from aras_visual_servo_camera.errors import SegmentationError
-from aras_visual_servo_camera.line_fits import deviation_of
+from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import segment
@@ -38,7 +38,7 @@ def test_a_sharp_corner_that_is_blunt_is_one(begin):
     ends = np.array([[0.0, -10.0], [100.0, -0.9], [100.0, 0.9], [0.0, 10.0]])
     sides = [a + np.linspace(0.0, 1.0, n, endpoint=False)[:, None] * (b - a) for a, b, n in zip(
         ends, np.roll(ends, -1, axis=0), (100, 2, 100, 20), strict=True)]
-    corners = corners_of(np.roll(np.vstack(sides), begin, axis=0), bend=1e-3)
+    corners = find_corners(np.roll(np.vstack(sides), begin, axis=0), max_bend=1e-3)
     tip = np.array([100.0 + 0.9 * 100.0 / 9.1, 0.0])
     assert len(corners) == 3
     assert nearest(np.vstack([tip, ends[[0, 3]]]), corners).max() < 0.2
@@ -49,8 +49,8 @@ def test_a_sharp_corner_that_is_blunt_is_one(begin):
 @pytest.mark.parametrize("shape", SCALES)
 def test_corners_are_where_the_shape_has_them(shape, tilt, turn):
     drawn, grey = picture(SCALES[shape], tilt, turn)
-    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
-    corners = corners_of(outline)
+    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
+    corners = find_corners(outline)
     assert corners.shape == drawn.shape
     assert nearest(corners, drawn).max() < 0.15 / 200.0  # 0.15 pixel
     x, y = corners.T
@@ -69,7 +69,7 @@ def test_sides_of_four_pixels_do_not_tilt_with_the_rows_that_they_lie_on(row):
     """Corners of a shipped target's steps jumped by two pixels where a side lay along a row."""
     shape = STEPS * 27.0 / 200.0 + np.array([0.0, row / 201.0])
     grey = grey_image(shape, CAMERA.pinhole)
-    corners = corners_of(outline_of(grey, segment(grey, Segmentation()), CAMERA))
+    corners = find_corners(extract_outline(grey, segment(grey, Segmentation()), CAMERA))
     assert corners.shape == shape.shape
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
@@ -84,7 +84,7 @@ def test_pixels_are_no_corners(width, turn):
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     shape = IRREGULAR @ R.T * width / 200.0 + np.array([0.0013, 0.0021])
     grey = grey_image(shape, CAMERA.pinhole)
-    corners = corners_of(outline_of(grey, segment(grey, Segmentation()), CAMERA))
+    corners = find_corners(extract_outline(grey, segment(grey, Segmentation()), CAMERA))
     assert corners.shape == shape.shape
     assert nearest(corners, shape).max() < 0.5 / 200.0  # half a pixel
 
@@ -92,7 +92,7 @@ def test_pixels_are_no_corners(width, turn):
 @pytest.mark.parametrize("turn", [0.0, 17.0, 133.0])
 def test_the_outline_encloses_the_area(turn):
     drawn, grey = picture(L_SHAPE, (5.0, 8.0), turn)
-    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
     exact, found = Moments.from_polygon(drawn), Moments.from_polygon(outline)
     assert found.m00 == pytest.approx(exact.m00, rel=4e-3)
     np.testing.assert_allclose([found.xg, found.yg], [exact.xg, exact.yg], atol=0.05 / 200.0)
@@ -109,7 +109,7 @@ def test_corners_through_a_lens():
     u, v = lens.project(*np.concatenate(sides).T)
     bent = np.stack([(u - 158.3) / 200.0, (v - 121.6) / 201.0], axis=1)
     grey = grey_image(bent, CAMERA.pinhole)
-    corners = corners_of(outline_of(grey, segment(grey, Segmentation()), lens))
+    corners = find_corners(extract_outline(grey, segment(grey, Segmentation()), lens))
     assert len(corners) == 4
     assert nearest(corners, drawn).max() < 0.3 / 200.0
 
@@ -118,11 +118,11 @@ def test_a_disc_is_no_polygon_and_a_speck_has_no_outline():
     angle = np.linspace(0, 2 * np.pi, 4000, endpoint=False)
     disc = 0.2 * np.stack([np.cos(angle), np.sin(angle)], axis=1)
     with pytest.raises(SegmentationError, match="no polygon"):
-        corners_of(disc, bend=1e-4)
+        find_corners(disc, max_bend=1e-4)
     grey = np.full((240, 320), 255, np.uint8)
     grey[100:102, 100:102] = 0
     with pytest.raises(SegmentationError, match="outline"):
-        outline_of(grey, segment(grey, Segmentation(min_pixels=1)), CAMERA)
+        extract_outline(grey, segment(grey, Segmentation(min_pixels=1)), CAMERA)
 
 
 @pytest.mark.parametrize("turn", [0.0, 31.0, 133.0, 250.0])
@@ -131,20 +131,20 @@ def test_a_small_targets_corners_are_those_of_its_model(turn, depth):
     """Fifteen pixels across, the plates show from 7 to 11 corners of their eight."""
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
     drawn, grey = picture(SCALES["target"], (12.0, -8.0), turn, depth)
-    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
     for known, wanted in (
         (model, drawn), (model[::-1], drawn[::-1]), (np.roll(model, 3, 0), np.roll(drawn, 3, 0))
     ):  # fmt: skip
-        corners = corners_like(outline, known)
+        corners = match_corners(outline, known)
         assert np.linalg.norm(corners - wanted, axis=1).max() < 1.2 / 200.0
 
 
 def test_another_polygon_is_not_taken_for_the_model():
     model, _ = picture(SCALES["target"], (0.0, 0.0), 0.0)
     _, grey = picture(SCALES["L"], (0.0, 0.0), 10.0)
-    outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
-    with pytest.raises(SegmentationError, match="has not the goal's 8 corners"):
-        corners_like(outline, model)
+    outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
+    with pytest.raises(SegmentationError, match="does not match the 8 corners"):
+        match_corners(outline, model)
 
 
 @pytest.mark.parametrize("noise", [0.0, 5.0])
@@ -158,13 +158,13 @@ def test_corners_are_as_exact_as_the_outline_s_scatter_says(noise):
             shape = (IRREGULAR + random.uniform(-0.1, 0.1, (4, 2))) * width / 200.0
             grey = grey_image(shape + random.uniform(0.0, 0.005, 2), CAMERA.pinhole)
             grey = np.clip(grey + noise * random.normal(size=grey.shape), 0, 255).astype(np.uint8)
-            outline = outline_of(grey, segment(grey, Segmentation()), CAMERA)
+            outline = extract_outline(grey, segment(grey, Segmentation()), CAMERA)
             corners, spread = fit_corners(outline)
-            np.testing.assert_array_equal(corners, corners_of(outline))
+            np.testing.assert_array_equal(corners, find_corners(outline))
             moved = corners - shape[np.linalg.norm(
                 corners[:, None] - shape[None] - 0.0025, axis=2).argmin(axis=1)]
             errors.append(moved - moved.mean(axis=0))
-            expected.append(deviation_of(spread))
+            expected.append(compute_rms_deviation(spread))
         deviations.append(200.0 * np.sqrt(np.mean(np.square(expected))))
         found = 200.0 * np.sqrt(np.mean(np.square(errors)))
         assert 0.2 * deviations[-1] < found < 2.5 * np.hypot(deviations[-1], CORNER_ACCURACY)

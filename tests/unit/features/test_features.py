@@ -20,9 +20,9 @@ from feature_cases import (
 )
 
 from aras_visual_servo_camera import features
-from aras_visual_servo_camera.definitions import FORMULAS
 from aras_visual_servo_camera.errors import DegenerateFeatureError, FeatureError
-from aras_visual_servo_camera.features import PAPER, Reference, required_order
+from aras_visual_servo_camera.feature_formulas import FORMULAS
+from aras_visual_servo_camera.features import PAPER_FEATURES, Reference, compute_required_order
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.formula import Formula, Program
 from aras_visual_servo_camera.interaction import Plane
@@ -31,7 +31,7 @@ from aras_visual_servo_camera.moments import Moments, exponents
 MOMENTS = tuple(f"m{i}{j}" for i, j in exponents(5)) + tuple(f"mu{i}{j}" for i, j in exponents(5))
 COMBINATIONS = ("Sxn", "Syn", "Pyn", "r1", "r2", "c3", "C3 - 0.5 * C4", "sqrt(Px) / an")
 INVARIANTS = tuple(f"C{k}" for k in range(1, 11)) + ("Sx", "Sy", "Px", "Py")
-ALL = ("xg", "yg", "area", *PAPER, *INVARIANTS, *MOMENTS, *COMBINATIONS)
+ALL = ("xg", "yg", "area", *PAPER_FEATURES, *INVARIANTS, *MOMENTS, *COMBINATIONS)
 REFERENCE = Reference.from_moments(Moments.from_polygon(L_SHAPE / 0.5), 0.5)
 FRONT = Plane.fronto_parallel(0.5)
 
@@ -49,7 +49,7 @@ def test_every_row_equals_a_really_moved_camera(make) -> None:
     for seed in range(40 if make is polygon_moments else 10):
         view = random_view(seed)
         result = compute(make(view), ALL, view.plane, REFERENCE)
-        assert result.ok, (seed, result.degenerate)
+        assert result.is_defined, (seed, result.degenerate)
 
         def values(moved: View, at=result) -> np.ndarray:
             s = compute(make(moved), ALL, at.plane, REFERENCE).values
@@ -98,13 +98,15 @@ def test_other_names_are_the_same_features() -> None:
     found = compute(moments, tuple(name for pair in pairs for name in pair), FRONT)
     for one, other in pairs:
         assert found[one] == pytest.approx(found[other], rel=1e-12), one
-        np.testing.assert_allclose(found.row(one), found.row(other), rtol=1e-12)
+        np.testing.assert_allclose(
+            found.get_interaction_row(one), found.get_interaction_row(other), rtol=1e-12
+        )
 
 
 def test_paper_rows_of_a_parallel_target_are_decoupled() -> None:
     """Chaumette: xn, yn, an react to vx, vy, vz with -1 and to nothing else of the translation."""
     moments = Moments.from_polygon(L_SHAPE / 0.5)
-    result = compute(moments, PAPER, FRONT, Reference.from_moments(moments, 0.5))
+    result = compute(moments, PAPER_FEATURES, FRONT, Reference.from_moments(moments, 0.5))
     np.testing.assert_allclose(result.L[:3, :3], -np.eye(3), atol=1e-12)
     np.testing.assert_allclose(result.L[3, [0, 1, 2, 5]], [0, 0, 0, -1], atol=1e-12)
     np.testing.assert_allclose(result.L[:3, 5], [result["yn"], -result["xn"], 0], atol=1e-12)
@@ -114,7 +116,11 @@ def test_rotation_invariance_shows_in_the_rows() -> None:
     """ViSP's row of C5 fails this: its last entry is not zero."""
     view = random_view(11)
     result = compute(polygon_moments(view), INVARIANTS, view.plane)
-    turning = {name: abs(result.row(name)[5]) for name in INVARIANTS if name not in ("Sx", "Sy")}
+    turning = {
+        name: abs(result.get_interaction_row(name)[5])
+        for name in INVARIANTS
+        if name not in ("Sx", "Sy")
+    }
     assert max(turning.values()) < 1e-9, turning
 
 
@@ -124,7 +130,9 @@ def test_xn_row_of_a_tilted_region_has_half_the_tilt() -> None:
     result = compute(polygon_moments(view), ("xn", "yn", "an"), view.plane, REFERENCE)
     A, B, C = view.plane
     xn, yn, an = result.values
-    assert result.row("xn")[0] == pytest.approx(-an * C - A * xn / 2 - B * yn, rel=1e-12)
+    assert result.get_interaction_row("xn")[0] == pytest.approx(
+        -an * C - A * xn / 2 - B * yn, rel=1e-12
+    )
 
 
 @pytest.mark.parametrize("seed", range(16))
@@ -151,10 +159,12 @@ def test_full_turn_orientation_under_tilt(seed: int, make) -> None:
 def test_symmetry_is_judged_free_of_scale() -> None:
     """Small or far makes no shape symmetric, large makes no rectangle asymmetric."""
     for scale in (1e-4, 1.0, 1e3):
-        orientation = features.Orientation.of(Moments.from_polygon(TARGET * scale), FRONT)
-        assert not orientation.symmetric
-        orientation = features.Orientation.of(Moments.from_polygon(RECTANGLE * scale), FRONT)
-        assert orientation.symmetric
+        orientation = features.Orientation.from_moments(Moments.from_polygon(TARGET * scale), FRONT)
+        assert not orientation.is_symmetric
+        orientation = features.Orientation.from_moments(
+            Moments.from_polygon(RECTANGLE * scale), FRONT
+        )
+        assert orientation.is_symmetric
     half_turned = Moments.from_polygon(-RECTANGLE)
     reference = Reference.from_moments(Moments.from_polygon(RECTANGLE), 1.0)
     assert compute(half_turned, ("alpha_full",), FRONT, reference)["alpha_full"] == pytest.approx(0)
@@ -184,15 +194,15 @@ def test_values_alone_are_those_beside_their_interaction_matrix() -> None:
     names = ("xn", "alpha_full", "1 / (m00 - a)", "an", "Sx")
     found = compute(moments, names, plane, REFERENCE)
     assert found.degenerate.keys() == {"1 / (m00 - a)"} and found.values.all() == 0.0
-    assert (features.values(moments, names, plane, REFERENCE) == found.values).all()
+    assert (features.compute_feature_values(moments, names, plane, REFERENCE) == found.values).all()
     with pytest.raises(FeatureError, match="up to order 4"):
-        features.values(Moments.from_polygon(TARGET, 3), names, plane, REFERENCE)
+        features.compute_feature_values(Moments.from_polygon(TARGET, 3), names, plane, REFERENCE)
 
 
 def test_tolerance_decides_for_a_nearly_square_target() -> None:
     nearly = Moments.from_polygon(SQUARE * [1.001, 1.0])
-    assert compute(nearly, ("alpha",), FRONT).ok
-    assert not compute(nearly, ("alpha",), FRONT, tolerance=0.01).ok
+    assert compute(nearly, ("alpha",), FRONT).is_defined
+    assert not compute(nearly, ("alpha",), FRONT, tolerance=0.01).is_defined
 
 
 def test_division_by_zero_in_a_combination_is_reported() -> None:
@@ -206,7 +216,7 @@ def test_division_by_zero_in_a_combination_is_reported() -> None:
         (("area",), 2),
         (("xg",), 2),
         (("xn", "yn", "an"), 2),
-        (PAPER, 3),
+        (PAPER_FEATURES, 3),
         (("Sx",), 4),
         (("alpha_full",), 4),
         (("C7",), 5),
@@ -215,7 +225,7 @@ def test_division_by_zero_in_a_combination_is_reported() -> None:
     ],
 )
 def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
-    assert required_order(names) == order
+    assert compute_required_order(names) == order
     view = random_view(1)
     low = compute(polygon_moments(view, order), names, view.plane, REFERENCE)
     full = compute(polygon_moments(view, 6), names, view.plane, REFERENCE)
@@ -227,7 +237,7 @@ def test_only_the_needed_order_is_asked_for(names, order: int) -> None:
 
 
 def test_points_that_coincide_or_stand_in_line() -> None:
-    names = (*PAPER, *INVARIANTS)
+    names = (*PAPER_FEATURES, *INVARIANTS)
     point = Moments.from_points([[0.1, 0.2]] * 4)
     result = compute(point, names, FRONT, REFERENCE)
     assert np.isfinite(result.values).all() and np.isfinite(result.L).all()
@@ -240,12 +250,12 @@ def test_points_that_coincide_or_stand_in_line() -> None:
 
 
 def test_order_of_the_area_of_points() -> None:
-    assert required_order(("area",), "points") == 3
+    assert compute_required_order(("area",), "points") == 3
 
 
 def test_without_a_plane_the_depth_comes_from_the_area() -> None:
     moments = Moments.from_polygon(L_SHAPE / 0.8)
-    result = compute(moments, PAPER, reference=REFERENCE)
+    result = compute(moments, PAPER_FEATURES, reference=REFERENCE)
     assert result.plane == pytest.approx((0.0, 0.0, 1 / 0.8))
     assert result["an"] == pytest.approx(0.8)
 
@@ -307,7 +317,10 @@ def test_a_program_is_its_formulas_one_by_one() -> None:
     for name in names:
         alone = compute(moments, (name,), FRONT, REFERENCE)
         assert together[name] == alone[name]
-        assert np.abs(together.row(name) - alone.row(name)).max() <= 1e-12 * np.abs(alone.L).max()
+        assert (
+            np.abs(together.get_interaction_row(name) - alone.get_interaction_row(name)).max()
+            <= 1e-12 * np.abs(alone.L).max()
+        )
 
 
 def test_one_feature_that_divides_by_zero_leaves_the_others() -> None:

@@ -9,7 +9,11 @@ import pytest
 from feature_cases import exact_moment, random_view
 
 from aras_visual_servo_camera.errors import FeatureError
-from aras_visual_servo_camera.interaction import Plane, centred_rows, raw_rows
+from aras_visual_servo_camera.interaction import (
+    Plane,
+    compute_centred_interaction,
+    compute_raw_interaction,
+)
 from aras_visual_servo_camera.moments import Moments, exponents
 
 STEP = Fraction(1, 10**9)
@@ -66,8 +70,8 @@ def test_rows_equal_a_camera_moved_exactly(seed: int, dense: bool) -> None:
     make = Moments.from_polygon if dense else Moments.from_points
     moments = make(points[:, :2] / points[:, 2:])
     raw, centred = exact_rows(points, dense, 4)
-    ours_raw = raw_rows(moments, view.plane, 4)
-    _, ours_centred = centred_rows(moments, view.plane, 4)
+    ours_raw = compute_raw_interaction(moments, view.plane, 4)
+    _, ours_centred = compute_centred_interaction(moments, view.plane, 4)
     sign = 1.0 if raw[0, 2] > 0 or not dense else -1.0  # exact_moment keeps the outline's turn
     for ours, exact in ((ours_raw, raw), (ours_centred, centred)):
         for row, expected in zip(ours, sign * exact, strict=True):
@@ -84,9 +88,9 @@ def test_plane_from_pose_holds_its_points() -> None:
 
 def test_order_beyond_the_moments_is_refused() -> None:
     moments = Moments.from_polygon(random_view(0).image, order=3)
-    assert len(raw_rows(moments, Plane(0, 0, 1))) == 6  # up to the second order
+    assert len(compute_raw_interaction(moments, Plane(0, 0, 1))) == 6  # up to the second order
     with pytest.raises(FeatureError, match="need moments up to order 4"):
-        raw_rows(moments, Plane(0, 0, 1), 3)
+        compute_raw_interaction(moments, Plane(0, 0, 1), 3)
 
 
 @pytest.mark.parametrize(

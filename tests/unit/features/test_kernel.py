@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.errors import DegenerateFeatureError
-from aras_visual_servo_camera.kernel import kernel_features, moment_layout
+from aras_visual_servo_camera.kernel import compute_kernel_features, compute_original_moments
 from aras_visual_servo_camera.moments import Pinhole
 
 
@@ -32,11 +32,11 @@ def test_kernel_features_pixel_by_pixel() -> None:
     v, u = np.argwhere(mask()).T.astype(float)
     u, v = u - u.mean(), v - v.mean()
     k[3] = 0.5 * np.arctan2(2 * (u * v).sum(), (u * u).sum() - (v * v).sum())
-    result = kernel_features(mask())
+    result = compute_kernel_features(mask())
     np.testing.assert_allclose(result.values, k, rtol=1e-12)
     np.testing.assert_allclose(result.jacobian, J, rtol=1e-12)
     np.testing.assert_allclose(result.inverse @ J, np.eye(4), atol=1e-9)
-    layout = result.layout()
+    layout = result.to_message_data()
     assert len(layout) == 20
     np.testing.assert_array_equal(layout[:16], result.inverse.ravel())
     np.testing.assert_array_equal(layout[16:], result.values)
@@ -45,16 +45,16 @@ def test_kernel_features_pixel_by_pixel() -> None:
 def test_moment_layout() -> None:
     camera = Pinhole(200.0, 210.0, 15.0, 11.0)
     rows, columns = np.argwhere(mask()).T.astype(float)
-    row, column, m00, alpha = moment_layout(mask(), camera)
+    row, column, m00, alpha = compute_original_moments(mask(), camera)
     assert row == pytest.approx((rows.mean() - 11.0) / 210.0)
     assert column == pytest.approx((columns.mean() - 15.0) / 200.0)
     assert m00 == len(rows)
-    assert alpha == pytest.approx(0.1 * kernel_features(mask()).values[3])
+    assert alpha == pytest.approx(0.1 * compute_kernel_features(mask()).values[3])
 
 
 def test_lost_target_gives_no_numbers() -> None:
     empty = np.zeros((24, 32), np.uint8)
     with pytest.raises(DegenerateFeatureError, match="no target"):
-        kernel_features(empty)
+        compute_kernel_features(empty)
     with pytest.raises(DegenerateFeatureError, match="no target"):
-        moment_layout(empty, Pinhole(1.0, 1.0, 0.0, 0.0))
+        compute_original_moments(empty, Pinhole(1.0, 1.0, 0.0, 0.0))

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.errors import ImageError, SegmentationError
-from aras_visual_servo_camera.labels import TargetLabels, labels_of
+from aras_visual_servo_camera.labels import TargetLabels, read_labels
 
 NAMES = "1: ground::link\n2: cart::cart\n16777218: cart::wheel\n33554434: cart::box\n"
 NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
@@ -19,19 +19,19 @@ NUMBERS = np.array([[1, 2, 16777218], [-1, 33554434, 2]], np.int32)
 ])  # fmt: skip
 def test_a_model_or_one_of_its_links_is_told(wanted, pixels):
     labels = TargetLabels(wanted)
-    assert not labels.named
-    labels.name(NAMES)
-    assert labels.named
-    assert labels.mask(NUMBERS).tolist() == pixels
+    assert not labels.has_links
+    labels.set_links(NAMES)
+    assert labels.has_links
+    assert labels.make_mask(NUMBERS).tolist() == pixels
 
 
 def test_a_name_that_there_is_not_is_said_with_the_nearest():
     labels = TargetLabels("cart::whel")
-    labels.name(NAMES)
+    labels.set_links(NAMES)
     with pytest.raises(SegmentationError, match="did you mean 'cart::wheel'"):
-        labels.mask(NUMBERS)
+        labels.make_mask(NUMBERS)
     with pytest.raises(SegmentationError, match="cannot be read"):
-        labels.name("a, b")
+        labels.set_links("a, b")
 
 
 @pytest.mark.parametrize(("order", "kind"), [(0, "<i4"), (1, ">i4")])
@@ -40,10 +40,10 @@ def test_a_message_is_read_with_its_padding_and_byte_order(order, kind):
     rows[:, :12] = NUMBERS.astype(kind).view(np.uint8)
     message = SimpleNamespace(
         encoding="32SC1", height=2, width=3, step=20, is_bigendian=order, data=rows.tobytes())
-    assert labels_of(message).tolist() == NUMBERS.tolist()
+    assert read_labels(message).tolist() == NUMBERS.tolist()
     message.data = message.data[:-1]
     with pytest.raises(ImageError, match="too short"):
-        labels_of(message)
+        read_labels(message)
     message.encoding = "mono8"
     with pytest.raises(ImageError, match="send 32SC1"):
-        labels_of(message)
+        read_labels(message)

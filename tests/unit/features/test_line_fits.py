@@ -3,8 +3,12 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_camera.contour import corners_of, fit_corners
-from aras_visual_servo_camera.line_fits import FittedLine, deviation_of, spread_of_crossings
+from aras_visual_servo_camera.contour import find_corners, fit_corners
+from aras_visual_servo_camera.line_fits import (
+    FittedLine,
+    compute_crossing_spread,
+    compute_rms_deviation,
+)
 
 # px: an acute corner, which errs most, and a short side.
 UNEVEN = np.array([[0.0, 0.0], [60.0, 4.0], [14.0, 22.0], [2.0, 16.0]])
@@ -40,7 +44,7 @@ def test_each_corner_errs_as_its_own_sides_tell_and_neighbours_together():
     expected = told / np.sqrt(np.outer(np.diag(told), np.diag(told)))
     assert np.abs(correlation - np.eye(8)).max() > 0.8
     np.testing.assert_allclose(expected, correlation, atol=0.2)
-    assert deviation_of(spread) == pytest.approx(np.sqrt(np.mean(deviations**2)), rel=0.5)
+    assert compute_rms_deviation(spread) == pytest.approx(np.sqrt(np.mean(deviations**2)), rel=0.5)
 
 
 def test_a_side_along_a_row_of_pixels_is_not_exact_because_its_points_scatter_little():
@@ -48,7 +52,7 @@ def test_a_side_along_a_row_of_pixels_is_not_exact_because_its_points_scatter_li
         FittedLine(np.array([5.0, 0.0]), np.array([0.0, 1.0]), 10.0, 9.0, 0.0),
         FittedLine(np.array([0.0, 5.0]), np.array([1.0, 0.0]), 10.0, 9.0, 0.1),
     ]
-    spread = spread_of_crossings(lines)
+    spread = compute_crossing_spread(lines)
     across_each = np.linalg.norm(spread[0]), np.linalg.norm(spread[1])
     assert 0.3 * across_each[0] < across_each[1] < across_each[0]
 
@@ -57,7 +61,7 @@ def test_points_less_than_a_pixel_apart_count_as_so_many_as_are_independent():
     along = np.linspace(0.0, 20.0, 81)
     points = np.column_stack([along, 0.1 * np.sin(along)])
     all_of_them, independent = (
-        FittedLine.of(points, np.array([0.0, 1.0]), count) for count in (81.0, 20.0)
+        FittedLine.fit(points, np.array([0.0, 1.0]), count) for count in (81.0, 20.0)
     )
     assert independent.squares / independent.count == pytest.approx(
         all_of_them.squares / all_of_them.count
@@ -68,10 +72,10 @@ def test_points_less_than_a_pixel_apart_count_as_so_many_as_are_independent():
 def test_lines_that_hardly_meet_leave_the_corner_open_only_across_them():
     lines = [FittedLine(np.array([x, 0.0]), np.array([slope, 1.0]) / np.hypot(slope, 1.0), 10.0,
                         9.0, 0.1) for x, slope in ((-10.0, 0.0), (10.0, 0.01))]  # fmt: skip
-    spread = spread_of_crossings(lines)
+    spread = compute_crossing_spread(lines)
     assert np.isfinite(spread).all() and np.abs(spread[0::2]).max() < np.abs(spread[1::2]).max()
 
 
 def test_corners_are_the_same_with_and_without_their_spread():
     outline = next(outlines(1))
-    np.testing.assert_array_equal(fit_corners(outline)[0], corners_of(outline))
+    np.testing.assert_array_equal(fit_corners(outline)[0], find_corners(outline))

@@ -10,8 +10,8 @@ import pytest
 from feature_cases import RECTANGLE, grey_image
 
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_camera.overlay import _text, draw
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings
+from aras_visual_servo_camera.overlay import _draw_text, draw
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection
 from aras_visual_servo_camera.undistortion import CameraModel
 
 # Focal lengths and principal point differ, so that no two of them can stand for one another.
@@ -28,7 +28,7 @@ def grey() -> np.ndarray:
     return grey_image(RECTANGLE @ turn.T + CENTRE, CAMERA.pinhole)
 
 
-def measured(grey: np.ndarray) -> Measurement:
+def measured(grey: np.ndarray) -> TargetDetection:
     pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CAMERA)
     return pipeline.measure(Image(grey, "mono8"))
@@ -118,7 +118,7 @@ def letters(picture: np.ndarray) -> np.ndarray:
 def test_words_can_be_read_once_however_small_the_picture_is(width: int) -> None:
     picture = np.tile(np.array([[[90] * 3], [[200] * 3]], np.uint8), (width * 3 // 8, width, 1))
     before = picture.copy()
-    _text(picture, "the target touches the left border of the image, and this goes on")
+    _draw_text(picture, "the target touches the left border of the image, and this goes on")
     rows = np.flatnonzero((picture != before).any(axis=(1, 2)))
     assert rows[-1] == len(picture) - 1 and rows[0] >= len(picture) // 2 - 4
     # A light ground behind all of it, and one red on it: no border round the letters.

@@ -4,23 +4,23 @@ from __future__ import annotations
 
 import pytest
 
-from aras_visual_servo_base.settings import defaults
+from aras_visual_servo_base.settings import list_defaults
 from aras_visual_servo_camera.errors import ParameterError
 from aras_visual_servo_camera.parameters import VisionParameters
 
 
 def test_defaults_are_accepted() -> None:
-    given = defaults(VisionParameters)
+    given = list_defaults(VisionParameters)
     assert VisionParameters.from_mapping({}) == VisionParameters.from_mapping(given)
-    assert VisionParameters.from_mapping({}).settings.original_threshold == 250.0
+    assert VisionParameters.from_mapping({}).pipeline_settings.original_threshold == 250.0
 
 
 def test_values_arrive() -> None:
     parameters = VisionParameters.from_mapping(
         {"layout": "kernel", "threshold": 90, "desired_outline": [0, 0, 1, 0, 1, 1]}
     )
-    assert parameters.settings.layout == "kernel"
-    assert parameters.settings.segmentation.threshold == 90.0
+    assert parameters.pipeline_settings.layout == "kernel"
+    assert parameters.pipeline_settings.segmentation.threshold == 90.0
     assert parameters.desired_corners == ((0, 0), (1, 0), (1, 1))
 
 

@@ -12,7 +12,12 @@ from aras_visual_servo_camera.errors import CalibrationError, DegenerateFeatureE
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings, _unfit
+from aras_visual_servo_camera.pipeline import (
+    Pipeline,
+    PipelineSettings,
+    TargetDetection,
+    _explain_invalid,
+)
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import SegmentedTarget
 from aras_visual_servo_camera.undistortion import CameraModel
@@ -26,7 +31,7 @@ def view(seed: int, tilt: float = 0.1) -> View:
     return View(TARGET, R, np.array([*random.uniform(-0.03, 0.03, 2), random.uniform(0.18, 0.3)]))
 
 
-def measure(grey: np.ndarray, pipeline: Pipeline | None = None, **settings) -> Measurement:
+def measure(grey: np.ndarray, pipeline: Pipeline | None = None, **settings) -> TargetDetection:
     if pipeline is None:
         pipeline = Pipeline(PipelineSettings(**settings))
         pipeline.set_camera(CAMERA)
@@ -108,14 +113,14 @@ def with_box(row: int, column: int, height: int, width: int, level: int = 0) -> 
 def test_bad_targets_are_not_valid_and_say_why(grey, text: str, weighting: str) -> None:
     measured = measure(grey, weighting=weighting)
     assert not measured.valid and text in measured.reason
-    assert measured.moments is None or measured.target.borders
+    assert measured.moments is None or measured.target.touched_borders
 
 
 @pytest.mark.parametrize(("component", "words"), [
-    ("largest", "of 2 objects of target colour the largest is taken, 2400 pixels around column 20, "
+    ("largest", "of 2 objects of target colour the largest is used, 2400 pixels around column 20, "
                 "row 130"),
-    ("nearest", "of 2 objects of target colour the one nearest to where the target was is taken"),
-    ("all", "all of target colour is taken together"),
+    ("nearest", "of 2 objects of target colour the one nearest to the last target is used"),
+    ("all", "all pixels of target colour are used together"),
 ])  # fmt: skip
 def test_of_several_objects_is_said_which_is_the_target_and_why(component, words) -> None:
     grey = with_box(100, 0, 60, 40)
@@ -147,12 +152,12 @@ def test_a_line_is_told_by_its_slenderness_alone(scale: float, angle: float) -> 
     target = SegmentedTarget(white(), (10, 10, 20, 20), 400, 128.0)
     for width, is_line in ((1e-5, True), (1e-3, False)):
         bar = scale * np.array([[-1, -width], [1, -width], [1, width], [-1, width]]) @ turn.T
-        assert bool(_unfit(target, Moments.from_polygon(bar, 3))) is is_line
+        assert bool(_explain_invalid(target, Moments.from_polygon(bar, 3))) is is_line
 
 
 def test_target_at_the_border_keeps_its_moments_for_show() -> None:
     measured = measure(with_box(0, 100, 40, 40))
-    assert measured.target.borders == ("top",) and measured.moments is not None
+    assert measured.target.touched_borders == ("top",) and measured.moments is not None
 
 
 def test_without_camera_info() -> None:
@@ -160,7 +165,7 @@ def test_without_camera_info() -> None:
     measured = pipeline.measure(Image(with_box(100, 100, 30, 40), "mono8"))
     assert not measured.valid and "no camera_info" in measured.reason
     with pytest.raises(CalibrationError, match="no camera_info"):
-        pipeline.original(Image(with_box(100, 100, 30, 40), "mono8"))
+        pipeline.compute_original_data(Image(with_box(100, 100, 30, 40), "mono8"))
     pipeline.set_camera(CAMERA)
     assert pipeline.measure(Image(with_box(100, 100, 30, 40), "mono8")).valid
     pipeline.drop_camera("focal length is zero")
@@ -245,18 +250,21 @@ def test_original_arrays() -> None:
     grey = with_box(100, 100, 30, 40, level=249)  # only the original's threshold sees it
     pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(CAMERA)
-    numbers = pipeline.original(Image(grey, "mono8"))
+    numbers = pipeline.compute_original_data(Image(grey, "mono8"))
     assert numbers == pytest.approx([(114.5 - 119.5) / 188.04, (119.5 - 159.5) / 188.04, 1200, 0])
-    assert len(Pipeline(PipelineSettings(layout="kernel")).original(Image(grey, "mono8"))) == 20
+    assert (
+        len(Pipeline(PipelineSettings(layout="kernel")).compute_original_data(Image(grey, "mono8")))
+        == 20
+    )
     with pytest.raises(DegenerateFeatureError):
-        pipeline.original(Image(white(), "mono8"))
+        pipeline.compute_original_data(Image(white(), "mono8"))
 
 
 def test_original_mask_is_the_same_on_a_table_that_is_not_quite_white() -> None:
     pipeline = Pipeline(PipelineSettings())
     grey = grey_image(view(5).image, CAMERA.pinhole)
-    white = pipeline.original_mask(Image(grey, "mono8"))
+    white = pipeline.make_original_mask(Image(grey, "mono8"))
     assert 0 < (white > 0).mean() < 0.5
     for level in (233, 200):
         dim = np.rint(grey * (level / 255.0)).astype(np.uint8)
-        assert (pipeline.original_mask(Image(dim, "mono8")) == white).mean() > 0.9999
+        assert (pipeline.make_original_mask(Image(dim, "mono8")) == white).mean() > 0.9999

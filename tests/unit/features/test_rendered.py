@@ -10,7 +10,7 @@ import pytest
 from feature_cases import TARGET, rotation
 from feature_cases import View as Pose
 
-from aras_visual_servo_camera.features import PAPER, Reference
+from aras_visual_servo_camera.features import PAPER_FEATURES, Reference
 from aras_visual_servo_camera.features import compute_moment_features as compute
 from aras_visual_servo_camera.images import Image
 from aras_visual_servo_camera.moments import Moments
@@ -112,8 +112,8 @@ def fitted_slopes(function, at: Pose, reach: float = 0.05, count: int = 91) -> n
 def test_rows_of_a_picture_are_those_of_the_outline(renderer, seed: int) -> None:
     at = pose(seed)
     reference = Reference.from_moments(Moments.from_polygon(TARGET / 0.2), 0.2)
-    L = compute(measure(shown(renderer, at)), PAPER, at.plane, reference).L
-    exact = compute(Moments.from_polygon(at.image), PAPER, at.plane, reference).L
+    L = compute(measure(shown(renderer, at)), PAPER_FEATURES, at.plane, reference).L
+    exact = compute(Moments.from_polygon(at.image), PAPER_FEATURES, at.plane, reference).L
     assert (np.linalg.norm(L - exact, axis=1) <= 2e-3 * np.linalg.norm(exact, axis=1)).all()
 
 
@@ -122,10 +122,12 @@ def test_rows_against_a_moved_camera(renderer, seed: int) -> None:
     """L from one picture against pictures of a moved camera: within 2 % of the row's norm."""
     at = pose(seed)
     reference = Reference.from_moments(Moments.from_polygon(TARGET / 0.2), 0.2)
-    result = compute(measure(shown(renderer, at)), PAPER, at.plane, reference)
+    result = compute(measure(shown(renderer, at)), PAPER_FEATURES, at.plane, reference)
 
     def values(moved: Pose) -> np.ndarray:
-        s = compute(measure(shown(renderer, moved)), PAPER, moved.plane, reference).values.copy()
+        s = compute(
+            measure(shown(renderer, moved)), PAPER_FEATURES, moved.plane, reference
+        ).values.copy()
         s[3] = result["alpha"] + (s[3] - result["alpha"] + pi / 2) % pi - pi / 2
         return s
 

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_visual_servo_camera.coverage import coverage
+from aras_visual_servo_camera.coverage import compute_coverage
 from aras_visual_servo_camera.errors import SegmentationError
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.segmented_target import segment, threshold_image
@@ -46,7 +46,7 @@ def test_every_method_finds_the_target(settings: Segmentation) -> None:
     target = segment(grey, settings, np.repeat(grey[..., None], 3, axis=2))
     assert target.reason == "" and target.box == BIG and target.pixel_count == 300
     np.testing.assert_array_equal(target.mask != 0, grey < 128)
-    assert target.borders == ()
+    assert target.touched_borders == ()
 
 
 def test_otsu_follows_the_light() -> None:
@@ -88,23 +88,25 @@ def test_bright_target_on_dark_ground() -> None:
 def test_choice_of_the_component() -> None:
     grey = scene(BIG, SMALL)
     assert segment(grey, Segmentation(component="largest")).box == BIG
-    assert segment(grey, Segmentation(component="nearest"), previous=(10.0, 45.0)).box == SMALL
+    assert (
+        segment(grey, Segmentation(component="nearest"), previous_centre=(10.0, 45.0)).box == SMALL
+    )
     assert segment(grey, Segmentation(component="nearest")).box == BIG
     both = segment(grey, Segmentation(component="all"))
     assert both.pixel_count == 348 and both.box == (5, 20, 55, 26)
     region = np.zeros_like(grey)
     region[38:50, :40] = 255
-    assert segment(grey, Segmentation(component="mask"), region=region).box == SMALL
+    assert segment(grey, Segmentation(component="mask"), component_mask=region).box == SMALL
     region[:] = 0
-    lost = segment(grey, Segmentation(component="mask"), region=region)
+    lost = segment(grey, Segmentation(component="mask"), component_mask=region)
     assert lost.pixel_count == 0 and "inside the mask" in lost.reason
     with pytest.raises(SegmentationError, match="80 x 60"):
-        segment(grey, Segmentation(component="mask"), region=region[:10])
+        segment(grey, Segmentation(component="mask"), component_mask=region[:10])
 
 
 def test_specks_do_not_steal_the_nearest_target() -> None:
     grey = scene(BIG, (11, 45, 1, 1))
-    assert segment(grey, Segmentation(component="nearest"), previous=(10.0, 45.0)).box == BIG
+    assert segment(grey, Segmentation(component="nearest"), previous_centre=(10.0, 45.0)).box == BIG
 
 
 def test_other_components_leave_the_mask() -> None:
@@ -131,7 +133,7 @@ def test_holes_stay_holes() -> None:
 )
 def test_border_contact_is_reported(box, borders) -> None:
     target = segment(scene(box), Segmentation())
-    assert target.borders == borders and target.reason == ""
+    assert target.touched_borders == borders and target.reason == ""
 
 
 @pytest.mark.parametrize(
@@ -151,11 +153,11 @@ def test_unusable_targets_say_why(grey, text: str) -> None:
 
 def test_no_target_is_an_empty_box() -> None:
     target = segment(scene(), Segmentation())
-    assert (target.box, target.pixel_count, target.borders) == ((0, 0, 0, 0), 0, ())
+    assert (target.box, target.pixel_count, target.touched_borders) == ((0, 0, 0, 0), 0, ())
     assert cv2.countNonZero(target.mask) == 0
     region = np.zeros((60, 80), np.uint8)
-    target = segment(scene(BIG), Segmentation(component="mask"), region=region)
-    assert (target.box, target.pixel_count, target.borders) == ((0, 0, 0, 0), 0, ())
+    target = segment(scene(BIG), Segmentation(component="mask"), component_mask=region)
+    assert (target.box, target.pixel_count, target.touched_borders) == ((0, 0, 0, 0), 0, ())
 
 
 def test_methods_without_one_threshold_say_minus_one() -> None:
@@ -193,7 +195,7 @@ def test_coverage_of_a_soft_edge() -> None:
     grey = scene((20, 20, 20, 15), ground=200, target=20)
     grey[20:35, 40] = 65  # three quarters covered
     grey[20:35, 19] = 155  # one quarter
-    weights, corner, bg, fg = coverage(grey, segment(grey, Segmentation()))
+    weights, corner, bg, fg = compute_coverage(grey, segment(grey, Segmentation()))
     assert (bg, fg) == (200.0, 20.0)
     assert weights.sum() == pytest.approx(15 * 21)
     assert weights[20 - corner[1], 40 - corner[0]] == pytest.approx(0.75)
@@ -204,7 +206,7 @@ def test_noise_away_from_the_edge_has_no_say() -> None:
     random = np.random.default_rng(1)
     clean = scene(BIG, ground=220, target=30)
     noisy = np.clip(clean + random.normal(0, 5, clean.shape), 0, 255).astype(np.uint8)
-    weights, _, _, _ = coverage(noisy, segment(noisy, Segmentation()))
+    weights, _, _, _ = compute_coverage(noisy, segment(noisy, Segmentation()))
     band = (weights != 0) & (weights != 1)
     assert band.sum() < 5 * 2 * (20 + 15 + 4)
     assert weights.sum() == pytest.approx(300, rel=0.003)
@@ -213,12 +215,12 @@ def test_noise_away_from_the_edge_has_no_say() -> None:
 def test_coverage_needs_contrast() -> None:
     target = segment(scene(BIG), Segmentation())
     with pytest.raises(SegmentationError, match="no contrast"):
-        coverage(np.full((60, 80), 90, np.uint8), target)
+        compute_coverage(np.full((60, 80), 90, np.uint8), target)
 
 
 def test_one_grey_level_is_contrast_enough() -> None:
     grey = scene(BIG, ground=90, target=89)
-    weights, _, bg, fg = coverage(grey, segment(grey, Segmentation(threshold=89)))
+    weights, _, bg, fg = compute_coverage(grey, segment(grey, Segmentation(threshold=89)))
     assert (bg, fg) == (90.0, 89.0) and weights.sum() == pytest.approx(300)
 
 
@@ -238,12 +240,12 @@ def test_a_label_is_the_target_whatever_its_grey_and_however_many_its_pieces() -
     grey = shaded(BIG, 1.0, 105.0).astype(np.uint8)  # in its middle as light as the ground
     labelled = np.zeros((60, 80), np.uint8)
     labelled[20:35, 40:60] = labelled[5:9, 3:9] = 255
-    target = segment(grey, Segmentation("label"), labelled=labelled)
-    assert (target.pixel_count, target.component, target.uneven) == (300 + 24, "all", True)
+    target = segment(grey, Segmentation("label"), target_mask=labelled)
+    assert (target.pixel_count, target.component, target.is_uneven) == (300 + 24, "all", True)
     assert target.box == (3, 5, 57, 30)
     with pytest.raises(SegmentationError, match="needs the simulator's label image"):
         segment(grey, Segmentation("label"))
-    lost = segment(grey, Segmentation("label", label="box"), labelled=0 * labelled)
+    lost = segment(grey, Segmentation("label", label="box"), target_mask=0 * labelled)
     assert lost.reason == "no pixel of label 'box'"
 
 
@@ -256,8 +258,8 @@ def test_a_shaded_targets_edge_pixels_are_divided_by_the_levels_around_them() ->
     grey = np.round(grey).astype(np.uint8)
     labelled = np.zeros((60, 80), np.uint8)
     labelled[20:45, 20:41] = 255
-    target = segment(grey, Segmentation("label"), labelled=labelled)
-    weights, (left, top), bg, fg = coverage(grey, target)
+    target = segment(grey, Segmentation("label"), target_mask=labelled)
+    weights, (left, top), bg, fg = compute_coverage(grey, target)
     assert weights[32 - top, 40 - left] == pytest.approx(0.75, abs=0.02)
     assert weights[32 - top, 19 - left] == pytest.approx(0.25, abs=0.02)
     assert weights.sum() == pytest.approx(25 * 21, rel=2e-3)
@@ -268,7 +270,7 @@ def test_without_contrast_the_edge_is_the_masks() -> None:
     grey = np.full((60, 80), 90, np.uint8)
     labelled = np.zeros((60, 80), np.uint8)
     labelled[20:35, 40:60] = 255
-    weights, *_ = coverage(grey, segment(grey, Segmentation("label"), labelled=labelled))
+    weights, *_ = compute_coverage(grey, segment(grey, Segmentation("label"), target_mask=labelled))
     assert weights.sum() == 300.0 and set(np.unique(weights)) == {0.0, 1.0}
 
 

@@ -103,7 +103,7 @@ def test_a_pixel_counts_where_its_centre_and_corners_have_rays(model: str) -> No
     for own, wanted in ((table.x, x[0]), (table.y, y[0])):
         np.testing.assert_allclose(own.ravel(), np.where(area > 0.0, wanted, 0.0), rtol=1e-6)
     assert 0 < (area == 0.0).sum() < 2400
-    assert (camera.blind == (table.area == 0.0)).all()
+    assert (camera.blind_mask == (table.area == 0.0)).all()
 
 
 @pytest.mark.parametrize("centre", [(1.6, 0.1), (-0.1, -1.2)], ids=["right", "above"])
@@ -159,7 +159,7 @@ def test_variance_of_a_pixel_s_square(place: tuple[int, int]) -> None:
     table = PixelTables(x, y, np.full(x.shape, np.linalg.det(J)))
     variance = J @ J.T / 12.0
     expected = (variance[0, 0], variance[0, 1], variance[1, 1])
-    assert table.pixel_variance(*place) == pytest.approx(expected, rel=1e-12)
+    assert table.compute_pixel_variance(*place) == pytest.approx(expected, rel=1e-12)
 
 
 @pytest.mark.parametrize("camera", MODELS, ids=IDS)
@@ -211,7 +211,7 @@ def test_moments_through_a_lens_are_those_without(camera: CameraModel) -> None:
 
 def test_no_distortion_takes_the_short_way_and_agrees() -> None:
     plain = CameraModel(320, 240, K, (0.0,) * 5)
-    assert not plain.distorted
+    assert not plain.is_distorted
     nearly = CameraModel(320, 240, K, (1e-12, 0, 0, 0, 0))
     view = View(L_SHAPE, np.eye(3), np.array([0.02, 0.01, 0.5]))
     picture = Image(through(plain, view.image), "mono8")
@@ -243,7 +243,7 @@ def info(**changes):
 
 def test_reads_camera_info() -> None:
     assert CameraModel.from_message(info()).pinhole.fx == K[0]
-    assert CameraModel.from_message(info(D=[], distortion_model="")).distorted is False
+    assert CameraModel.from_message(info(D=[], distortion_model="")).is_distorted is False
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,12 @@ from feature_cases import L_SHAPE, TARGET, View, rotation
 
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import DENSE, Moments
-from aras_visual_servo_camera.orientation import Orientation, product, rotate_third, upright
+from aras_visual_servo_camera.orientation import (
+    Orientation,
+    compute_third_product,
+    compute_upright_moments,
+    rotate_third,
+)
 
 # What the expansion in powers of size over distance leaves, of third moments that reach 0.05.
 TOLERANCE = 1e-4
@@ -59,10 +64,12 @@ def test_a_tilted_view_is_turned_square_on(shape, make, turned: bool) -> None:
         seen = flipped(view) if turned else view
         exact, moments = make(square_on(seen)), make(seen.image)
         shrinking = 3.0 if moments.kind == DENSE else 0.0
-        mu = upright(moments.centred, *seen.plane, moments.xg, moments.yg, shrinking)
+        mu = compute_upright_moments(
+            moments.centred, *seen.plane, moments.xg, moments.yg, shrinking
+        )
         np.testing.assert_allclose(third(mu), third(exact.centred), atol=TOLERANCE)
         assert abs(remainder(axis(mu) - axis(exact.centred), pi)) < TOLERANCE
-        found = Orientation.of(moments, seen.plane)
+        found = Orientation.from_moments(moments, seen.plane)
         assert found.alpha == pytest.approx(axis(moments.centred), abs=1e-12)
         assert abs(remainder(found.upright_alpha - axis(exact.centred), pi)) < TOLERANCE
         np.testing.assert_allclose(found.third, third(exact.centred), atol=TOLERANCE)
@@ -74,12 +81,12 @@ def test_third_order_moments_turn_with_the_shape() -> None:
         before = third(Moments.from_polygon(L_SHAPE).centred)
         after = third(Moments.from_polygon(L_SHAPE @ turn.T).centred)
         np.testing.assert_allclose(rotate_third(tuple(before), angle), after, atol=1e-12)
-        size = product(tuple(before), tuple(before))
-        assert product(tuple(after), tuple(after)) == pytest.approx(size, rel=1e-12)
+        size = compute_third_product(tuple(before), tuple(before))
+        assert compute_third_product(tuple(after), tuple(after)) == pytest.approx(size, rel=1e-12)
 
 
 def test_no_orientation_without_third_order_or_main_axis() -> None:
     view = tilted(0, TARGET)
-    assert Orientation.of(Moments.from_polygon(view.image, 2), view.plane) is None
+    assert Orientation.from_moments(Moments.from_polygon(view.image, 2), view.plane) is None
     square = Moments.from_points([[-0.25, -0.25], [0.25, -0.25], [0.25, 0.25], [-0.25, 0.25]])
-    assert Orientation.of(square, Plane.fronto_parallel(0.5)) is None
+    assert Orientation.from_moments(square, Plane.fronto_parallel(0.5)) is None

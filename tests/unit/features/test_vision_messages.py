@@ -15,13 +15,13 @@ from std_msgs.msg import Header  # noqa: E402
 from aras_visual_servo_camera.errors import MomentsError, VisionError  # noqa: E402
 from aras_visual_servo_camera.images import Image  # noqa: E402
 from aras_visual_servo_camera.messages import (  # noqa: E402
-    array_message,
-    image_message,
-    moments_from_message,
-    moments_message,
-    outline_of,
+    make_array_message,
+    make_image_message,
+    make_moments_message,
+    read_moments_message,
+    read_outline_message,
 )
-from aras_visual_servo_camera.pipeline import Measurement, Pipeline, PipelineSettings  # noqa: E402
+from aras_visual_servo_camera.pipeline import Pipeline, PipelineSettings, TargetDetection  # noqa: E402
 from aras_visual_servo_camera.undistortion import CameraModel  # noqa: E402
 
 CAMERA = CameraModel(80, 60, (70.0, 0, 39.5, 0, 71.0, 29.5, 0, 0, 1), (0.1, 0, 0, 0, 0))
@@ -34,7 +34,7 @@ def generated(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "aras_visual_servo_camera.msg", stand_in)
 
 
-def measured(column: int = 20, camera: CameraModel | None = CAMERA) -> Measurement:
+def measured(column: int = 20, camera: CameraModel | None = CAMERA) -> TargetDetection:
     grey = np.full((60, 80), 255, np.uint8)
     grey[10:30, column : column + 10] = 0
     pipeline = Pipeline(PipelineSettings(weighting="binary"))
@@ -45,7 +45,7 @@ def measured(column: int = 20, camera: CameraModel | None = CAMERA) -> Measureme
 
 def test_a_measurement_arrives_as_it_was_sent() -> None:
     measurement = measured()
-    message = moments_message(measurement, HEADER, "fixed")
+    message = make_moments_message(measurement, HEADER, "fixed")
     assert message.header is HEADER and message.segmentation == "fixed"
     assert message.valid is True and message.reason == "" and message.touches_border is False
     assert (message.pixel_count, message.threshold, message.order) == (200, 128.0, 6)
@@ -53,26 +53,26 @@ def test_a_measurement_arrives_as_it_was_sent() -> None:
     assert message.distortion_model == "plumb_bob"
     assert tuple(message.K + message.D) == (*CAMERA.K, *CAMERA.D)
     assert len(message.K) == 9
-    back = moments_from_message(message)
+    back = read_moments_message(message)
     np.testing.assert_array_equal(back.m_array, measurement.moments.m_array)
     np.testing.assert_array_equal(back.mu_array, measurement.moments.mu_array)
 
 
 def test_without_camera_there_are_neither_moments_nor_intrinsics() -> None:
-    message = moments_message(measured(camera=None), HEADER, "otsu")
+    message = make_moments_message(measured(camera=None), HEADER, "otsu")
     assert message.valid is False and "no camera_info" in message.reason
     assert not {"m", "mu", "order", "K", "D", "width", "distortion_model"} & set(vars(message))
     with pytest.raises(MomentsError, match="gave no moments: no camera_info"):
-        moments_from_message(message)
+        read_moments_message(message)
 
 
 def test_a_border_is_told() -> None:
-    message = moments_message(measured(column=0), HEADER, "fixed")
+    message = make_moments_message(measured(column=0), HEADER, "fixed")
     assert message.touches_border is True and "left border" in message.reason
 
 
 def test_numbers_of_the_original() -> None:
-    message = array_message([1.0, 2.5, -3.0])
+    message = make_array_message([1.0, 2.5, -3.0])
     (dimension,) = message.layout.dim
     assert message.data == [1.0, 2.5, -3.0]
     assert (dimension.label, dimension.size, dimension.stride) == ("features", 3, 3)
@@ -83,28 +83,28 @@ def test_pictures_are_sent_row_by_row(encoding: str, channels: int) -> None:
     shape = (4, 5) if channels == 1 else (4, 5, channels)
     wide = np.arange(2 * np.prod(shape), dtype=np.uint8).reshape(4, 10, *shape[2:])
     pixels = wide[:, ::2]  # not contiguous
-    message = image_message(pixels, encoding, HEADER)
+    message = make_image_message(pixels, encoding, HEADER)
     assert (message.height, message.width, message.step) == (4, 5, 5 * channels)
     assert message.encoding == encoding and message.header is HEADER
     assert message.data == pixels.tobytes()
 
 
 def test_a_desired_outline_is_read_as_it_was_sent() -> None:
-    from aras_visual_servo_controller.ros.goal_topics import outline_message
+    from aras_visual_servo_controller.ros.goal_topics import make_outline_message
 
     corners = np.array([[0.1, 0.2], [-0.3, 0.4], [0.5, -0.25]])
-    message = outline_message(corners, "camera_optical_frame")
+    message = make_outline_message(corners, "camera_optical_frame")
     assert message.header.frame_id == "camera_optical_frame"
     assert [point.z for point in message.polygon.points] == [1.0, 1.0, 1.0]
-    np.testing.assert_allclose(outline_of(message), corners, atol=1e-7)
-    assert outline_of(outline_message(np.zeros((0, 2)), "")) == ()
+    np.testing.assert_allclose(read_outline_message(message), corners, atol=1e-7)
+    assert read_outline_message(make_outline_message(np.zeros((0, 2)), "")) == ()
 
 
 @pytest.mark.parametrize("corners", [
     [[0.0, 0.0], [1.0, 0.0]], [[0.0, 0.0], [1.0, 0.0], [float("nan"), 1.0]]
 ])  # fmt: skip
 def test_an_outline_that_is_none_is_refused(corners: list[list[float]]) -> None:
-    from aras_visual_servo_controller.ros.goal_topics import outline_message
+    from aras_visual_servo_controller.ros.goal_topics import make_outline_message
 
     with pytest.raises(VisionError, match="fewer than three corners, or not finite"):
-        outline_of(outline_message(np.array(corners), ""))
+        read_outline_message(make_outline_message(np.array(corners), ""))

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 
 # m and rad at the end; the ten come to 0.05 mm and 0.03 degrees. Where edges lie along rows of
 # pixels, as at 2016's goal, alpha errs most: by 1.5 mrad, would it not be known which side of a
@@ -15,7 +15,7 @@ MOVED = {"camera_xyz": (0.0, 0.03, 0.0), "camera_rpy": (0.0, 0.1745, 0.0)}
 
 def commanded_speed(run):
     """Greatest speed (j,) at which position commands moved, rad/s or m/s."""
-    moved = np.diff(run.commanded, axis=0) / np.diff(run.joint_stamp)[:, None]
+    moved = np.diff(run.joint_commands, axis=0) / np.diff(run.joint_stamp)[:, None]
     known = moved[np.isfinite(moved).all(axis=1)]
     return np.abs(known).max(axis=0, initial=0.0)
 
@@ -25,12 +25,12 @@ def commanded_speed(run):
     ("noisy", "2015"),
 ])  # fmt: skip
 def test_settles_at_the_goal(camera, start):
-    result = run(Experiment(camera=camera, start=start, reached=NEAR, traced=True))
+    result = run(Experiment(camera=camera, start=start, reached=NEAR, record_peak_speeds=True))
     # Noise of 233 levels' contrast leaves a little more open than the word alone would say.
     noisy = {"converged up to 0.4 mm"} if camera == "noisy" else set()
     assert result.outcome in {"converged"} | noisy
-    assert result.verdict.reached, result.verdict
-    assert result.settled() <= 1.05
+    assert result.verdict.is_reached, result.verdict
+    assert result.compute_settling_time() <= 1.05
     commanded = commanded_speed(result)
     moved = commanded > 0.02
     assert moved.any()
@@ -40,8 +40,8 @@ def test_settles_at_the_goal(camera, start):
 def test_settles_at_the_goal_with_a_camera_moved_and_tilted():
     result = run(Experiment(start="2016", **MOVED))
     assert result.outcome == "converged"
-    assert result.verdict.reached, result.verdict
-    assert result.settled(floor=(3e-4, np.radians(0.2))) <= 1.3
+    assert result.verdict.is_reached, result.verdict
+    assert result.compute_settling_time(floor=(3e-4, np.radians(0.2))) <= 1.3
 
 
 def test_a_run_repeats_bit_by_bit():
@@ -51,7 +51,7 @@ def test_a_run_repeats_bit_by_bit():
         for between in ({}, {"start": "2015", "scheme": "points", **MOVED}, {})
     )
     np.testing.assert_array_equal(one.true_pose, two.true_pose)
-    np.testing.assert_array_equal(one.measured, two.measured)
+    np.testing.assert_array_equal(one.measured_positions, two.measured_positions)
     np.testing.assert_array_equal(one.error, two.error)
     other = run(Experiment(camera="noisy", duration=0.5, seed=4))
     assert not np.array_equal(one.error, other.error)

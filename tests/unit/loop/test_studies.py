@@ -6,16 +6,16 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.commands.running import study_file
-from aras_visual_servo_bench.numbers import decay, metrics
+from aras_visual_servo_bench.cli.run import find_study_file
+from aras_visual_servo_bench.metrics import decay, metrics
 from aras_visual_servo_bench.recording.run import Run
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study import provoked
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies import failure_injection
+from aras_visual_servo_bench.studies.study import Study
 
 
 def shipped(name):
-    return Study.from_yaml(study_file(Path(name)))
+    return Study.from_yaml(find_study_file(Path(name)))
 
 
 def fitted(stamp: np.ndarray, error: np.ndarray) -> float:
@@ -28,11 +28,11 @@ def fitted(stamp: np.ndarray, error: np.ndarray) -> float:
 def test_features_decay_as_gain_and_delay_predict():
     study = shipped("decay")
     gain = 2.0
-    (point,) = (p for p in range(study.points) if study.settings(p)["gain"] == gain)
-    result: Run = run(study.experiment_of(point))
-    rate = metrics.find("decay_predicted").measure(result)
+    (point,) = (p for p in range(study.point_count) if study.make_settings(p)["gain"] == gain)
+    result: Run = run(study.make_experiment(point))
+    rate = metrics.find_metric("decay_predicted").measure(result)
     assert rate > gain
-    assert metrics.find("decay_rate").measure(result) == pytest.approx(rate, rel=0.05)
+    assert metrics.find_metric("decay_rate").measure(result) == pytest.approx(rate, rel=0.05)
     for i, name in enumerate(result.names):
         assert fitted(result.stamp, result.error[:, i]) == pytest.approx(rate, rel=0.05), name
 
@@ -58,9 +58,12 @@ def test_the_prediction_is_that_of_a_simulated_delay():
 
 @pytest.mark.parametrize("number", range(2))
 def test_loop_and_physics_agree_from_any_start(number):
-    result = run(shipped("starts").experiment_of(number).with_(plant="chain"))
-    assert metrics.find("contradicts").measure(result) == 0.0, (result.outcome, result.verdict)
-    assert result.verdict.reached
+    result = run(shipped("starts").make_experiment(number).with_changes(plant="chain"))
+    assert metrics.find_metric("contradicts").measure(result) == 0.0, (
+        result.outcome,
+        result.verdict,
+    )
+    assert result.verdict.is_reached
 
 
 def test_every_failure_of_the_study_is_provoked_by_itself():
@@ -73,14 +76,14 @@ def test_every_failure_of_the_study_is_provoked_by_itself():
 
 def test_a_broken_scheme_raises_at_every_image():
     with pytest.raises(RuntimeError, match="on purpose"):
-        provoked.Broken.compute(None, None, None, 0.0)
-    assert provoked.Dependent.directions == (True,) * 6  # what its L cannot
+        failure_injection.RaisingScheme.compute(None, None, None, 0.0)
+    assert failure_injection.RankDeficientFeature.directions == (True,) * 6  # what its L cannot
 
 
 def test_the_contrary_feature_is_at_its_goal_nowhere():
     seen = SimpleNamespace(moments=SimpleNamespace(xg=0.14, yg=-0.17, m00=4e-4))
     goal = SimpleNamespace(moments=SimpleNamespace(xg=0.1, yg=-0.2, m00=1e-4), depth=0.6)
-    found = provoked.Contrary().measure(seen, goal)
+    found = failure_injection.ConflictingFeature().measure(seen, goal)
     np.testing.assert_allclose(found.error, [0.04, 0.03, 0.27])
     np.testing.assert_allclose(found.s - found.desired, found.error)
     along, across, both = found.L
@@ -96,5 +99,5 @@ def test_the_contrary_feature_is_at_its_goal_nowhere():
 def test_a_provoked_failure_is_named(failure):
     study = shipped("failures")
     names = [case.names["failure"] for case in study.combinations]
-    result = run(study.experiment_of(study.repeats * names.index(failure) + 1))
+    result = run(study.make_experiment(study.repeats * names.index(failure) + 1))
     assert result.outcome == failure, result.reason

@@ -9,11 +9,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import engine
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies import engine
+from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 STUDY = Study.from_mapping({
     "experiment": {"plant": "free", "duration": 0.1, "lag": 0.0},
@@ -23,7 +23,7 @@ STUDY = Study.from_mapping({
 
 
 def carry_out(folder):
-    engine.carry_out(folder, ThisProcess(), Progress(STUDY.runs, out=io.StringIO()))
+    engine.carry_out(folder, InProcessPool(), Progress(STUDY.run_count, out=io.StringIO()))
 
 
 def rows(path):
@@ -34,7 +34,7 @@ def rows(path):
 @pytest.fixture(scope="module")
 def whole(tmp_path_factory):
     path = tmp_path_factory.mktemp("study") / "whole"
-    carry_out(Folder.create(path, STUDY, ""))
+    carry_out(StudyFolder.create(path, STUDY, ""))
     return path
 
 
@@ -62,11 +62,11 @@ def test_it_goes_on_to_the_same_bytes(whole, data, tmp_path):
             (part.parent / f".{part.name}.new").write_bytes(content[:100])
     left, right = rows(cut), rows(whole)
     wrong = {part.name for part in parts if left.get(part.name) != right[part.name]}
-    made = Folder.open(cut)
-    assert {made.part(k).name for k in made.missing()} == wrong
+    made = StudyFolder.open(cut)
+    assert {made.find_part(k).name for k in made.find_missing_chunks()} == wrong
     if wrong & left.keys():
-        with pytest.raises(StudyError, match="is not as it was written"):
-            Folder.open(cut).results()
+        with pytest.raises(StudyError, match="was changed since it was written"):
+            StudyFolder.open(cut).read_results()
     carry_out(made)
     assert rows(cut) == rows(whole)
-    assert Folder.open(cut).results()["run"].to_pylist() == list(range(STUDY.runs))
+    assert StudyFolder.open(cut).read_results()["run"].to_pylist() == list(range(STUDY.run_count))

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from aras_visual_servo_bench.errors import RefusedError
 from aras_visual_servo_bench.web.access import Access
 from aras_visual_servo_bench.web.live.requests import (
-    CHOSEN,
+    CHOICE_FIELDS,
     REQUESTS,
     read_request,
 )
@@ -33,14 +33,14 @@ LOCAL = {name + ":8080" for name in ("127.0.0.1", "localhost", "LOCALHOST")} | {
 def test_who_is_answered_has_the_token_and_this_machine_s_name(host, origin, token):
     access = Access("127.0.0.1", 8080, "right")
     own = origin is None or origin.startswith("http://") and origin[7:] in LOCAL
-    assert (access.refusal(token, host, origin) == "") == (
+    assert (access.refusal_reason(token, host, origin) == "") == (
         token == "right" and host in LOCAL and own)
 
 
 @given(HOSTS)
 def test_where_all_may_come_in_no_foreign_name_does(host):
     """Addresses alone, and this machine's own name."""
-    answered = Access("0.0.0.0", 8080, "right").refusal("right", host, None) == ""
+    answered = Access("0.0.0.0", 8080, "right").refusal_reason("right", host, None) == ""
     name = host.rpartition(":")[0]
     if answered:
         assert name.lower() == "localhost" or "." in name or name.startswith("[")
@@ -54,7 +54,9 @@ JUNK = st.recursive(
     max_leaves=6,
 )  # fmt: skip
 FIELDS = sorted({name for kind in REQUESTS.values() for name in kind.__dataclass_fields__})
-CHOICES = {kind: ("moments", "2015") for chosen in CHOSEN.values() for kind in chosen.values()}
+CHOICES = {
+    kind: ("moments", "2015") for chosen in CHOICE_FIELDS.values() for kind in chosen.values()
+}
 
 
 @settings(max_examples=250)
@@ -69,11 +71,11 @@ def test_what_is_carried_out_was_asked_for_within_its_bounds(do, fields):
         assert "\n" not in str(error) and len(str(error)) < 400
         return
     assert request.do == do in REQUESTS
-    for name, value in request.given.items():
+    for name, value in request.arguments.items():
         rules = REQUESTS[do].__dataclass_fields__[name].metadata
         if isinstance(value, float):
             assert rules["least"] <= value <= rules["most"]
-        if name in CHOSEN.get(do, {}):
+        if name in CHOICE_FIELDS.get(do, {}):
             assert value in ("moments", "2015")
 
 

@@ -14,7 +14,7 @@ ANGLES = st.floats(-math.pi, math.pi) | st.sampled_from([0.0, math.pi / 2, -math
 TINY = st.sampled_from([0.0, 1e-12, -1e-9, 1e-7, 1e-5, 1e-3])
 PLACES = st.tuples(*[st.floats(-5.0, 5.0)] * 3)
 TURNS = st.tuples(ANGLES, ANGLES, ANGLES)
-POSES = st.builds(poses.transform, PLACES, TURNS)
+POSES = st.builds(poses.matrix_from_xyz_rpy, PLACES, TURNS)
 
 
 @st.composite
@@ -30,7 +30,7 @@ def rotation_vectors(draw):
 @given(POSES, POSES, POSES)
 def test_frames_compose(a, b, c):
     np.testing.assert_allclose(poses.inverse(a) @ a, np.eye(4), atol=1e-12)
-    np.testing.assert_allclose(poses.relative(a, b), np.linalg.inv(a) @ b, atol=1e-12)
+    np.testing.assert_allclose(poses.relative_pose(a, b), np.linalg.inv(a) @ b, atol=1e-12)
     straight = poses.pose_difference(a, c)
     over_b = np.add(poses.pose_difference(a, b), poses.pose_difference(b, c))
     assert (np.array(straight) <= over_b + 1e-7).all()
@@ -41,14 +41,14 @@ def test_frames_compose(a, b, c):
 @example((1.0, 2.0, 3.0), (0.3, math.pi / 2, -0.4))
 @example((1.0, 2.0, 3.0), (0.3, -math.pi / 2, 2.5))
 def test_roll_pitch_yaw_come_back_as_the_same_attitude(xyz, rpy):
-    pose = poses.transform(xyz, rpy)
+    pose = poses.matrix_from_xyz_rpy(xyz, rpy)
     np.testing.assert_allclose(
         pose[:3, :3], Rotation.from_euler("xyz", rpy).as_matrix(), atol=1e-14)
-    place, angles = poses.to_xyz_rpy(pose)
+    place, angles = poses.xyz_rpy_from_matrix(pose)
     assert tuple(place) == xyz
-    np.testing.assert_allclose(poses.transform(place, angles), pose, atol=1e-7)
+    np.testing.assert_allclose(poses.matrix_from_xyz_rpy(place, angles), pose, atol=1e-7)
     if abs(abs(rpy[1]) - math.pi / 2) > 1e-3:
-        np.testing.assert_allclose(poses.transform(place, angles), pose, atol=1e-12)
+        np.testing.assert_allclose(poses.matrix_from_xyz_rpy(place, angles), pose, atol=1e-12)
 
 
 @given(TURNS, PLACES)

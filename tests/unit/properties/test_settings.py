@@ -7,22 +7,23 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError, StudyError
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.studies.study import Study
 
 WHOLE = {
     "plant": "chain", "lag": 0.05, "duration": 2.5, "gain": 3.0, "law": "pi", "scheme": "points",
     "target": {"shape": "square", "size": [0.06, 0.04], "pose": [0.1, 0.0, 0.6, 0.1, 0.0, 0.3],
                "occluder": [[0.0, 0.01], [0.02, 0.03]], "occluded": [[1.0, 1.5]],
                "motion": {"velocity": [0.01, 0.0, 0.0, 0.0, 0.0, 0.1]}},
-    "camera": "wide", "believed": {"focal": 1.02}, "jitter": 0.5, "delay": 0.02, "seed": 7,
+    "camera": "wide", "calibration_offset": {"focal": 1.02}, "jitter": 0.5, "delay": 0.02,
+    "seed": 7,
     "start": {"height": [0.2, 0.3], "side": 0.05}, "goal": [0.1, 0.0, -0.1, 0.05, 0.05, 0.0],
-    "options": {"smoothing": 0.1}, "reached": [0.001, 0.01],
+    "controller_parameters": {"smoothing": 0.1}, "reached": [0.001, 0.01],
 }  # fmt: skip
 JUNK = st.recursive(
     st.none() | st.booleans() | st.integers(-3, 10**30) | st.floats() | st.text(max_size=5)
-    | st.sampled_from(["bullet", "pictures", "square", "none"]),
+    | st.sampled_from(["bullet", "images", "square", "none"]),
     lambda inner: st.lists(inner, max_size=6)
     | st.dictionaries(st.text(max_size=4) | st.integers(), inner, max_size=3),
     max_leaves=7,
@@ -62,7 +63,7 @@ def test_an_experiment_is_made_or_the_key_is_named(place, junk):
     except ExperimentError as error:
         is_one_line_that_names(error, place)
         return
-    assert made.with_() == made
+    assert made.with_changes() == made
     given = replaced(WHOLE, place, junk)
     given.pop("seed", None)  # a study has its own
     study = Study.from_mapping({"experiment": given, "vary": {"gain": [1.0, 2.0]}})
@@ -94,10 +95,10 @@ def test_a_study_is_made_or_the_key_is_named(place, junk):
     except StudyError as error:
         is_one_line_that_names(error, place)
         return
-    assert made.runs >= 1
+    assert made.run_count >= 1
     assert Study.from_mapping(made.to_mapping()).digest == made.digest
 
 
 def test_what_is_replaced_in_is_itself_right():
     Experiment.from_mapping(WHOLE)
-    assert Study.from_mapping(STUDY).runs == 12
+    assert Study.from_mapping(STUDY).run_count == 12

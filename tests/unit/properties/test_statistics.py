@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from aras_visual_servo_bench.numbers import statistics
+from aras_visual_servo_bench.metrics import statistics
 
 NUMBERS = st.floats(-1e6, 1e6) | st.just(math.nan) | st.integers(-3, 3).map(float)
 SAMPLES = st.lists(NUMBERS, max_size=25)

@@ -8,8 +8,13 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import variations
-from aras_visual_servo_bench.study.variations import BLOCK, Axis, drawn, variation
+from aras_visual_servo_bench.studies import variations
+from aras_visual_servo_bench.studies.variations import (
+    SOBOL_BLOCK,
+    Axis,
+    draw_values,
+    parse_variation,
+)
 
 ENDS = st.tuples(st.floats(-1e3, 1e3), st.floats(1e-3, 1e3)).map(lambda t: (t[0], t[0] + t[1]))
 DRAWS = {
@@ -21,14 +26,14 @@ DRAWS = {
 
 
 @given(st.sampled_from(sorted(DRAWS)), st.data(), st.sampled_from(["random", "sobol"]),
-       st.integers(0, 2**31), st.integers(0, 3 * BLOCK))  # fmt: skip
+       st.integers(0, 2**31), st.integers(0, 3 * SOBOL_BLOCK))  # fmt: skip
 def test_a_number_is_drawn_from_its_range(kind, data, sampling, entropy, sample):
     low, high = data.draw(DRAWS[kind])
-    draw = variation("gain", {kind: [low, high]})
-    found = drawn([draw], sampling, entropy, sample)["gain"]
+    draw = parse_variation("gain", {kind: [low, high]})
+    found = draw_values([draw], sampling, entropy, sample)["gain"]
     assert low - 1e-9 * abs(low) <= found <= high + 1e-9 * abs(high)
     assert (type(found) is int) == (kind == "integers")
-    assert drawn([draw], sampling, entropy, sample) == {"gain": found}
+    assert draw_values([draw], sampling, entropy, sample) == {"gain": found}
     assert draw.value(0.0) == pytest.approx(low) and draw.value(1.0) == pytest.approx(high)
     assert draw.ends == (low, high)
 
@@ -37,38 +42,40 @@ def test_a_number_is_drawn_from_its_range(kind, data, sampling, entropy, sample)
 @given(st.integers(0, 2**31), st.integers(1, 4), st.integers(0, 4))
 def test_sobol_points_are_spread_and_never_come_again(entropy, dimensions, part):
     """Of 256 in a row each lies in a stratum of its own, over the ends of blocks too."""
-    draws = [variation(f"k{d}", {"uniform": [0.0, 1.0]}) for d in range(dimensions)]
+    draws = [parse_variation(f"k{d}", {"uniform": [0.0, 1.0]}) for d in range(dimensions)]
     first = 256 * (part + 1)
     points = np.array([
-        list(drawn(draws, "sobol", entropy, first + k).values()) for k in range(256)
+        list(draw_values(draws, "sobol", entropy, first + k).values()) for k in range(256)
     ])
     for column in points.T:
         assert sorted((256 * column).astype(int)) == list(range(256))
-    later = drawn(draws, "sobol", entropy, first + 2 * BLOCK)
+    later = draw_values(draws, "sobol", entropy, first + 2 * SOBOL_BLOCK)
     assert not any(np.allclose(list(later.values()), point, atol=1e-12) for point in points)
 
 
 def test_a_normal_ends_somewhere(monkeypatch):
     """Though Sobol's points may begin at 0."""
-    monkeypatch.setattr(variations, "_sobol", lambda *key: np.zeros((BLOCK, key[0])))
-    found = drawn([variation("gain", {"normal": [3.0, 0.5]})], "sobol", 0, 7)["gain"]
+    monkeypatch.setattr(
+        variations, "_make_sobol_points", lambda *key: np.zeros((SOBOL_BLOCK, key[0]))
+    )
+    found = draw_values([parse_variation("gain", {"normal": [3.0, 0.5]})], "sobol", 0, 7)["gain"]
     assert found == pytest.approx(3.0 - 0.5 * 7.03, abs=0.01)  # what is less often than 1e-12
 
 
 @given(st.integers(0, 2**31), st.integers(1, 8), st.integers(0, 500), st.integers(0, 500))
 def test_samples_and_keys_are_drawn_apart(entropy, count, one, other):
-    draws = [variation(f"k{d}", {"uniform": [0.0, 1.0]}) for d in range(count)]
-    found = drawn(draws, "random", entropy, one)
+    draws = [parse_variation(f"k{d}", {"uniform": [0.0, 1.0]}) for d in range(count)]
+    found = draw_values(draws, "random", entropy, one)
     assert list(found) == [draw.key for draw in draws]
     assert len(set(found.values())) == count
     if one != other:
-        assert set(found.values()).isdisjoint(drawn(draws, "random", entropy, other).values())
+        assert set(found.values()).isdisjoint(draw_values(draws, "random", entropy, other).values())
 
 
 @settings(max_examples=25)
 @given(st.lists(st.text(max_size=3), min_size=1, max_size=7), st.floats(0.0, 1.0))
 def test_a_choice_is_one_of_its_values_and_each_has_its_share(values, u):
-    draw = variation("scheme", {"choice": values})
+    draw = parse_variation("scheme", {"choice": values})
     assert draw.value(u) == values[min(int(u * len(values)), len(values) - 1)]
     assert draw.value(1.0) == values[-1]
     shares = [draw.value((k + 0.5) / len(values)) for k in range(len(values))]
@@ -78,7 +85,7 @@ def test_a_choice_is_one_of_its_values_and_each_has_its_share(values, u):
 @given(st.sampled_from(["linear", "log"]), st.floats(0.01, 50.0), st.floats(0.01, 50.0),
        st.integers(2, 40))  # fmt: skip
 def test_spacings_are_even(kind, first, last, count):
-    axis = variation("gain", {kind: [first, last, count]})
+    axis = parse_variation("gain", {kind: [first, last, count]})
     values = np.array(axis.values)
     assert isinstance(axis, Axis) and len(values) == count
     assert (values[0], values[-1]) == pytest.approx((first, last))
@@ -99,7 +106,7 @@ JUNK = st.recursive(
 @given(JUNK)
 def test_whatever_is_written_there_is_a_variation_or_one_line_that_names_it(junk):
     try:
-        found = variation("some.key", junk)
+        found = parse_variation("some.key", junk)
     except StudyError as error:
         assert "vary.some.key" in str(error) and "\n" not in str(error)
         return

@@ -219,7 +219,7 @@ def test_a_recorder_does_not_start_on_a_full_disk():
 
 @pytest.mark.parametrize(("script", "words"), [
     ("trap 'exit 0' INT; while :; do sleep 0.1; done", "recorded until then is in the bag"),
-    ("trap 'exit 3' INT; while :; do sleep 0.1; done", "rosbag reindex BAG.active recovers what"),
+    ("trap 'exit 3' INT; while :; do sleep 0.1; done", "rosbag reindex BAG.active recovers the"),
 ])  # fmt: skip
 def test_a_recorder_ends_before_its_disk_is_full(tmp_path, monkeypatch, capfd, script, words):
     """What it has to write then has room: a file without a name is kept for it until then."""
@@ -268,7 +268,7 @@ def test_rviz_shows_the_robot_its_frames_the_images_and_the_run():
 
 
 @pytest.mark.parametrize(("display", "why"), [
-    ("", "DISPLAY is not set"), (":4711", "nobody answers on display :4711"),
+    ("", "DISPLAY is not set"), (":4711", "no X server answers on display :4711"),
 ])  # fmt: skip
 def test_without_a_display_rviz_says_so_and_the_run_goes_on(display, why):
     done = subprocess.run(
@@ -277,7 +277,7 @@ def test_without_a_display_rviz_says_so_and_the_run_goes_on(display, why):
         timeout=20, check=False,
     )  # fmt: skip
     assert done.returncode == 0
-    assert done.stderr == f"show_rviz: no window: {why}; the run goes on without it\n"
+    assert done.stderr == f"show_rviz: rviz is not started: {why}; the run continues without it\n"
 
 
 def test_rviz_is_shown_where_there_is_a_display(tmp_path):

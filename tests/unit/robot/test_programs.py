@@ -53,13 +53,13 @@ def target(monkeypatch):
 
 
 def test_targets_that_ship_are_told_as_they_are_and_made_in_other_sizes(target, tmp_path):
-    assert {"aras", "four_dots", "l_shape"} <= set(target.names())
+    assert {"aras", "four_dots", "l_shape"} <= set(target.list_names())
     shipped = (PACKAGE / "targets" / "four_dots.urdf").read_text()
-    assert target.described("four_dots", None, tmp_path) == shipped
+    assert target.describe("four_dots", None, tmp_path) == shipped
     seen = set()
     for name, size in (("four_dots", (0.2, 0.15)), ("four_dots", (0.15, 0.2)),
                        ("box", (0.08, 0.05, 0.03)), ("l_shape", (0.2, 0.15))):  # fmt: skip
-        words = eval(target.described(name, size, tmp_path))
+        words = eval(target.describe(name, size, tmp_path))
         folder = words[words.index("--out") + 1]
         assert folder.startswith(f"{tmp_path}/")
         lengths = [str(length) for length in size]
@@ -74,28 +74,28 @@ def test_a_target_of_a_file(target, tmp_path):
     outline.write_text("<svg/>")
     other = tmp_path / "mine.xml"
     other.write_text("<robot name='x'/>")
-    assert target.described(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
+    assert target.describe(str(other), (0.1, 0.2), tmp_path) == "<robot name='x'/>"
     mesh = tmp_path / "MINE.STL"
     mesh.touch()
-    sized = eval(target.described(str(mesh), (0.3, 0.2, 0.1), tmp_path))
+    sized = eval(target.describe(str(mesh), (0.3, 0.2, 0.1), tmp_path))
     assert sized[-4:] == ["--size", "0.3", "0.2", "0.1"]
-    assert eval(target.described(str(mesh), None, tmp_path, 0.001))[-2:] == ["--scale", "0.001"]
-    assert target.described(str(urdf), None, tmp_path) == "<robot/>"
-    words = eval(target.described(str(outline), None, tmp_path))
+    assert eval(target.describe(str(mesh), None, tmp_path, 0.001))[-2:] == ["--scale", "0.001"]
+    assert target.describe(str(urdf), None, tmp_path) == "<robot/>"
+    words = eval(target.describe(str(outline), None, tmp_path))
     assert words[0] == str(outline) and "--size" not in words  # its own
 
 
 @pytest.mark.parametrize("name", ["cross", "my_package.shapes:Cross"])
 def test_a_shape_that_does_not_ship_is_made(target, tmp_path, name):
-    words = eval(target.described(name, None, tmp_path))
+    words = eval(target.describe(name, None, tmp_path))
     assert words[0] == name and "--size" not in words
-    assert eval(target.described(name, (0.3, 0.2, 0.1), tmp_path))[-3:] == ["0.3", "0.2", "0.1"]
+    assert eval(target.describe(name, (0.3, 0.2, 0.1), tmp_path))[-3:] == ["0.3", "0.2", "0.1"]
 
 
 def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
     path = tmp_path / "photo.png"
     cv2.imwrite(str(path), np.zeros((3, 4, 3), np.uint8))
-    robot = ElementTree.fromstring(target.described(str(path), (0.2, 0.15), tmp_path))
+    robot = ElementTree.fromstring(target.describe(str(path), (0.2, 0.15), tmp_path))
     assert robot.get("name") == "target" and robot.find("gazebo/static").text == "true"
     mesh = Path(robot.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
     lines = [line.split() for line in mesh.read_text().splitlines()]
@@ -113,9 +113,9 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
         for i, j in face:  # x is to the right in the picture and y up
             assert vt[j - 1] == pytest.approx([0.5 + v[i - 1, 0] / 0.2, 0.5 + v[i - 1, 1] / 0.15])
     assert area == pytest.approx([0.0, 0.0, 0.2 * 0.15])
-    again = ElementTree.fromstring(target.described(str(path), (0.2, 0.15), tmp_path))
+    again = ElementTree.fromstring(target.describe(str(path), (0.2, 0.15), tmp_path))
     assert ElementTree.tostring(again) == ElementTree.tostring(robot)
-    small = ElementTree.fromstring(target.described(str(path), None, tmp_path / "new" / "folder"))
+    small = ElementTree.fromstring(target.describe(str(path), None, tmp_path / "new" / "folder"))
     plane = Path(small.find("link/visual/geometry/mesh").get("filename").removeprefix("file://"))
     assert "v 0.05 0.05 0" in plane.read_text().splitlines()
     assert small.find("link/visual/geometry/mesh").get("filename") != f"file://{mesh}"
@@ -126,11 +126,11 @@ def test_a_picture_lies_upright_on_a_plane_of_its_size(target, tmp_path):
     ("four_dots", (0.1, 0.1, 0.1), "target 'four_dots' has two lengths"),
     ("aras", (0.1, 0.1), "target 'aras' has one size"),
     ("/nowhere/photo.png", None, "there is no file /nowhere/photo.png"),
-    (__file__, None, "is no picture that can be read"),
+    (__file__, None, "is not a readable image"),
 ])  # fmt: skip
 def test_what_is_no_target_is_named(target, tmp_path, name, size, words):
     with pytest.raises(ValueError) as refused:
-        target.described(name, size, tmp_path)
+        target.describe(name, size, tmp_path)
     assert words in str(refused.value)
 
 
@@ -138,18 +138,18 @@ def test_what_cannot_be_made_is_told_in_its_makers_words(target, tmp_path, monke
     for name, words in (("bad", "no such outline"), ("mute", f"{' '.join(MAKER)} failed"),
                         ("loud", "b")):  # fmt: skip
         with pytest.raises(ValueError) as refused:
-            target.made(name, (0.1, 0.1), tmp_path)
+            target.make(name, (0.1, 0.1), tmp_path)
         assert str(refused.value) == words
     monkeypatch.setattr(target, "MAKER", ("/nowhere/maker",))
     with pytest.raises(ValueError, match="box needs /nowhere/maker, which makes its mesh"):
-        target.described("box", (0.1, 0.2, 0.3), tmp_path)
+        target.describe("box", (0.1, 0.2, 0.3), tmp_path)
 
     def slow(_command, timeout, **_more):
         raise subprocess.TimeoutExpired("maker", timeout)
 
     monkeypatch.setattr(target.subprocess, "run", slow)
     with pytest.raises(ValueError, match="box needs /nowhere/maker, .*timed out after 120.0 s"):
-        target.described("box", (0.1, 0.2, 0.3), tmp_path)
+        target.describe("box", (0.1, 0.2, 0.3), tmp_path)
 
 
 def test_where_it_is_installed_targets_are_in_its_share(tmp_path, monkeypatch):
@@ -162,14 +162,15 @@ def test_where_it_is_installed_targets_are_in_its_share(tmp_path, monkeypatch):
     loader = importlib.machinery.SourceFileLoader("installed", str(script))
     made = importlib.util.module_from_spec(importlib.util.spec_from_loader("installed", loader))
     loader.exec_module(made)
-    assert made.names() == ["mine"]
+    assert made.list_names() == ["mine"]
 
 
 def test_a_target_on_the_command_line(target, monkeypatch, capsys):
-    assert [target.lengths(t) for t in (" ", "0.1 2", "1 .5 .1")] == [None, (0.1, 2), (1, 0.5, 0.1)]
+    sizes = [target.parse_size(t) for t in (" ", "0.1 2", "1 .5 .1")]
+    assert sizes == [None, (0.1, 2), (1, 0.5, 0.1)]
     for text in ("0.1", "0.1 0", "0.1 inf", "a b", "1 1 1 1", "nan 1"):
         with pytest.raises(argparse.ArgumentTypeError, match="must be two lengths"):
-            target.lengths(text)
+            target.parse_size(text)
     shipped = (PACKAGE / "targets" / "l_shape.urdf").read_text()
     assert told(target, monkeypatch, capsys, "l_shape", "--size=") == (0, shipped + "\n", "")
     status, printed, said = told(target, monkeypatch, capsys, "bad", "--size", "0.1 0.1")
@@ -215,10 +216,11 @@ def test_a_robot_is_told_with_its_camera_moved_and_without_friction(adapt, monke
 ])  # fmt: skip
 def test_a_place_is_three_finite_numbers(adapt, text, words):
     with pytest.raises(argparse.ArgumentTypeError, match=words):
-        adapt.three(text)
-    assert [adapt.truth(word) for word in ("True", "1", "false", "0")] == [True, True, False, False]
+        adapt.parse_vector(text)
+    values = [adapt.parse_bool(word) for word in ("True", "1", "false", "0")]
+    assert values == [True, True, False, False]
     with pytest.raises(argparse.ArgumentTypeError, match="'yes' must be true or false"):
-        adapt.truth("yes")
+        adapt.parse_bool("yes")
 
 
 def test_a_description_that_cannot_be_adapted_is_named(adapt, tmp_path, monkeypatch, capsys):

@@ -27,8 +27,8 @@ from genpy import Message
 from genpy.generator import MsgGenerator, SrvGenerator
 from geometry_msgs.msg import Point, Pose, Quaternion
 
-from aras_sim_bridge.ros.runtime.lane import DRAIN
 from aras_sim_bridge.ros.runtime.pacing import Pacer
+from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_visual_servo_ros import parameters
@@ -218,7 +218,7 @@ class Connection:
 @pytest.fixture
 def graph(monkeypatch: pytest.MonkeyPatch) -> Graph:
     """rospy's doors, open to the test alone."""
-    for lane in DRAIN.sending():  # of listeners of tests before, who read no more
+    for lane in QUEUE_FLUSHER.list_unsent():  # of listeners of tests before, who read no more
         lane.close()
     it = Graph()
 
@@ -321,9 +321,9 @@ def face(graph: Graph) -> object:
     """Publishers of the controller, on the graph in memory."""
     from run_messages import JOINTS, SETTINGS
 
-    from aras_visual_servo_controller.ros.face import RosFace
+    from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
 
-    return RosFace(SETTINGS, JOINTS, "camera_optical_frame")
+    return RosPublisher(SETTINGS, JOINTS, "camera_optical_frame")
 
 
 @pytest.fixture
@@ -339,12 +339,12 @@ def thread(request: pytest.FixtureRequest) -> Iterator[SimulationThread]:
 def api(graph: Graph, thread: SimulationThread) -> SimpleNamespace:
     """gazebo_ros's services in that world; `resets` are the times at which time was set back."""
     from aras_sim_bridge.ros.gazebo_api import GazeboApi
-    from aras_sim_bridge.ros.runtime.record import Record
+    from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 
     it = SimpleNamespace(graph=graph, thread=thread, resets=[], graph_synced=[])
     on_graph = SimpleNamespace(
         sync=lambda: it.graph_synced.append(len(thread.simulation.world.models)),
-        record=Record(True),
+        spawn_record=SpawnRecord(True),
     )
     it.api = GazeboApi(
         thread, on_graph, lambda: it.resets.append(thread.simulation.time_ns)
@@ -391,6 +391,6 @@ def slider(call):
 @pytest.fixture(scope="session")
 def shipped_arm() -> object:
     """Of the ARAS robot."""
-    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
-    return Robot(RobotSpec()).arm()
+    return Robot(RobotSpec()).make_arm()

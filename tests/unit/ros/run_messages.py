@@ -9,12 +9,12 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import JointState
 
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.records.outcomes import Arrived, LeftOpen
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.kinematics.task import Task
+from aras_visual_servo_controller.records.outcomes import ArrivalStatus, PoseUncertainty
 from aras_visual_servo_controller.records.state import ServoState
-from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 from aras_visual_servo_controller.settings import Settings
 
 JOINTS = ("slide", "elbow")
@@ -44,19 +44,21 @@ def made_state(stamp: float, phase: str = "servoing", **more: object) -> ServoSt
     random = np.random.default_rng(round(1e6 * stamp))
     features, desired = random.normal(size=(2, 3))
     L, jacobian = random.normal(size=(3, 6)), random.normal(size=(6, 2))
-    task = Task.of(L, random.normal(size=3))
-    resolution = Resolution(
+    task = Task.from_interaction(L, random.normal(size=3))
+    resolution = IKSolution(
         random.normal(size=2), np.zeros(2), task.twist, random.normal(size=6),
         random.normal(size=6), float(random.uniform(0.3, 0.9)), random.uniform(0.1, 0.2, 2),
         (), "", (), task.L, jacobian, np.ones(6, bool),
     )  # fmt: skip
     return ServoState(**{
         "stamp": stamp, "phase": phase, "outcome": "running", "reason": "slow", "remedy": "wait",
-        "decision": Decision(NAMES, features, desired, features - desired, task,
+        "scheme_output": SchemeOutput(NAMES, features, desired, features - desired, task,
                              filtered_error=0.9 * (features - desired)),
-        "resolution": resolution, "joints": JointSample.of(stamp, JOINTS, position(stamp)),
-        "command": position(stamp) + 0.01, "computing": 0.0017 + 1e-3 * random.random(),
-        "scheme": "points", "arrived": Arrived(True, open=LeftOpen(3e-4, 0.012)), **more,
+        "ik_solution": resolution, "joints": JointSample.from_values(stamp, JOINTS,
+            position(stamp)),
+        "command": position(stamp) + 0.01, "computation_time": 0.0017 + 1e-3 * random.random(),
+        "scheme": "points", "arrival_status": ArrivalStatus(True,
+            pose_uncertainty=PoseUncertainty(3e-4, 0.012)), **more,
     })  # fmt: skip
 
 

@@ -7,7 +7,7 @@ from gazebo_ros_link_attacher.srv import Attach
 
 from aras_sim_bridge.description import parse_urdf, world_file
 from aras_sim_bridge.ros.gazebo_api import attacher
-from aras_sim_bridge.ros.runtime.services import ServiceTable, handlers_in
+from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers
 from aras_sim_bridge.world import Pose
 
 THING = """<robot name="t"><link name="a"><inertial><mass value="1"/><inertia ixx="1" iyy="1"
@@ -15,7 +15,7 @@ THING = """<robot name="t"><link name="a"><inertial><mass value="1"/><inertia ix
 
 
 def test_links_are_attached_and_let_go(graph, thread):
-    ServiceTable(attacher.NAMESPACE, thread, *handlers_in(attacher))
+    ServiceTable(attacher.NAMESPACE, thread, *find_handlers(attacher))
     for k in (1, 2):
         thread.call(lambda k=k: thread.simulation.spawn(parse_urdf(THING), f"m{k}",
                                                         Pose((float(k), 0.0, 1.0))))

@@ -22,12 +22,12 @@ from std_msgs.msg import String
 from tf2_msgs.msg import TFMessage
 
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.recording import from_bag
-from aras_visual_servo_bench.recording.from_graph import Heard
+from aras_visual_servo_bench.recording import message_run_builder
+from aras_visual_servo_bench.recording.graph_recording import GraphRecording
 from aras_visual_servo_bench.ros import bag as bags
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 from aras_visual_servo_controller.settings import Settings
 
 STAMPS = 1.537 + np.arange(9) * 0.0341
@@ -139,42 +139,45 @@ def test_a_bag_s_run_has_every_number_that_was_recorded(graph, face, tmp_path):
     same(run.stamp, np.round(STAMPS[1:], 9))
     assert run.outcome == "running" and run.scheme == "points" and run.names == NAMES
     for name, wanted in (
-        ("features", [s.decision.features for s in states]), ("error", [s.error for s in states]),
-        ("filtered", [s.decision.filtered_error for s in states]),
-        ("asked", [s.twist for s in states]), ("achieved", [s.achieved for s in states]),
+        ("features", [s.scheme_output.features for s in states]),
+        ("error", [s.error for s in states]),
+        ("filtered_error", [s.scheme_output.filtered_error for s in states]),
+        ("desired_twist", [s.desired_twist for s in states]),
+        ("achieved_twist", [s.achieved_twist for s in states]),
     ):  # fmt: skip
         same(getattr(run, name), wanted)
-    same([s.computing for s in run.states], [s.computing for s in states])
+    same([s.computation_time for s in run.states], [s.computation_time for s in states])
     stamp = np.arange(STAMPS[0] - 0.05, STAMPS[-1] + 0.02, 0.013)
     np.testing.assert_allclose(run.joint_stamp, stamp, atol=1.1e-9)
-    np.testing.assert_allclose(run.measured, [position(s) for s in stamp], atol=1e-9)
-    same(run.measured_speed, np.tile([-0.11, 0.2], (len(stamp), 1)))
+    np.testing.assert_allclose(run.measured_positions, [position(s) for s in stamp], atol=1e-9)
+    same(run.measured_velocities, np.tile([-0.11, 0.2], (len(stamp), 1)))
     last = np.searchsorted(STAMPS, stamp + 1e-8) - 1
     wanted = [position(STAMPS[i]) + 0.01 if i > 0 else (np.nan, np.nan) for i in last]
-    np.testing.assert_allclose(run.commanded, wanted, atol=1e-8)
-    arm = SETTINGS.arm(ARM)
+    np.testing.assert_allclose(run.joint_commands, wanted, atol=1e-8)
+    arm = SETTINGS.make_arm(ARM)
     np.testing.assert_allclose(run.true_pose, [arm.pose(position(s)) for s in stamp], atol=1e-8)
     at = np.searchsorted(run.joint_stamp, run.stamp)
     same(run.pose, run.true_pose[at])
-    assert run.arm_places.shape[0] == len(stamp)
+    assert run.joint_origins.shape[0] == len(stamp)
     record = run.cameras["camera"]
     np.testing.assert_allclose(record.stamp, STAMPS, atol=1.1e-9)
     np.testing.assert_allclose(record.arrival - record.stamp, 0.005 + 1e-4 * np.arange(9),
                                atol=2e-9)
     assert (record.model.width, record.model.K) == (64, K)
-    for exposed, rgb in record.pictures:
+    for exposed, rgb in record.images:
         number = round((exposed - STAMPS[0]) / 0.0341)
         assert (rgb == picture(number)).all()
-    assert {round(s, 4) for s, _ in record.pictures} >= {round(STAMPS[-1], 4)}
+    assert {round(s, 4) for s, _ in record.images} >= {round(STAMPS[-1], 4)}
     centres = [(0.2, (0.8 + 0.01 * n) / 3) if n != 4 else (np.nan, np.nan) for n in range(1, 9)]
     same(run.centres, centres)
-    same(run.pace, PACE)
-    same(run.limits, [(-0.5, -1.5), (0.7, 2.0)])
-    same(run.speed, (0.3, 1.9))
+    same(run.real_time_factors, PACE)
+    same(run.position_limits, [(-0.5, -1.5), (0.7, 2.0)])
+    same(run.speed_limits, (0.3, 1.9))
     assert run.joint_units == ("m", "rad") and run.versions == {"numpy": "1"}
     assert run.settings["camera"] == "lab" and "roslaunch" not in run.settings["launched by"]
     assert run.notes == ["the goal goal_2016.yaml was not recorded",
-                         "units of the features are unknown: 'points' has others here"]
+                         "units of the features are unknown: 'points' has other features than "
+                         "in the bag"]
 
 
 def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face, tmp_path):
@@ -190,10 +193,10 @@ def test_where_nothing_is_described_the_camera_s_path_is_that_of_tf(graph, face,
                                    @ link_R_optical, atol=1e-8)
         np.testing.assert_allclose(pose[:3, 3], (stamp, 0.1, 0.5) + world_R_hand.apply(
             [0.01, 0.02, 0.03]), atol=1e-8)
-    exposed, rgb = run.cameras["camera"].pictures[-1]
+    exposed, rgb = run.cameras["camera"].images[-1]
     assert exposed == pytest.approx(STAMPS[-1], abs=1e-8)
     assert (rgb == picture(8)).all()
-    assert run.joint_units in ((), ("", "")) and run.verdict.word == ""
+    assert run.joint_units in ((), ("", "")) and run.verdict.name == ""
     assert run.goal_pose.shape == (4, 4) and np.isnan(run.goal_pose).all()
 
 
@@ -218,11 +221,12 @@ def test_what_was_recorded_before_the_clock_went_back_is_another_run(graph, face
     assert len(parts) == 100  # of some 200 messages
     same(run.stamp, np.round(STAMPS[1:] - 1.4, 9))
     assert run.joint_stamp[0] == pytest.approx(STAMPS[0] - 1.45)  # the first one after it
-    assert run.cameras["camera"].model.width == 64 and run.limits[0][0] == -0.5  # told once
+    # told once
+    assert run.cameras["camera"].model.width == 64 and run.position_limits[0][0] == -0.5
     assert len(run.cameras["camera"].stamp) == 9
     (note,) = [note for note in run.notes if "clock" in note]
-    assert note.startswith("the clock was put back once")
-    assert bags.described(path).arguments == {"camera": "lab"}
+    assert note.startswith("the clock was reset once")
+    assert bags.read_recorded_experiment(path).arguments == {"camera": "lab"}
     with rosbag.Bag(str(path), "a") as bag:  # of a node that has not heard the clock yet
         bag.write("/two/joint_states", joint_states(0.0), rospy.Time(40))
     again = bags.read_bag(path)
@@ -240,15 +244,15 @@ def test_a_clock_was_put_back_where_stamps_are_out_of_order_by_more_than_half_a_
             _topics=SimpleNamespace(joints="", state="/j"), notes=[],
             _bag=SimpleNamespace(read_messages=lambda topics, raw: (
                 rows[::-1] if topics == ["/j"] and raw else [])))  # not in the file's order
-        found = bags.Reader._began(reader)
+        found = bags.BagReader._find_start(reader)
         return None if found is None else found[1], reader.notes
 
     half = 500_000_000
     assert began() == began(5) == began(3 * half, 2 * half) == (None, [])
     place, (note,) = began(3 * half + 1, 2 * half, 4 * half)
-    assert place == 1 and "put back once while" in note
+    assert place == 1 and "reset once during" in note
     place, (note,) = began(9 * half, 5 * half, 6 * half, 0, 3 * half, 7 * half)
-    assert place == 4 and "put back 2 times while" in note
+    assert place == 4 and "reset 2 times during" in note
 
 
 def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_path):
@@ -269,7 +273,7 @@ def test_a_bag_that_was_not_closed_is_read_as_far_as_it_goes(graph, face, tmp_pa
     with pytest.raises(BenchError, match="b.bag.active"):
         bags.read_bag(cut)
     cut.write_bytes(head[9:])
-    for read in (bags.read_bag, bags.described):
+    for read in (bags.read_bag, bags.read_recorded_experiment):
         with pytest.raises(BenchError, match="cannot read the bag .*b.bag.active"):
             read(cut)
 
@@ -284,48 +288,52 @@ def test_whatever_rosbag_raises_of_a_damaged_bag_is_told(monkeypatch, tmp_path, 
         raise fault("why")
 
     for module in (bags, mcap):
-        monkeypatch.setattr(module, "opened", fail)
-    for read in (bags.read_bag, bags.described, lambda bag: mcap.convert(bag, tmp_path / "a.mcap")):
+        monkeypatch.setattr(module, "open_bag", fail)
+    for read in (
+        bags.read_bag,
+        bags.read_recorded_experiment,
+        lambda bag: mcap.convert(bag, tmp_path / "a.mcap"),
+    ):
         with pytest.raises(BenchError, match="cannot .* a.bag.*: why"):
             read(Path("a.bag"))
 
 
 @pytest.mark.parametrize(("skip", "said"), [
     (("diagnosis",), "no diagnosis: outcome and achieved twist are unknown"),
-    (("image_raw",), "holds no pictures"), (("tf", "tf_static"), "no transforms of the camera"),
+    (("image_raw",), "the bag has no images"), (("tf", "tf_static"), "no transforms of the camera"),
     (("tf_static",), "no transforms of the camera"),
     (("joint_states",), "no joint states of slide, elbow"),
 ])  # fmt: skip
 def test_what_a_bag_lacks_is_noted(graph, face, tmp_path, skip, said):
     run = bags.read_bag(write(tmp_path / "a.bag", graph, face, skip=skip))
     assert any(said in note for note in run.notes), run.notes
-    with pytest.raises(BenchError, match="holds no state of a servo controller .*; it has /"):
+    with pytest.raises(BenchError, match="contains no state of a servo .*; its topics: /"):
         bags.read_bag(write(tmp_path / "b.bag", graph, face, skip=("state",)))
 
 
 def test_messages_of_another_version_are_left_out_or_refused(graph, face, tmp_path, monkeypatch):
     path = write(tmp_path / "a.bag", graph, face)
-    fields = bags.USED[bags.METRICS]
-    monkeypatch.setitem(bags.USED, bags.METRICS, (*fields, "pace", "haste"))
+    fields = bags.USED_FIELDS[bags.METRICS]
+    monkeypatch.setitem(bags.USED_FIELDS, bags.METRICS, (*fields, "pace", "haste"))
     run = bags.read_bag(path)
-    assert len(run.pace) == 0
-    assert any("/gazebo/performance_metrics is of another version of gazebo_msgs/PerformanceMetrics"
-               ", without pace, haste: it is left out" in note for note in run.notes)
-    monkeypatch.setitem(bags.USED, bags.STATE, ("header", "hue"))
-    with pytest.raises(BenchError, match="without hue; report on it with the version of this"):
+    assert len(run.real_time_factors) == 0
+    assert any("/gazebo/performance_metrics has another version of gazebo_msgs/PerformanceMetrics"
+               ", without pace, haste: the report omits it" in note for note in run.notes)
+    monkeypatch.setitem(bags.USED_FIELDS, bags.STATE, ("header", "hue"))
+    with pytest.raises(BenchError, match="without hue; create the report with the version of this"):
         bags.read_bag(path)
 
 
-def heard(graph, face, scheme="points", count=3) -> Heard:
+def heard(graph, face, scheme="points", count=3) -> GraphRecording:
     """Messages of three images with so many features, as they are kept while a run is heard."""
-    found = Heard(Path("run"))
-    found.described = described(scheme=scheme)
+    found = GraphRecording(Path("run"))
+    found.experiment_text = described(scheme=scheme)
     for stamp in STAMPS[1:4]:
-        decision = Decision(tuple(f"f{i}" for i in range(count)), *stamp + np.eye(3, count))
-        message, report = told(graph, face, made_state(stamp, decision=decision))
+        decision = SchemeOutput(tuple(f"f{i}" for i in range(count)), *stamp + np.eye(3, count))
+        message, report = told(graph, face, made_state(stamp, scheme_output=decision))
         message.scheme = scheme
         found.states.append(message)
-        found.take_report(report)
+        found.add_report(report)
         found.joints.append(joint_states(stamp))
     return found
 
@@ -337,7 +345,9 @@ def test_features_have_the_units_and_tolerances_of_their_scheme(graph, face, sch
     """Tolerances of lengths are parts of the goal's depth, which these messages do not tell."""
     made = Settings(scheme=scheme).make_scheme()
     for count in (len(made.units), len(made.units) + 1):
-        run = from_bag.Messages(heard(graph, face, scheme, count)).run("name")
+        run = message_run_builder.MessageRunBuilder(heard(graph, face, scheme, count)).build_run(
+            "name"
+        )
         known = count == len(made.units)
         assert run.units == (tuple(made.units) if known else ("",) * count)
         assert run.tolerances == (tuple(made.tolerances) if known and at_any_depth else ())
@@ -358,7 +368,7 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
     read.joints = [JointState(name=n, position=q, velocity=v) for _, n, q, v in rows]
     for message, (stamp, *_) in zip(read.joints, rows, strict=True):
         message.header.stamp = rospy.Time.from_sec(stamp)
-    run = from_bag.Messages(read).run("name")
+    run = message_run_builder.MessageRunBuilder(read).build_run("name")
     table = pd.DataFrame(
         {stamp: {**dict(zip(names, places, strict=False)), **(
             {f"{n} speed": v for n, v in zip(names, speeds, strict=True)}
@@ -367,8 +377,8 @@ def test_joint_states_that_lack_a_place_are_left_out_and_speeds_may_be_unknown(g
     table = table.dropna(subset=["slide", "elbow"])
     assert table.index.tolist() == [1.5, 1.7, 2.0, 2.1]
     np.testing.assert_allclose(run.joint_stamp, table.index)
-    np.testing.assert_allclose(run.measured, table[["slide", "elbow"]])
-    np.testing.assert_allclose(run.measured_speed, table[["slide speed", "elbow speed"]])
+    np.testing.assert_allclose(run.measured_positions, table[["slide", "elbow"]])
+    np.testing.assert_allclose(run.measured_velocities, table[["slide speed", "elbow speed"]])
 
 
 @pytest.mark.parametrize("depth", [0.2, 18.0])
@@ -380,15 +390,17 @@ def test_a_bag_s_verdict_is_of_a_part_of_the_depth_and_of_a_third_of_a_degree(de
         pose = np.eye(4)
         pose[:3, :3] = Rotation.from_rotvec([0.0, turn, 0.0]).as_matrix()
         pose[:3, 3] = 0.0, off, 0.0
-        found = from_bag._verdict(goal, np.array([np.eye(4) * 2, pose]))
-        assert found.word == word
+        found = message_run_builder._compute_verdict(goal, np.array([np.eye(4) * 2, pose]))
+        assert found.name == word
         assert (found.distance, found.angle) == pytest.approx((off, turn), abs=1e-9)
         pose[0, 0] = np.nan
-        assert from_bag._verdict(goal, np.array([np.eye(4), pose])).word == ""
-    placed = from_bag._target(Goal(target="boxes"))
+        assert message_run_builder._compute_verdict(goal, np.array([np.eye(4), pose])).name == ""
+    placed = message_run_builder._make_target(Goal(target="boxes"))
     assert placed.shape.geometry == "boxes"
     np.testing.assert_array_equal(placed.pose, np.eye(4))
-    assert from_bag._target(Goal()) is from_bag._target(None) is None
+    assert (
+        message_run_builder._make_target(Goal()) is message_run_builder._make_target(None) is None
+    )
 
 
 def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():
@@ -396,12 +408,12 @@ def test_a_run_ends_where_the_arm_goes_to_a_start_or_other_features_are_seen():
         """A state a letter: of features a or b, without any (-), another phase (p, idle)."""
         decisions = {one: SimpleNamespace(names=(one,)) for one in "ab"}
         phases = {"p": "approaching", "i": "idle", "h": "holding", "s": "stopped"}
-        return [SimpleNamespace(phase=phases.get(one, "servoing"), decision=decisions.get(one))
+        return [SimpleNamespace(phase=phases.get(one, "servoing"), scheme_output=decisions.get(one))
                 for one in text]  # fmt: skip
 
     for text, lengths in (("-ab", [1, 1]), ("aa-a", [4]), ("aapa", [2, 1]), ("--", []),
                           ("aib-bs", [1, 4]), ("p-aapp-h", [2]), ("ah-b", [3, 1])):  # fmt: skip
-        assert [len(run) for run in from_bag._runs(states(text))] == lengths, text
+        assert [len(run) for run in message_run_builder._split_runs(states(text))] == lengths, text
 
 
 def test_topics_are_found_by_their_types():
@@ -410,13 +422,13 @@ def test_topics_are_found_by_their_types():
              "/b/labrob/camera/image_raw/compressed": bags.COMPRESSED,
              "/x/experiment": "std_msgs/String", "/x/joint_states": bags.JOINTS,
              "/y/joints": bags.JOINTS, "/a/other": bags.IMAGE}  # fmt: skip
-    found = bags._topics(kinds)
+    found = bags._find_topics(kinds)
     assert (found.info, found.image) == ("/a/camera_info", "/a/image_raw")
     assert (found.state, found.report, found.joints) == ("/x/s", "", "/x/joint_states")
     assert found.experiment == "/x/experiment"
-    found = bags._topics({**kinds, "/b/labrob/camera/camera_info": bags.INFO})
+    found = bags._find_topics({**kinds, "/b/labrob/camera/camera_info": bags.INFO})
     assert found.info == "/b/labrob/camera/camera_info"
     assert found.image == "/b/labrob/camera/image_raw/compressed"
     pictures = {topic: kind for topic, kind in kinds.items() if kind != bags.IMAGE}
-    found = bags._topics({**pictures, "/b/labrob/camera/camera_info": bags.INFO})
+    found = bags._find_topics({**pictures, "/b/labrob/camera/camera_info": bags.INFO})
     assert found.image == "/b/labrob/camera/image_raw/compressed"

@@ -31,17 +31,17 @@ from std_msgs.msg import Header, String
 
 from aras_visual_servo_bench.errors import BenchError
 from aras_visual_servo_bench.ros import (
+    controller_watch,
     decompress,
     demo,
     describe,
     mcap,
     move_target,
-    processes,
+    ros_launch,
     target_link,
-    target_place,
-    watch,
+    target_pose_reader,
 )
-from aras_visual_servo_bench.study import versions
+from aras_visual_servo_bench.studies import versions
 from aras_visual_servo_controller.errors import ServoError
 from aras_visual_servo_ros import connections, shutdown
 
@@ -52,7 +52,7 @@ SOURCES = Path(__file__).parents[3] / "src"
 STARTED = {  # program: module whose main it runs
     **{f"aras_visual_servo_bench/nodes/{name}": f"aras_visual_servo_bench.ros.{name}" for name in (
         "dashboard", "decompress", "demo", "describe", "markers", "move_target", "target_link")},
-    **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.commands"
+    **{f"aras_visual_servo_bench/nodes/{name}": "aras_visual_servo_bench.cli"
        for name in ("analyze", "bench", "protocol")},
     "aras_visual_servo_bench/nodes/target_files": "aras_visual_servo_bench.targets.files",
     "aras_visual_servo_camera/nodes/aras_visual_servo_camera_node": "aras_visual_servo_camera.node",
@@ -161,7 +161,7 @@ def test_xacro_reads_files_of_before_noetic(tmp_path, unknown):
     said = ran.stderr.splitlines()
     for tag in ("property", "macro", "insert_block", "if", "include", "bar"):
         assert sum(f"<{tag}> without the prefix" in line for line in said) == 1
-    assert sum("<xacro:tool>; left out" in line for line in said) == bool(unknown)
+    assert sum("<xacro:tool>; it is left out" in line for line in said) == bool(unknown)
     assert len(said) == 6 + bool(unknown)
 
 
@@ -175,7 +175,7 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
     monkeypatch.setattr("shutil.which", lambda name: None)
     assert run["main"]() == 0 and not begun
     assert capsys.readouterr().err == (
-        "show_rviz: no window: rviz is not installed; the run goes on without it\n")
+        "show_rviz: rviz is not started: rviz is not installed; the run continues without it\n")
     monkeypatch.setattr("shutil.which", lambda name: "/usr/bin/rviz" if name == "rviz" else None)
     assert run["main"]() == 1 and begun == [("rviz", ["rviz", "-d", "x"])]
     monkeypatch.delenv("DISPLAY")
@@ -198,8 +198,8 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
 
     monkeypatch.setattr(run["socket"], "socket", Socket)
     for display, why in ((":31", ""), ("unix:31.2", ""),
-                         (":32.0", "nobody answers on display :32.0")):
-        assert run["missing"](display) == why
+                         (":32.0", "no X server answers on display :32.0")):
+        assert run["find_display_problem"](display) == why
     assert asked[:2] == ["/tmp/.X11-unix/X31", "\0/tmp/.X11-unix/X31"]
 
 
@@ -208,8 +208,8 @@ def test_rviz_takes_the_program_s_place_where_there_is_a_display(monkeypatch, ca
 
 def test_a_node_runs_and_its_fault_is_one_line(graph, monkeypatch):
     done = []
-    monkeypatch.setattr(shutdown, "begin_node", lambda *given, **more: done.append((given, more)))
-    monkeypatch.setattr(shutdown, "open_wide", lambda: done.append("open"))
+    monkeypatch.setattr(shutdown, "init_node", lambda *given, **more: done.append((given, more)))
+    monkeypatch.setattr(shutdown, "accept_in_threads", lambda: done.append("open"))
     run = lambda: done.append("run")  # noqa: E731
     assert shutdown.node_main("n", "about", run, ValueError, anonymous=True) == 0
     assert done == [(("n", "about"), {"anonymous": True}), "open", "run"]
@@ -225,7 +225,7 @@ def test_a_node_runs_and_its_fault_is_one_line(graph, monkeypatch):
 
 def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch, capsys):
     life.steps = [lambda: None] * 3
-    assert len(list(shutdown.beats(0.25))) == 4 and set(life.slept) == {0.25}
+    assert len(list(shutdown.iterate_at_period(0.25))) == 4 and set(life.slept) == {0.25}
     life.down, ended = False, []
     life.steps = [lambda: None] * 99
     monkeypatch.setattr(rospy, "signal_shutdown", lambda why: ended.append(why) or (
@@ -235,7 +235,7 @@ def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch,
         raise OSError
 
     monkeypatch.setattr(graph, "getPid", gone)
-    assert 1 < len(list(shutdown.beats(0.25))) < 9
+    assert 1 < len(list(shutdown.iterate_at_period(0.25))) < 9
     assert ended == ["the ROS master does not answer any more"]
     assert capsys.readouterr().err == f"{rospy.get_name()[1:]}: {ended[0]}: ending\n"
 
@@ -243,7 +243,7 @@ def test_beats_go_on_until_the_node_or_the_master_ends(graph, life, monkeypatch,
 def test_whether_a_master_is_gone_is_answered(monkeypatch, capsys):
     monkeypatch.setattr(rospy, "signal_shutdown", lambda why: None)
     for why in ("", "gone"):
-        gone = shutdown.end_without_master(SimpleNamespace(lost=lambda why=why: why))
+        gone = shutdown.end_without_master(SimpleNamespace(find_loss_reason=lambda why=why: why))
         assert gone is bool(why)
     assert capsys.readouterr().err.endswith(": gone: ending\n")
 
@@ -253,36 +253,36 @@ def test_a_node_begins_with_our_signals_or_tells_what_it_is(monkeypatch, capsys)
     monkeypatch.setattr(shutdown, "end_on_signals", lambda: begun.append("signals"))
     monkeypatch.setattr(shutdown, "find_publishers", lambda: begun.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append(
-        (name, more, shutdown._began.is_set())))
+        (name, more, shutdown._started.is_set())))
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: False)
     monkeypatch.setattr(rospy.core, "add_shutdown_hook", begun.append)
     monkeypatch.setattr(sys, "argv", ["n", "x"])
-    shutdown.begin_node("n", "about", anonymous=True)
+    shutdown.init_node("n", "about", anonymous=True)
     options = {"disable_signals": True, "anonymous": True}
-    assert begun == ["signals", "find", ("n", options, False), shutdown._forget]
-    assert shutdown._began.is_set()
+    assert begun == ["signals", "find", ("n", options, False), shutdown._unregister]
+    assert shutdown._started.is_set()
     monkeypatch.setattr(sys, "argv", ["n", "x", "--help"])
-    shutdown.begin_node("n")
+    shutdown.init_node("n")
     assert len(begun) == 8
     for word in ("-h", "--help"):
         monkeypatch.setattr(sys, "argv", ["n", word])
         with pytest.raises(SystemExit) as ended:
-            shutdown.begin_node("n", "\nabout\n")
+            shutdown.init_node("n", "\nabout\n")
         assert ended.value.code == 0 and len(begun) == 8
         assert capsys.readouterr().out == (
-            "about\n\nTakes no options: its parameters are ROS's (_name:=value).\n")
+            "about\n\nTakes no options; set ROS parameters with _name:=value.\n")
 
     def fail(*_, **__):
         raise rospy.ROSInitException("why")
 
     monkeypatch.setattr(rospy, "init_node", fail)
     with pytest.raises(rospy.ROSInitException):
-        shutdown.begin_node("n")
+        shutdown.init_node("n")
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: True)
     with pytest.raises(SystemExit) as ended:
-        shutdown.begin_node("n")
+        shutdown.init_node("n")
     assert ended.value.code == 130
-    shutdown._began.set()
+    shutdown._started.set()
 
 
 @pytest.mark.parametrize("fault", [None, ConnectionRefusedError, rosgraph.MasterError])
@@ -298,7 +298,7 @@ def test_a_node_that_ends_hears_no_parameter_any_more(monkeypatch, fault):
     monkeypatch.setattr(rospy, "get_node_uri", lambda: "http://here:1/")
     monkeypatch.setattr(rosgraph, "Master", lambda name: SimpleNamespace(
         unsubscribeParam=lambda *given: unsubscribe(name, *given)))
-    shutdown._forget("why")
+    shutdown._unregister("why")
     assert told == [("/n", "http://here:1/", "/rosout_disable_topics_generation")]
 
 
@@ -309,7 +309,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     from aras_visual_servo_ros import shutdown as module
 
     asked, faults = [], []
-    monkeypatch.setattr(module, "begin_node", life.begin)
+    monkeypatch.setattr(module, "init_node", life.begin)
     monkeypatch.setattr(rospy, "Rate", lambda rate: SimpleNamespace(
         sleep=lambda: life.sleep(1 / rate)))
     words = ["velocity=[0.01, 0, 0, 0, 0, 0.1]", "__name:=x"]
@@ -351,7 +351,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     found.update(success=False, status_message="none of them")
     assert move_target.main(["circle=0.02", "frequency=0.2", "--model", "box"]) == 1
     assert "has no model 'box' (none of them): launch it" in capsys.readouterr().err
-    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "nothing moves: say velocity"),
+    for words, why in ((["circle=1"], "frequency"), (["begin=2"], "the target does not move"),
                        (["circl=1"], "circle"), (["nonsense"], "nonsense")):
         assert move_target.main(words) == 1 and why in capsys.readouterr().err
 
@@ -367,7 +367,7 @@ def test_a_target_is_moved_from_where_it_lies(graph, life, monkeypatch, capsys):
     (move_target, "move_target [-h] [--model MODEL] [key=value ...]",
      ["velocity, circle, ...", "name of the model"], "circle=0.02 frequency=0.2"),
     (target_link, "target_link [-h] --world WORLD link {mesh,start}",
-     ["MODEL::LINK; MODEL where only one link of it is seen", "path of the file in which"],
+     ["MODEL::LINK, or MODEL if only one link is visible", "path of the world file"],
      "crate --world a.world start"),
 ])
 def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch, capsys):
@@ -384,7 +384,7 @@ def test_a_tool_s_help_has_an_example(module, usage, words, example, monkeypatch
 
 
 def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
-    monkeypatch.setattr(decompress, "begin_node", life.begin)
+    monkeypatch.setattr(decompress, "init_node", life.begin)
     spun = []
     monkeypatch.setattr(rospy, "spin", lambda: spun.append(1))
     rospy.set_param("~camera", "/eye/camera/")
@@ -410,7 +410,7 @@ def test_compressed_pictures_are_passed_on_raw(graph, life, monkeypatch):
     deep = cv2.imencode(".png", np.zeros((4, 6), np.uint16))[1].tobytes()
     for data in (b"no picture", deep):
         hear(CompressedImage(format="odd", data=data))
-    assert graph.lines == ["/eye/camera/image_raw/compressed: a picture (odd) cannot be read"] * 2
+    assert graph.lines == ["/eye/camera/image_raw/compressed: cannot decode an image (odd)"] * 2
     assert graph.periods == [5.0, 5.0] and len(publisher.sent) == 3
     life.down = True
     hear(CompressedImage(format="png", data=cv2.imencode(".png", colour)[1].tobytes()))
@@ -427,19 +427,19 @@ def test_a_run_is_described_when_something_of_it_is_new(graph, life, monkeypatch
     near, far = (Pose(Point(x, 0.0, 0.0), Quaternion()) for x in (1e-6, 0.1))
     places = iter([Pose(), near, *[far] * 10])
     robots = []
-    monkeypatch.setattr(target_place.TargetPlace, "of", lambda self, robot: (
+    monkeypatch.setattr(target_pose_reader.TargetPoseReader, "read_pose", lambda self, robot: (
         robots.append(robot), PoseStamped(pose=next(places)))[1])
-    fetch, looks = parameters.fetched, []
+    fetch, looks = parameters.get_parameter, []
 
     def fetched(name):
         looks.append(len(life.slept))
         return dict(sorted(fetch(name).items(), reverse=bool(len(looks) % 2)))
 
-    monkeypatch.setattr(parameters, "fetched", fetched)
-    monkeypatch.setattr(module, "begin_node", life.begin)
-    monkeypatch.setattr(versions, "versions", lambda: {"numpy": "1"})
-    monkeypatch.setattr(versions, "code", lambda: "abc")
-    monkeypatch.setattr(describe, "launches", lambda: [["pkg", "a.launch"]])
+    monkeypatch.setattr(parameters, "get_parameter", fetched)
+    monkeypatch.setattr(module, "init_node", life.begin)
+    monkeypatch.setattr(versions, "read_versions", lambda: {"numpy": "1"})
+    monkeypatch.setattr(versions, "read_commit", lambda: "abc")
+    monkeypatch.setattr(describe, "find_launch_commands", lambda: [["pkg", "a.launch"]])
     graph.parameters |= {"/robot_description": ARM, "/servo/desired": "2015",
                          "/bytes": xmlrpc.client.Binary(b"any")}
     rospy.set_param("~controller", "/servo")
@@ -476,7 +476,7 @@ def test_launches_of_the_same_master_are_found(tmp_path, monkeypatch):
         (entry / "environ").write_bytes(f"A=b=c\0ROS_MASTER_URI={master}\0".encode())
     (tmp_path / "13").mkdir()
     (tmp_path / "self").symlink_to("9")
-    assert describe.launches(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
+    assert describe.find_launch_commands(tmp_path) == [["p", "a.launch", "x:=1"], ["p", "b.launch"]]
 
 
 # -- the demo's watch ------------------------------------------------------------------------------
@@ -486,15 +486,16 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
     begun = []
     monkeypatch.setattr(connections, "find_publishers", lambda: begun.append("find"))
     monkeypatch.setattr(rospy, "init_node", lambda name, **more: begun.append((name, more)))
-    progress = watch.Watch().progress
+    progress = controller_watch.ControllerWatch().progress
     assert begun == ["find", ("aras_visual_servo_demo", dict.fromkeys(
         ("anonymous", "disable_signals", "disable_rostime"), True))]
-    assert vars(progress) == {"phase": "", "reason": "", "began": None, "converged": None,
-                              "stamp": 0.0, "joints": False}
+    assert vars(progress) == {"phase": "", "reason": "", "start_stamp": None,
+                              "convergence_stamp": None, "stamp": 0.0,
+                              "has_joint_states": False}
     waiting = {topic.rpartition("/")[2]: more for topic, (_, more) in graph.heard.items()}
     assert waiting == {"joint_states": {"queue_size": 1}, "state": {"queue_size": 10}}
     graph.subscribers["/aras_visual_servo/joint_states"](joint_states(1.0))
-    assert progress.joints and "/aras_visual_servo/joint_states" not in graph.subscribers
+    assert progress.has_joint_states and "/aras_visual_servo/joint_states" not in graph.subscribers
     hear = graph.subscribers["/aras_visual_servo/controller/state"]
     for stamp, phase, began, converged in (
         (1.5, "approaching", None, None), (2.5, "servoing", 2.5, None),
@@ -504,7 +505,11 @@ def test_a_demo_follows_the_controller(graph, monkeypatch):
         hear(SimpleNamespace(header=Header(stamp=rospy.Time.from_sec(stamp)), phase=phase,
                              reason=f"for {phase}"))
         assert (progress.phase, progress.reason) == (phase, f"for {phase}")
-        assert (progress.stamp, progress.began, progress.converged) == (stamp, began, converged)
+        assert (progress.stamp, progress.start_stamp, progress.convergence_stamp) == (
+            stamp,
+            began,
+            converged,
+        )
 
 
 def test_a_master_is_waited_for_while_its_launch_runs(life, monkeypatch):
@@ -519,32 +524,35 @@ def test_a_master_is_waited_for_while_its_launch_runs(life, monkeypatch):
 
     monkeypatch.setattr(rosgraph, "is_master_online", online)
     life.steps = [lambda: None] * 99
-    assert watch.wait_for_master("http://x", lambda: True, 5.0) is True
+    assert controller_watch.wait_for_master("http://x", lambda: True, 5.0) is True
     assert life.slept == [0.1, 0.1]
-    assert watch.wait_for_master("http://x", lambda: False, 5.0) is False and len(life.slept) == 2
-    assert watch.wait_for_master("http://x", lambda: True, 1.0) is False
+    assert (
+        controller_watch.wait_for_master("http://x", lambda: False, 5.0) is False
+        and len(life.slept) == 2
+    )
+    assert controller_watch.wait_for_master("http://x", lambda: True, 1.0) is False
     assert 11 <= len(life.slept) <= 13
 
 
 def test_a_recorder_is_ended_and_its_bag_waited_for(life, monkeypatch, tmp_path):
     bag = tmp_path / "run.bag"
-    assert watch.stop_recorder("http://x", bag) is False
+    assert controller_watch.stop_recorder("http://x", bag) is False
     bag.touch()
-    assert watch.stop_recorder("http://x", bag) is True and not life.slept
+    assert controller_watch.stop_recorder("http://x", bag) is True and not life.slept
     bag.unlink()
     active, asked = tmp_path / "run.bag.active", []
     active.touch()
     monkeypatch.setattr(rosgraph, "Master", lambda *given: asked.append(given) or SimpleNamespace(
         lookupNode=lambda node: f"http://{node}"))
-    monkeypatch.setattr(watch.xmlrpc.client, "ServerProxy", lambda uri: SimpleNamespace(
+    monkeypatch.setattr(controller_watch.xmlrpc.client, "ServerProxy", lambda uri: SimpleNamespace(
         shutdown=lambda *given: asked.append((uri, *given))))
     life.steps = [bag.touch, active.unlink]
-    assert watch.stop_recorder("http://x", bag) is True and life.slept == [0.1, 0.1]
+    assert controller_watch.stop_recorder("http://x", bag) is True and life.slept == [0.1, 0.1]
     assert asked == [("/aras_visual_servo_demo", "http://x"),
                      ("http:///record", "/aras_visual_servo_demo", "the run has ended")]
     active.touch()
     began, life.steps = life.now, [lambda: None] * 400
-    assert watch.stop_recorder("http://x", bag) is False
+    assert controller_watch.stop_recorder("http://x", bag) is False
     assert life.now - began == pytest.approx(15.0, abs=0.2)
 
 
@@ -616,7 +624,7 @@ def launch(tmp_path, monkeypatch):
         tool.write_text(f"#!/bin/bash\n{script}")
         tool.chmod(0o755)
         monkeypatch.setenv("PATH", f"{tmp_path}:{os.environ['PATH']}")
-        begun.append(processes.Launch(["a", "b:=1"], tmp_path / "the.log",
+        begun.append(ros_launch.RosLaunch(["a", "b:=1"], tmp_path / "the.log",
                                       {**os.environ, "MINE": "yes"}))
         return begun[-1]
 
@@ -635,28 +643,30 @@ def until(condition):
 
 def test_a_launch_says_what_died_and_its_last_words(launch):
     one = launch('echo "$@ $MINE"; cat; echo; echo ended >&2; exec sleep 60')
-    assert until(lambda: "ended" in one.text()) and one.running and one.death() == ""
-    assert one.text() == "a b:=1 yes\n\nended\n" and one.last_lines() == "    a b:=1 yes\n    ended"
+    assert until(lambda: "ended" in one.read_log())
+    assert one.running and one.find_death_message() == ""
+    assert one.read_log() == "a b:=1 yes\n\nended\n"
+    assert one.read_last_lines() == "    a b:=1 yes\n    ended"
     with one.log.open("ab") as log:  # what a node prints need not be text
         log.write(b"\x1b[31m[ERROR] one\x1b[0m\n[FATAL] two\nthree \xff\n"
                   b"[node-2] process has died [pid 1]\n")
-    assert one.death() == "node node-2 died"
-    assert one.last_lines() == "    [ERROR] one\n    [FATAL] two"
-    assert one.last_lines(1) == "    [FATAL] two"
+    assert one.find_death_message() == "node node-2 died"
+    assert one.read_last_lines() == "    [ERROR] one\n    [FATAL] two"
+    assert one.read_last_lines(1) == "    [FATAL] two"
     one.stop()
-    assert not one.running and one.death() == "roslaunch (the) ended"
+    assert not one.running and one.find_death_message() == "roslaunch (the) ended"
 
 
 def test_nothing_of_a_launch_is_left_behind(launch, monkeypatch):
     slept, sent, kill = [], set(), os.kill
-    monkeypatch.setattr(processes, "time", SimpleNamespace(
+    monkeypatch.setattr(ros_launch, "time", SimpleNamespace(
         monotonic=lambda: 20.0 * time.monotonic(),  # less patient
         sleep=lambda seconds: (slept.append(seconds), time.sleep(seconds))))
     # A name that is no text: any bytes will do.
     one = launch("trap '' INT TERM; (printf '\\377' >/proc/$BASHPID/comm; echo $BASHPID; sleep 20; "
                  "true) & wait; wait")
-    assert until(lambda: one.text().strip().isdigit())
-    child = int(one.text())
+    assert until(lambda: one.read_log().strip().isdigit())
+    child = int(one.read_log())
     assert os.getsid(child) != os.getsid(0)
     monkeypatch.setattr(os, "kill", lambda *given: (sent.add(given), kill(*given)))
     one.stop(0.1)
@@ -669,7 +679,7 @@ def test_a_launch_is_interrupted_when_its_parent_is_killed(launch):
     # PR_GET_PDEATHSIG
     ask = "import ctypes as c; n = c.c_int(); c.CDLL(None).prctl(2, c.byref(n)); print(n.value)"
     one = launch(f"exec {sys.executable} -SE -c '{ask}'")
-    assert until(lambda: not one.running) and int(one.text()) == signal.SIGINT
+    assert until(lambda: not one.running) and int(one.read_log()) == signal.SIGINT
 
 
 def test_a_free_port_is_free():
@@ -677,7 +687,7 @@ def test_a_free_port_is_free():
 
     with socket.socket() as probe, socket.socket() as other:
         for one in (probe, other):
-            one.bind(("127.0.0.1", processes.free_port()))
+            one.bind(("127.0.0.1", ros_launch.find_free_port()))
 
 
 # -- the demo --------------------------------------------------------------------------------------
@@ -690,10 +700,10 @@ class Launched:
         self.arguments, self.log, self.environment = arguments, log, environment
         self.running, self.died, self.stopped = True, "", 0
 
-    def death(self):
+    def find_death_message(self):
         return self.died
 
-    def last_lines(self):
+    def read_last_lines(self):
         return "    its last line"
 
     def stop(self):
@@ -702,7 +712,7 @@ class Launched:
 
 @pytest.fixture
 def shown(graph, life, monkeypatch, tmp_path, capsys):
-    further = {name: {} for name in demo.STARTED}
+    further = {name: {} for name in demo.LAUNCH_FILES}
     further["aras_visual_servo.launch"]["gains"] = "g.yaml"
     further["aras_visual_servo_nodes.launch"]["depth"] = "0.2"
     arguments = argparse.Namespace(
@@ -710,14 +720,16 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
         law="pi", gain=None, tracker="", timeout=2.0, camera="wide", target="poster",
         target_size="", urdf=None, camera_xyz="0 0 0.1", camera_rpy=None, further=further)
     run = demo.Demo(arguments)
-    progress = watch.WatchedRun()
+    progress = controller_watch.RunProgress()
     it = SimpleNamespace(run=run, progress=progress, arguments=arguments, life=life, stopped=[],
                          out=tmp_path / "out", said=lambda: capsys.readouterr().out.splitlines())
-    monkeypatch.setattr(demo, "Launch", Launched)
-    monkeypatch.setattr(watch, "Watch", lambda: SimpleNamespace(progress=progress))
-    monkeypatch.setattr(watch, "wait_for_master", lambda uri, alive, timeout: (
+    monkeypatch.setattr(demo, "RosLaunch", Launched)
+    monkeypatch.setattr(
+        controller_watch, "ControllerWatch", lambda: SimpleNamespace(progress=progress)
+    )
+    monkeypatch.setattr(controller_watch, "wait_for_master", lambda uri, alive, timeout: (
         uri == run.uri and alive() and timeout == 300.0))
-    monkeypatch.setattr(watch, "stop_recorder", lambda *given: it.stopped.append(given))
+    monkeypatch.setattr(controller_watch, "stop_recorder", lambda *given: it.stopped.append(given))
     monkeypatch.setattr(signal, "signal", lambda *given: it.stopped.append(given))
     it.report = run._report
     monkeypatch.setattr(run, "_report", lambda: 5)
@@ -727,7 +739,7 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
 
     def recorded():
         (tmp_path / "out" / "run.bag.active").touch()
-        progress.joints = True
+        progress.has_joint_states = True
 
     def on(phase, seconds=0.0, **more):
         def step():
@@ -744,8 +756,8 @@ def shown(graph, life, monkeypatch, tmp_path, capsys):
 def test_a_demo_starts_servoes_and_stops(shown, graph):
     on, out = shown.on, shown.out
     shown.life.steps = [
-        shown.recorded, on("approaching"), on("servoing", began=3.0, stamp=3.0),
-        on("converged", converged=3.5, stamp=4.0), on("converged", stamp=4.01),
+        shown.recorded, on("approaching"), on("servoing", start_stamp=3.0, stamp=3.0),
+        on("converged", convergence_stamp=3.5, stamp=4.0), on("converged", stamp=4.01),
         *[on("converged")] * 9]
     out.mkdir()
     (out / "run.bag").touch()
@@ -777,10 +789,10 @@ def test_a_demo_starts_servoes_and_stops(shown, graph):
 
 @pytest.mark.parametrize(("last", "said"), [
     ({"stamp": 5.1}, "not converged within 2 s of simulated time"),
-    ({"seconds": 12.1, "stamp": 4.0}, "gave up after 12 s")])
+    ({"seconds": 12.1, "stamp": 4.0}, "stopped after 12 s of wall time")])
 def test_a_demo_has_its_time(shown, last, said):
     on = shown.on
-    shown.life.steps = [shown.recorded, on("servoing", began=3.0, stamp=3.0, reason="slow"),
+    shown.life.steps = [shown.recorded, on("servoing", start_stamp=3.0, stamp=3.0, reason="slow"),
                         on("servoing", **last), *[on("servoing")] * 9]
     assert shown.run.run() == 5
     assert f"[demo] {said}" in shown.said()
@@ -795,25 +807,25 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
 
     shown.life.steps = [
         lambda: wait(19.9), lambda: wait(0.25), lambda: wait(79.85), *[lambda: wait(100.0)] * 9]
-    with pytest.raises(ServoError, match=r"^after 300 s still waiting for the simulated robot and "
-                                         r"the recorder; logs are in .*/log$"):
+    with pytest.raises(ServoError, match=r"^still waiting for the simulated robot and the recorder "
+                                         r"after 300 s; see the logs in .*/log$"):
         shown.run.run()
     assert [len(lines) for lines in early[:4]] == [1, 0, 1, 0]  # after twenty seconds
     waits = [line for line in [*early[2], *shown.said()] if "still waiting for" in line]
-    assert waits == ["[demo] still waiting for the simulated robot and the recorder; a first start "
-                     "may have to compile loops"]
+    assert waits == ["[demo] still waiting for the simulated robot and the recorder; the first "
+                     "start may compile code"]
     assert shown.run.launches[0].stopped == 1
     shown.run.launches[0].died = "node x died"
     shown.life.now += 1.0
-    with pytest.raises(ServoError, match=r"^node x died; its last words:\n    its last line\nThe "
-                                         r"whole log: .*/log/simulator\.txt$"):
+    with pytest.raises(ServoError, match=r"^node x died; last lines of its log:\n    its last "
+                                         r"line\nFull log: .*/log/simulator\.txt$"):
         shown.run._check_running()
     shown.life.now += 0.375
     shown.run._check_running()  # looked at twice a second at most
     shown.life.now += 0.125
     with pytest.raises(ServoError, match="^node x died"):
         shown.run._check_running()
-    monkeypatch.setattr(watch, "wait_for_master", lambda *_: False)
+    monkeypatch.setattr(controller_watch, "wait_for_master", lambda *_: False)
     with pytest.raises(ServoError, match=r"^the simulator did not start:\n    its last line$"):
         shown.run.run()
 
@@ -821,15 +833,15 @@ def test_a_demo_says_what_it_waits_for_and_what_died(shown, monkeypatch):
 def test_a_controller_that_holds_before_it_has_begun_ends_the_demo(shown):
     hold = shown.on("holding", seconds=0.55, reason="no images")
     shown.life.steps = [shown.recorded, *[hold] * 40]
-    with pytest.raises(ServoError, match=r"^the controller holds still: no images\nThe whole log: "
-                                         r".*nodes\.txt$"):
+    with pytest.raises(ServoError, match=r"^the controller does not start servoing: no images\n"
+                                         r"Full log: .*nodes\.txt$"):
         shown.run.run()
     assert len(shown.life.steps) == 40 - 10  # held for 5.4 s, looked at twice a second at most
 
 
 @pytest.mark.parametrize("converged", [True, False])
 def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
-    from aras_visual_servo_bench.numbers import summary
+    from aras_visual_servo_bench.metrics import summary
     from aras_visual_servo_bench.ros import bag
     from aras_visual_servo_bench.web.report import write
 
@@ -838,15 +850,15 @@ def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
     monkeypatch.setattr(bag, "read_bag", lambda path, name: asked.append((path, name)) or record)
     monkeypatch.setattr(write, "write_report", lambda *given: asked.append(given) or ["a page"])
     monkeypatch.setattr(summary, "summarise", lambda run: ("numbers", run is record))
-    monkeypatch.setattr(summary, "told", lambda run, numbers: f"{numbers} {run is record}")
+    monkeypatch.setattr(summary, "describe_run", lambda run, numbers: f"{numbers} {run is record}")
     shown.run.launches.append(SimpleNamespace(log="the log"))
     assert shown.report() == (0 if converged else 1)
     assert asked == [(shown.out / "run.bag", "out"), ([record], shown.out, ("png",))]
     assert record.settings == {"scheme": "points", "start": "of the bag", "camera": "wide",
                                "target": "poster", "camera_xyz": "0 0 0.1", "law": "pi"}
     said = shown.said()
-    assert said[0] == "[demo] reading the bag, drawing the report"
-    assert ("[demo] the nodes' log: the log" in said) is not converged
+    assert said[0] == "[demo] reading the bag and writing the report"
+    assert ("[demo] log of the nodes: the log" in said) is not converged
     assert said[-7:] == [
         "", "Visual servoing by scheme 'points' from the initial pose 2015, camera 'wide':", "",
         "('numbers', True) True", "", "  Report: a page", ""]
@@ -854,11 +866,11 @@ def test_a_demo_reports_what_happened(shown, monkeypatch, converged):
 
 def test_a_demo_s_goal_that_was_taught_is_kept(shown):
     shown.out.mkdir()
-    assert shown.run._goal() == "auto"
+    assert shown.run._find_goal() == "auto"
     shown.arguments.taught = SimpleNamespace(to_yaml=lambda told: f"# {told}\n")
-    assert shown.run._goal() == str(shown.out / "goal.yaml")
+    assert shown.run._find_goal() == str(shown.out / "goal.yaml")
     assert (shown.out / "goal.yaml").read_text() == (
-        "# Before the target poster, where the shipped goal has the camera.\n")
+        "# View of the target poster from the camera pose of the shipped goal.\n")
 
 
 @pytest.mark.parametrize(("ends", "status", "told"), [

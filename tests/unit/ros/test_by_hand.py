@@ -20,8 +20,8 @@ from std_srvs.srv import Trigger
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.hands.gamepad import FAST, HELP
 from aras_visual_servo_controller.ros import teach, teleop
+from aras_visual_servo_controller.teleop.gamepad import FAST, HELP
 
 RIGHT, UP, DOWN = "\x1b[C", "\x1b[A", "\x1b[B"
 
@@ -62,12 +62,12 @@ def person(graph, life, monkeypatch, capsys):
             keys = left.pop(0) if left else ["q"]
             return keys() or [] if callable(keys) else keys
 
-        monkeypatch.setattr(teleop.teleop, "pressed", pressed)
+        monkeypatch.setattr(teleop.keyboard, "read_keys", pressed)
         status = teleop.main()
         return status, capsys.readouterr()
 
     it.opened, it.type = opened, type_
-    monkeypatch.setattr(teleop.teleop, "raw_terminal", raw)
+    monkeypatch.setattr(teleop.keyboard, "raw_terminal", raw)
     lock = teleop.threading.Lock
     monkeypatch.setattr(teleop, "threading", SimpleNamespace(Event=lambda: Heard(it), Lock=lock))
     return it
@@ -109,7 +109,7 @@ def test_keys_step_joints_and_tell(person):
     slide, elbow = position(1.5)
     assert sent(person)["slide"] == pytest.approx([slide + 0.05, slide + 0.1])
     assert sent(person)["elbow"] == pytest.approx([elbow - 0.05])
-    help_ = teleop.teleop.__doc__
+    help_ = teleop.keyboard.__doc__
     assert told.out == (
         f"{help_}\nwaiting for joint states on /aras_visual_servo/joint_states\n"
         f"slide to {slide + 0.05:.3f}\nslide to {slide + 0.1:.3f}\nelbow to {elbow - 0.05:.3f}\n"
@@ -132,7 +132,7 @@ def test_a_held_key_stops_the_controller_and_drives(person):
     assert not stopped  # nothing moves by these
     status, told = person.type(["2"], *[["-"]] * 10, [], *[[]] * 40, [RIGHT])
     assert status == 0 and stopped == [1]
-    assert told.out.count("the controller is stopped: its service start lets it go on") == 1
+    assert told.out.count("the controller is stopped; its service start resumes it") == 1
     assert "+ and - move elbow" in told.out
     slide, elbow = position(1.5)
     ways = sent(person)
@@ -209,17 +209,17 @@ def test_a_terminal_is_needed_and_a_ctrl_c_ends(person, monkeypatch):
 @pytest.fixture
 def lesson(graph, life, monkeypatch, shipped_arm, tmp_path):
     """A robot that stands where a goal has it, its camera node, and teaching's arguments."""
-    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
-    monkeypatch.setattr(teach, "begin_node", life.begin)
+    monkeypatch.setattr(teach, "init_node", life.begin)
     graph.parameters["/robot_description"] = Robot(RobotSpec()).urdf
     it = SimpleNamespace(life=life, graph=graph, arm=shipped_arm, stamp=0.0)
     it.arguments = argparse.Namespace(scheme="moments", go="", timeout=30.0, images=3, depth=None,
                                       file=tmp_path / "mine.yaml")
     config = Path(__file__).parents[3] / "src/aras_visual_servo_controller/config"
     goal = Goal.load(config / "goal_2016.yaml").for_arm(shipped_arm)
-    it.goal, it.q = goal, goal.joint_values(shipped_arm.names)
-    seen = Moments.from_polygon(goal.target.outline(goal.world_T_camera), 6)
+    it.goal, it.q = goal, goal.get_joints(shipped_arm.names)
+    seen = Moments.from_polygon(goal.target.compute_outline(goal.world_T_camera), 6)
 
     def look(valid=True):
         it.stamp += 0.1
@@ -240,14 +240,14 @@ def lesson(graph, life, monkeypatch, shipped_arm, tmp_path):
 
 def test_views_of_where_the_arm_stands_become_a_goal(lesson):
     lesson.life.steps = [lesson.look] * 3 + [lambda: None] * 9
-    made = teach.live(lesson.arguments)
+    made = teach.collect_views(lesson.arguments)
     assert lesson.life.begun == [(("teach",), {"anonymous": True})]
     assert made.name == "mine.yaml" and lesson.life.slept == [0.02] * 3
-    np.testing.assert_allclose(made.joint_values(lesson.arm.names), lesson.q)
+    np.testing.assert_allclose(made.get_joints(lesson.arm.names), lesson.q)
     assert made.depth == pytest.approx(lesson.goal.depth, rel=1e-6)  # by the shipped geometry
     assert not lesson.graph.subscribers and not lesson.graph.publishers
     lesson.arguments.depth, lesson.life.steps = 0.3, [lesson.look] * 4
-    assert teach.live(lesson.arguments).depth == pytest.approx(0.3)
+    assert teach.collect_views(lesson.arguments).depth == pytest.approx(0.3)
 
 
 def test_the_arm_is_driven_to_a_pose_first(lesson):
@@ -265,11 +265,11 @@ def test_the_arm_is_driven_to_a_pose_first(lesson):
 
     lesson.arguments.go = "2016"
     lesson.life.steps = [follow] * 400
-    made = teach.live(lesson.arguments)
-    np.testing.assert_allclose(made.joint_values(names), goal, atol=4e-3)
+    made = teach.collect_views(lesson.arguments)
+    np.testing.assert_allclose(made.get_joints(names), goal, atol=4e-3)
     lesson.arguments.go = " ".join(f"{v:.6f}" for v in goal + 0.01)
     lesson.life.steps = [follow] * 400
-    np.testing.assert_allclose(teach.live(lesson.arguments).joint_values(names), goal + 0.01,
+    np.testing.assert_allclose(teach.collect_views(lesson.arguments).get_joints(names), goal + 0.01,
                                atol=4e-3)
 
 
@@ -277,19 +277,19 @@ def test_what_keeps_from_teaching_is_said(lesson):
     lesson.life.steps = [lambda: lesson.look(False)] * 5
     with pytest.raises(ServoError, match=re.escape(
             "the last 3 images show nothing that could be taught (dark): bring the target")):
-        teach.live(lesson.arguments)
+        teach.collect_views(lesson.arguments)
     lesson.life.steps = [lesson.look] + [lambda: None] * 5000
     with pytest.raises(ServoError, match=re.escape("after 30 s only 1 of 3 images (no images arr")):
-        teach.live(lesson.arguments)
+        teach.collect_views(lesson.arguments)
     lesson.life.steps = [lesson.look]
     with pytest.raises(ServoError, match="only 1 of 3 images"):
-        teach.live(lesson.arguments)  # the node ends
+        teach.collect_views(lesson.arguments)  # the node ends
     for name in ("left", "right"):
         rospy.set_param(f"~cameras/{name}", {"frame": "camera_optical_frame"})
     lesson.arguments.scheme, lesson.life.steps = "points@left+area@right", []
     with pytest.raises(ServoError, match="only 0 of 3 images"):
-        teach.live(lesson.arguments)
+        teach.collect_views(lesson.arguments)
     assert any("right" in topic for topic in lesson.graph.subscribers)
     lesson.arguments.go = "nowhere"
     with pytest.raises(ConfigurationError, match="nowhere"):
-        teach.live(lesson.arguments)
+        teach.collect_views(lesson.arguments)

@@ -33,17 +33,17 @@ from tf2_msgs.msg import TFMessage
 from aras_sim_bridge.camera import CameraConfig, SensorFrame
 from aras_sim_bridge.description import DepthTopics
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.camera import frames, settings, topics
+from aras_sim_bridge.ros.camera import frame_broadcaster, settings, topics
 from aras_sim_bridge.ros.camera.compressed import (
     COMPRESSED_FIELDS,
+    BackgroundWorker,
     CompressedTopic,
-    Encoder,
     encode,
 )
-from aras_sim_bridge.ros.camera.info import calibration_path, prefixed
+from aras_sim_bridge.ros.camera.info import add_prefix, find_calibration_path
 from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.camera.topics import CameraTopics
-from aras_sim_bridge.ros.runtime.graph import OnGraph
+from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
 from aras_sim_bridge.sensors import Imu
 from aras_sim_bridge.simulation import ControlledModel
 
@@ -71,9 +71,9 @@ DEFAULTS = {field.name: field.default for field in COMPRESSED_FIELDS}
 
 @pytest.fixture(autouse=True)
 def nothing_announced(graph, monkeypatch):
-    monkeypatch.setattr(frames, "_frames", {})
-    monkeypatch.setattr(frames, "_publisher", None)
-    monkeypatch.setattr(settings, "_warned", set())
+    monkeypatch.setattr(frame_broadcaster, "_transforms", {})
+    monkeypatch.setattr(frame_broadcaster, "_publisher", None)
+    monkeypatch.setattr(settings, "_reported_names", set())
 
 
 @pytest.fixture
@@ -293,7 +293,7 @@ def test_the_figures_of_the_sensor_stand_beside_camera_info_as_a_preset(eye):
     (told,) = eye.graph.publishers["/eye/sensor_info"].sent
     assert told.data == kept
     figures = yaml.safe_load(kept)
-    assert list(figures) == list(eye.mounted.sensor.config.sensor_figures())
+    assert list(figures) == list(eye.mounted.sensor.config.sensor_settings())
     assert figures["effects"]["sensor"] == SETTINGS["effects"]["sensor"]
     assert figures["effects"]["row_time"] == 1e-6
     again = CameraConfig.from_mapping({**SETTINGS_OF_A_PRESET, **figures})
@@ -303,15 +303,15 @@ def test_the_figures_of_the_sensor_stand_beside_camera_info_as_a_preset(eye):
 @pytest.mark.parametrize("name", ["", "..", "a/../../b", "/"])
 def test_a_calibration_stays_in_its_folder(name):
     with pytest.raises(CameraError, match="gives no file name"):
-        calibration_path(name)
+        find_calibration_path(name)
 
 
 def test_where_calibrations_are_kept(monkeypatch, tmp_path):
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
-    assert calibration_path("a/b") == tmp_path / "camera_info" / "a" / "b.yaml"
+    assert find_calibration_path("a/b") == tmp_path / "camera_info" / "a" / "b.yaml"
     monkeypatch.setenv("ROS_HOME", "")
     monkeypatch.setenv("HOME", "/home/me")
-    assert str(calibration_path("a")) == "/home/me/.ros/camera_info/a.yaml"
+    assert str(find_calibration_path("a")) == "/home/me/.ros/camera_info/a.yaml"
 
 
 def test_a_name_of_its_own_gives_the_rate_s_settings(graph, thread):
@@ -361,14 +361,14 @@ def test_frames_that_nobody_else_knows_are_told(graph, thread):
 ])
 def test_frames_are_below_the_nearest_prefix(graph, given, found):
     graph.parameters.update(given)
-    assert prefixed("/lens", "/x/y") == found
+    assert add_prefix("/lens", "/x/y") == found
 
 
 def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     name = rospy.resolve_name("~cameras")
-    assert settings.read() == {}
+    assert settings.read_cameras() == {}
     graph.parameters[name] = 3
-    assert settings.read() == {} and "give settings by camera name" in graph.lines[-1]
+    assert settings.read_cameras() == {} and "give settings by camera name" in graph.lines[-1]
     del graph.parameters[name]
     for key, value in SETTINGS.items():
         graph.parameters[f"{name}/good/{key}"] = value
@@ -383,12 +383,13 @@ def test_settings_of_the_world_s_cameras(graph, thread, monkeypatch):
     assert f"{name}/bad is left out" in graph.lines[-1]
     plugins = None, SimpleNamespace(camera_name="own"), SimpleNamespace(camera_name="")
     new = SimpleNamespace(cameras=[SimpleNamespace(name="on", plugin=one) for one in plugins])
-    settings.warn_of_unused({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
-    assert f"settings {name}/of belong to no camera; there are good, on, own" in graph.lines[-1]
+    settings.check_unused_names({"on": {}, "of": {"width": 3}, "own": {"width": 3}}, thread, new)
+    told = f"settings {name}/of belong to no camera; existing cameras: good, on, own"
+    assert told in graph.lines[-1]
     assert not any("/own" in line for line in graph.lines)
     count = len(graph.lines)
-    settings.warn_of_unused({"of": {"width": 3}}, thread, new)
-    settings.warn_of_unused({"if": {"width": 3}}, thread, SimpleNamespace(cameras=[]))
+    settings.check_unused_names({"of": {"width": 3}}, thread, new)
+    settings.check_unused_names({"if": {"width": 3}}, thread, SimpleNamespace(cameras=[]))
     assert len(graph.lines) == count
 
 
@@ -462,8 +463,8 @@ def test_settings_of_compression_that_cannot_be_are_left_out_one_by_one(graph):
     topic = CompressedTopic("/c/image", None)
     assert topic._settings.values == {**DEFAULTS, "jpeg_quality": 7, "jpeg_optimize": True,
                                       "jpeg_restart_interval": 65535}
-    assert graph.lines == [f"{place}/format is 'gif'; going on with 'jpeg'",
-                           f"{place}/png_level is 'x'; going on with 9"]
+    assert graph.lines == [f"{place}/format is invalid: 'gif'; using the default 'jpeg'",
+                           f"{place}/png_level is invalid: 'x'; using the default 9"]
     topic.unregister()
 
 
@@ -475,7 +476,7 @@ def test_of_pictures_that_wait_for_the_encoder_the_newest_stay():
         assert go_on.wait(30.0)
         done.append(item)
 
-    encoder = Encoder(work, 3, "encoder")
+    encoder = BackgroundWorker(work, 3, "encoder")
     encoder.put(0)
     assert begun.wait(30.0)
     for item in range(1, 8):
@@ -513,7 +514,7 @@ def test_a_compressed_topic_reads_its_parameters_and_sends(graph):
         "/c/image/compressed/jpeg_quality": [1],
     })  # fmt: skip
     topic = CompressedTopic("/c/image", None)
-    assert "jpeg_quality is [1]; going on with 80" in graph.lines[-1]
+    assert "jpeg_quality is invalid: [1]; using the default 80" in graph.lines[-1]
     assert (topic._settings.values["png_level"], topic._settings.values["format"]) == (3, "png")
     topic.publish(Time(1, 2), "lens", SensorFrame(0, RED, "rgb8"))
     sent = graph.publishers["/c/image/compressed"].sent
@@ -576,9 +577,9 @@ def test_each_camera_has_its_face_while_it_is_there(graph, thread, monkeypatch):
     def begins() -> None:
         """A frame is about to go out."""
 
-    monkeypatch.setattr("aras_sim_bridge.ros.runtime.graph.CameraTopics", Face)
-    on_graph = OnGraph(thread, begins)
-    assert on_graph.record is not None and not graph.parameters
+    monkeypatch.setattr("aras_sim_bridge.ros.runtime.graph_entities.CameraTopics", Face)
+    on_graph = GraphEntities(thread, begins)
+    assert on_graph.spawn_record is not None and not graph.parameters
     limits, given = [], thread.call
     monkeypatch.setattr(thread, "call", lambda job, *limit: limits.extend(limit) or given(job))
     for name in ("bad", "a"):
@@ -607,19 +608,19 @@ def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkey
         return made
 
     for name in ("ManagerServices", "SensorTopic"):
-        monkeypatch.setattr(f"aras_sim_bridge.ros.runtime.graph.{name}", face(name))
+        monkeypatch.setattr(f"aras_sim_bridge.ros.runtime.graph_entities.{name}", face(name))
 
     class Sensor(Imu):
         def __init__(self) -> None:
             self.description = SimpleNamespace(topic="imu")
 
     robot, sensor = ControlledModel("rig", *[None] * (len(fields(ControlledModel)) - 1)), Sensor()
-    on_graph = OnGraph(thread)
+    on_graph = GraphEntities(thread)
     thread.simulation.robots["rig"] = robot
     thread.simulation.sensors.append(sensor)
     try:
         on_graph.sync()
-        faces = {"ManagerServices": (robot, thread, on_graph.record),
+        faces = {"ManagerServices": (robot, thread, on_graph.spawn_record),
                  "SensorTopic": (sensor, thread)}
         assert opened == [(name, *given) for name, given in faces.items() if name != fails]
         told = {"ManagerServices": "robot 'rig'", "SensorTopic": "sensor 'imu'", "": ""}[fails]
@@ -628,7 +629,7 @@ def test_robots_and_sensors_have_faces_too_each_for_itself(graph, thread, monkey
     finally:
         thread.simulation.robots.clear()
         thread.simulation.sensors.clear()
-    on_graph.record.spawned("spawn_urdf_model", SpawnModelRequest(model_name="m"))
+    on_graph.spawn_record.add_model("spawn_urdf_model", SpawnModelRequest(model_name="m"))
     assert not graph.parameters  # it keeps none unless it is told to
 
 

@@ -26,7 +26,7 @@ def port(monkeypatch) -> Iterator[int]:
     monkeypatch.setattr(masterslave.ROSHandler, "_connect_topic", CONNECT)
     monkeypatch.setattr(registration.RegManager, "publisher_update", UPDATE)
     connections.find_publishers()
-    connections.open_wide()
+    connections.accept_in_threads()
     server = tcpros_base._tcpros_server
 
     def answer(connection: socket.socket, _address: object, header: dict[str, str]) -> None:

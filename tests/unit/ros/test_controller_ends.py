@@ -33,8 +33,8 @@ def test_the_loop_ends_with_the_node_whoever_chose_its_output(node, monkeypatch,
     ended = object.__new__(node.ControllerNode)
     settings = types.SimpleNamespace(output=output)
     ended._settings = types.SimpleNamespace(output="position")  # as it was given
-    ended.driver = types.SimpleNamespace(settings=settings, end=heard.append)
+    ended.runner = types.SimpleNamespace(settings=settings, shut_down=heard.append)
     ended._inputs = types.SimpleNamespace(close=lambda: heard.append("closed"))
-    monkeypatch.setattr(node, "LAST_WORDS", 0.0)
+    monkeypatch.setattr(node, "SHUTDOWN_TIME", 0.0)
     ended.close()
     assert heard == ([] if output == "position" else ["closed", "the node ends"])

@@ -41,7 +41,7 @@ from aras_sim_bridge.ros.control.manager_services import ManagerServices
 from aras_sim_bridge.ros.control.topics import STATES, ControllerTopics
 from aras_sim_bridge.ros.control.trajectory import fill_state, from_trajectory
 from aras_sim_bridge.ros.runtime.reconfigure import PID_FIELDS
-from aras_sim_bridge.ros.runtime.record import Record
+from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 
 
 def joint(name: str, interface: str) -> str:
@@ -104,7 +104,7 @@ class Controllers:
             )
         )
         self.robot = thread.simulation.robots["rig"]
-        self.record = Record(True)
+        self.record = SpawnRecord(True)
         self.services = ManagerServices(self.robot, thread, self.record)
 
     def call(self, name: str, *args: object):
@@ -122,11 +122,11 @@ class Controllers:
 
     def send(self, topic: str, message: object) -> None:
         """As a message of a command topic's connection."""
-        feed = manager_services.CommandTopic.__init__.__globals__["_feeds"][topic]
+        feed = manager_services.CommandTopic.__init__.__globals__["_subscriptions"][topic]
 
         def act() -> None:
-            for taker in feed.takers:
-                taker.act(message)
+            for taker in feed.command_topics:
+                taker.handle(message)
 
         self.thread.call(act)
 
@@ -208,8 +208,8 @@ def test_a_switch_that_nobody_carries_out_is_given_up(rig, monkeypatch):
     """A robot whose updates do not come: the answer does not wait for ever."""
     monkeypatch.setattr(manager_services, "SWITCH_TIMEOUT", 0.05)
     rig.call("load_controller", "push")
-    monkeypatch.setattr(type(rig.thread), "held", property(lambda self: False))
-    assert manager_services.LOOK_PERIOD == 0.1
+    monkeypatch.setattr(type(rig.thread), "is_time_stopped", property(lambda self: False))
+    assert manager_services.POLL_PERIOD == 0.1
     for timeout in (0.0, -1.0):
         answer = rig.graph.call(
             "/rig/controller_manager/switch_controller", ["push"], [], 2, False, timeout
@@ -237,7 +237,8 @@ def test_who_ends_at_the_same_ctrl_c_asks_in_vain_and_no_line_is_written_of_it(r
 def test_a_switch_is_carried_out_when_time_is_stopped_under_it(rig, monkeypatch):
     rig.call("load_controller", "push")
     held = iter([False])
-    monkeypatch.setattr(type(rig.thread), "held", property(lambda self: next(held, True)))
+    is_held = property(lambda self: next(held, True))
+    monkeypatch.setattr(type(rig.thread), "is_time_stopped", is_held)
     assert rig.call("switch_controller", ["push"], [], 2).ok
     assert next(held, None) is None
     assert rig.call("list_controllers").controller[0].state == "running"
@@ -542,7 +543,7 @@ def test_a_goal_is_read_in_every_field(follow):
         goal_time_tolerance=Duration(1, 500_000_000))
     parts = follow.rig.services._topics["follow"]._parts
     (action,) = (part for part in parts if isinstance(part, actions.ControllerAction))
-    assert action._request(message) == TrajectoryGoal(
+    assert action._make_goal(message) == TrajectoryGoal(
         from_trajectory(TRAJECTORY), [Tolerance("a", 1.0, 2.0, 3.0)],
         [Tolerance("b", 4.0, 5.0, 6.0), Tolerance("c", 7.0, 8.0, 9.0)], 1.5)
 

@@ -24,8 +24,8 @@ def served(monkeypatch):
         monkeypatch.setattr(reconfigure, "ReconfigureServer", server)
         monkeypatch.setattr(reconfigure.rospy, "resolve_name", lambda name: f"/node{name}")
         servo = SimpleNamespace(scheme=SimpleNamespace(law=law))
-        driver = SimpleNamespace(servo=servo, change=lambda change: change(servo))
-        reconfigure.GainServer(SimpleNamespace(driver=driver))
+        driver = SimpleNamespace(servo=servo, apply_change=lambda change: change(servo))
+        reconfigure.GainServer(SimpleNamespace(runner=driver))
         return found
 
     return serve

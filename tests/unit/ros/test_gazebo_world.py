@@ -12,7 +12,7 @@ from gazebo_msgs.msg import ModelState, ODEJointProperties, ODEPhysics
 from geometry_msgs.msg import Point, Pose, Quaternion, Twist, Vector3
 from std_msgs.msg import ColorRGBA
 
-from aras_sim_bridge.ros.gazebo_api.descriptions import robot_namespace
+from aras_sim_bridge.ros.gazebo_api.descriptions import find_namespace
 from aras_sim_bridge.ros.runtime.pacing import Pacer
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -47,7 +47,7 @@ def test_lights(api, call):
     assert (light.specular, light.cast_shadows) == ((0.5, 0.6, 0.7, 0.8), True)
     assert light.origin_rpy == pytest.approx((0.0, 0.0, math.pi / 2))
     answer = call("set_light_properties", **{**given, "direction": Vector3()})
-    assert "keeps the one it had" in answer.status_message
+    assert "keeps its direction" in answer.status_message
     assert "'sun'" in call("delete_light", "sun").status_message
     assert "sun" in call("delete_light", "sun", refused=True).status_message
 
@@ -70,8 +70,8 @@ def test_a_light_is_spawned_where_it_is_asked_for(api, call, ball):
 def test_one_thing_is_spawned_at_a_time(api, call):
     model = '<model name="m"><static>true</static><link name="l"/></model>'
     both, none = SPOT.replace("</sdf>", f"{model}</sdf>"), '<sdf version="1.6"/>'
-    for text, found in ((both, "1 models and 1 lights; give one model at a time"),
-                        (none, "there is no <model> and no <light> in it")):
+    for text, found in ((both, "1 models and 1 lights; it must contain exactly one model"),
+                        (none, "it contains no <model> and no <light>")):
         answer = call("spawn_sdf_model", "m", text, "", Pose(), "", refused=True)
         assert answer.status_message == f"SpawnModel: SDF: {found}"
     assert "m" not in api.thread.simulation.lights
@@ -114,7 +114,7 @@ def test_packages_are_looked_for_wherever_they_are_named_but_in_comments(call):
 
 
 @pytest.mark.parametrize(("name", "words"), [
-    ("", "is empty"), ("a::b", "no '::'"), ("x" * 257, "at most 256"),
+    ("", "is empty"), ("a::b", "not contain '::'"), ("x" * 257, "exceed 256"),
 ])
 def test_names_that_cannot_be(call, name, words):
     answer = call("spawn_urdf_model", name, BALL, "", Pose(), "", refused=True)
@@ -144,7 +144,7 @@ def test_controllers_are_in_the_namespace_of_the_plugin_or_of_the_request(
 ):
     description = SimpleNamespace(
         control_plugins=[SimpleNamespace(robot_namespace=name) for name in own])
-    assert robot_namespace(description, requested) == namespace
+    assert find_namespace(description, requested) == namespace
 
 
 @pytest.mark.parametrize(("text", "words"), [
@@ -194,7 +194,8 @@ def test_physics_tells_what_was_set(api, call, step, ball):
 def test_at_least_one_iteration_is_made_and_what_robots_do_not_bear_is_said(api, call):
     simulation = api.thread.simulation
     simulation.robots.update({
-        name: SimpleNamespace(outlook=lambda step, name=name: name and f"{name} shakes at {step}")
+        name: SimpleNamespace(
+            report_stability=lambda step, name=name: name and f"{name} shakes at {step}")
         for name in ("a", "", "b")})  # fmt: skip
     before = call("get_physics_properties")
     before.ode_config.sor_pgs_iters = 0
@@ -329,7 +330,7 @@ def test_metrics_tell_how_often_cameras_that_are_looked_at_draw(api, monkeypatch
     camera = api.thread.call(lambda: simulation.add_camera("c", settings))
     for wanted, fps in ((False, 0.0), (True, 10.0)):
         camera.enabled = wanted
-        message = api.api.states._performance(simulation)
+        message = api.api.states._make_performance_metrics(simulation)
         assert (message.header.stamp.to_nsec(), message.real_time_factor) == (2_000_000, 0.5)
         (told,) = message.sensors
         assert (told.name, told.sim_update_rate, told.real_update_rate) == ("c", 20.0, 10.0)
@@ -394,7 +395,7 @@ def test_a_model_of_several_bodies_and_with_a_closed_chain_is_one(call):
         joint = call("get_joint_properties", name)
         assert (joint.type, joint.position) == (1, [pytest.approx(0.0, abs=1e-6)])
     said = call("set_joint_properties", "k", ODEJointProperties(), refused=True).status_message
-    assert "'k' closes a chain of joints, and is only read" in said
+    assert "'k' closes a kinematic loop and can only be read" in said
     there = Pose(Point(0.0, 1.0, 5.0), Quaternion(w=1.0))
     call("set_model_state", ModelState("m", there, Twist(), ""))
     state = call("get_link_state", "m::free", "").link_state

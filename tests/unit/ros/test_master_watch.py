@@ -31,39 +31,39 @@ def wall(monkeypatch):
     return now
 
 
-@pytest.mark.parametrize("said", [{}, {"every": 2.0}])
+@pytest.mark.parametrize("said", [{}, {"period": 2.0}])
 def test_a_master_that_answers_is_asked_no_more_often_than_said(wall, said):
     watch = MasterWatch("/node", **said)
     for _ in range(20):
-        assert watch.lost() == ""
+        assert watch.find_loss_reason() == ""
         wall[0] += 0.5
     assert Master.watched.asked == 5
 
 
 def test_one_missed_answer_is_no_loss_two_are(wall):
-    watch = MasterWatch("/node", every=2.0)
-    assert watch.lost() == ""
+    watch = MasterWatch("/node", period=2.0)
+    assert watch.find_loss_reason() == ""
     Master.watched.pid = None
     wall[0] += 2.1
-    assert watch.lost() == ""
+    assert watch.find_loss_reason() == ""
     wall[0] += 0.6  # asked again soon
-    assert "does not answer any more" in watch.lost()
+    assert "does not answer any more" in watch.find_loss_reason()
 
 
 def test_an_answer_between_forgives(wall):
-    watch = MasterWatch("/node", every=2.0)
+    watch = MasterWatch("/node", period=2.0)
     for pid in (7, None, 7, None, 7):
         Master.watched.pid = pid
-        assert watch.lost() == ""
+        assert watch.find_loss_reason() == ""
         wall[0] += 2.1
 
 
 def test_another_master_at_the_same_place_is_noticed(wall):
-    watch = MasterWatch("/node", every=2.0)
-    assert watch.lost() == ""
+    watch = MasterWatch("/node", period=2.0)
+    assert watch.find_loss_reason() == ""
     Master.watched.pid = 8
     wall[0] += 2.1
-    assert "was restarted" in watch.lost()
+    assert "was restarted" in watch.find_loss_reason()
 
 
 def test_a_loss_is_told_once(wall, monkeypatch):
@@ -71,9 +71,9 @@ def test_a_loss_is_told_once(wall, monkeypatch):
         master_watch.time, "sleep", lambda seconds: wall.__setitem__(0, wall[0] + seconds)
     )
     told, lost, thread = [], threading.Event(), threading.current_thread
-    watch = MasterWatch("/node", every=2.0)
-    assert watch.lost() == ""
+    watch = MasterWatch("/node", period=2.0)
+    assert watch.find_loss_reason() == ""
     Master.watched.pid = None
-    watch.tell(lambda why: (told.append((why, thread().daemon)), lost.set()))
+    watch.watch(lambda why: (told.append((why, thread().daemon)), lost.set()))
     assert lost.wait(10.0)
     assert told == [("the ROS master does not answer any more", True)]

@@ -17,14 +17,14 @@ from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Float64
 
 from aras_sim_bridge.control.switching import ControllerInfo
-from aras_sim_bridge.description.types import Surroundings
+from aras_sim_bridge.description.types import SceneSettings
 from aras_sim_bridge.description.world_file import WorldFile
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime import node
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
 from aras_sim_bridge.ros.runtime.node import GazeboNode, make_pacer
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
-from aras_sim_bridge.ros.runtime.record import Record
+from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.simulation import SimulationConfig
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
@@ -156,7 +156,7 @@ def test_the_clock_and_the_states_come_with_the_steps(make):
     make.graph.call("/gazebo/reset_simulation")
     make.graph.call("/gazebo/step_world", 1)
     assert ticks(listener) == [MS]
-    assert it.thread.simulation.before_pictures == it.clock.publish
+    assert it.thread.simulation.before_images == it.clock.publish
 
 
 def test_topics_and_services_are_gazebo_ros_s(make):
@@ -189,7 +189,7 @@ def test_a_display_that_does_not_answer_is_a_warning(graph, monkeypatch):
     simulation = node.build_simulation(NodeParameters(gui=True), WorldFile())
     assert simulation.config.gui is False
     simulation.close()
-    assert any("display ':4711'" in line and "going on without a window" in line
+    assert any("display ':4711'" in line and "continuing without a window" in line
                for line in graph.lines)
 
 
@@ -208,9 +208,9 @@ def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch
     configs: list[SimulationConfig] = []
     monkeypatch.setattr(node, "Simulation", lambda config: configs.append(config) or made)
     monkeypatch.setattr(node.world_file, "populate", lambda *given: put.append(given))
-    monkeypatch.setattr(node.settings, "read", lambda: {"eye": {"width": 3}})
+    monkeypatch.setattr(node.settings, "read_cameras", lambda: {"eye": {"width": 3}})
     world = WorldFile(time_step=0.002, gravity=(1.0, 2.0, 3.0), lights=(), ground_plane=False,
-                      scene=Surroundings(shadows="soft"), warnings=("look",), time_ns=77)
+                      scene=SceneSettings(shadows="soft"), warnings=("look",), time_ns=77)
     given = {"gui": True, "renderer": "tiny", "exposure": "gazebo", "seed": 5,
              "legacy_camera_info": True}
     for shadows, wanted in (("world", "soft"), ("none", "none")):
@@ -218,14 +218,14 @@ def test_the_simulation_is_what_parameters_and_world_file_say(graph, monkeypatch
         assert built is made and made.time_ns == 77
         assert configs.pop() == SimulationConfig(
             time_step=0.002, gravity=(1.0, 2.0, 3.0), gui=window, renderer="tiny",
-            exposure="gazebo", scene=Surroundings(shadows=wanted), seed=5,
+            exposure="gazebo", scene=SceneSettings(shadows=wanted), seed=5,
             legacy_camera_info=True, ground_plane=False, lights=())
         spawn, what, warn = put.pop()
         warn("model 'm' is left out")
         assert what is world and spawn() == {"cameras": {"eye": {"width": 3}}}
     assert "world file: look" in graph.lines
     assert "world file: model 'm' is left out" in graph.lines
-    assert any("going on without a window" in line for line in graph.lines) is not window
+    assert any("continuing without a window" in line for line in graph.lines) is not window
 
 
 def test_cameras_of_the_world_come_with_the_node(make):
@@ -234,7 +234,8 @@ def test_cameras_of_the_world_come_with_the_node(make):
     it = make(paused=True, speed_mode="lockstep", lockstep_topics=("/a",), lockstep_timeout=9.0)
     make.graph.listen("/eye/image_raw")
     make.graph.call("/gazebo/step_world", 100)
-    assert it.lockstep.closed and 8.0 < it.lockstep.remaining() <= 9.0  # a round for each picture
+    assert it.lockstep.is_closed  # a round for each picture
+    assert 8.0 < it.lockstep.compute_remaining() <= 9.0
 
 
 def test_a_record_that_is_forgotten_is_written_no_more(graph):
@@ -242,22 +243,22 @@ def test_a_record_that_is_forgotten_is_written_no_more(graph):
     request = SpawnModelRequest("m", "<a/>", "/ns", Pose(Point(1, 2, 3), Quaternion(4, 5, 6, 7)),
                                 "world")
     graph.parameters[place] = {"models": []}
-    Record(False).forget()
-    Record(False).spawned("spawn_urdf_model", request)
+    SpawnRecord(False).clear()
+    SpawnRecord(False).add_model("spawn_urdf_model", request)
     assert graph.parameters[place] == {"models": []}
-    record = Record(True)
-    record.spawned("spawn_urdf_model", request)
-    record.controllers("/ns", [ControllerInfo("c", "running", "t", ()),
+    record = SpawnRecord(True)
+    record.add_model("spawn_urdf_model", request)
+    record.set_controllers("/ns", [ControllerInfo("c", "running", "t", ()),
                                ControllerInfo("d", "stopped", "t", ())])
-    record.controllers("/other", [])
+    record.set_controllers("/other", [])
     assert graph.parameters[place] == {
         "models": [{"service": "spawn_urdf_model", "name": "m", "xml": "<a/>", "namespace": "/ns",
                     "position": [1, 2, 3], "orientation": [4, 5, 6, 7], "frame": "world"}],
         "controllers": [["/ns", [("c", True), ("d", False)]]]}
-    record.forget()
-    record.forget()
-    record.controllers("/ns", [])
-    record.deleted("m")
+    record.clear()
+    record.clear()
+    record.set_controllers("/ns", [])
+    record.remove_model("m")
     assert place not in graph.parameters
 
 
@@ -267,7 +268,7 @@ def test_it_runs_unless_it_is_told_to_wait(make):
     begin = it.thread.now_ns()
     until(lambda: it.thread.now_ns() != begin)
     it.stop()
-    assert it.thread.stopping
+    assert it.thread.is_stopping
 
 
 def test_without_the_network_there_is_the_clock_alone(make):
@@ -310,7 +311,7 @@ def test_what_stood_there_comes_back_after_a_death(make):
     assert (there.orientation.z, there.orientation.w) == (1.0, 0.0)
     found = graph.call("/r/controller_manager/list_controllers").controller
     assert [(c.name, c.state) for c in found] == [("on", "running"), ("off", "initialized")]
-    assert sum("is brought back" in line for line in graph.lines) == 2
+    assert sum("is restored after" in line for line in graph.lines) == 2
     assert graph.call("/gazebo/delete_model", "arm").success
     second.thread.stop()
     lines = len(graph.lines)
@@ -331,7 +332,7 @@ def test_one_that_cannot_come_back_does_not_keep_the_others_away(make):
     make.graph.parameters[rospy.resolve_name("~spawned")]["models"][0]["xml"] = "nonsense"
     second = make(paused=True, restore=True)
     assert list(second.thread.simulation.world.models) == ["ground_plane", "b"]
-    assert any("it does not come back" in line for line in make.graph.lines)
+    assert any("not restored" in line for line in make.graph.lines)
 
 
 def test_nothing_is_written_down_without_need(make):
@@ -343,12 +344,12 @@ def test_nothing_is_written_down_without_need(make):
 
 def test_lockstep_waits_for_its_topics_by_periods(make):
     it = make(speed_mode="lockstep", lockstep_topics=("/a",), lockstep_period=0.002)
-    until(lambda: it.thread.held)
-    assert it.thread.now_ns() == 2 * MS and it.thread.gate.closed
+    until(lambda: it.thread.is_time_stopped)
+    assert it.thread.now_ns() == 2 * MS and it.thread.lockstep.is_closed
     make.graph.subscribers["/a"](None)
     until(lambda: it.thread.now_ns() >= 4 * MS)
     make.graph.call("/gazebo/reset_simulation")
-    until(lambda: it.thread.held and it.thread.now_ns() == 2 * MS)
+    until(lambda: it.thread.is_time_stopped and it.thread.now_ns() == 2 * MS)
 
 
 def test_lockstep_without_topics_is_refused(make):
@@ -389,11 +390,11 @@ def test_the_library_s_lines_go_where_rospy_s_go(level, shown, monkeypatch):
 def process(graph, monkeypatch):
     """rospy's process: `end` ends it, as a signal does; `told` are the reasons of an end."""
     it = SimpleNamespace(graph=graph, told=[], hooks=[], watched=[], begun=[])
-    monkeypatch.setattr(node, "begin_node", lambda *given, **more: it.begun.append((given, more)))
+    monkeypatch.setattr(node, "init_node", lambda *given, **more: it.begun.append((given, more)))
     monkeypatch.setattr(node, "compile_all", lambda: it.begun.append("compiled"))
     monkeypatch.setattr(rospy, "on_shutdown", it.hooks.append)
     monkeypatch.setattr(rospy.rostime, "wallsleep", lambda _seconds: None)
-    monkeypatch.setattr(node, "open_wide", lambda: it.begun.append("open wide"))
+    monkeypatch.setattr(node, "accept_in_threads", lambda: it.begun.append("open wide"))
     monkeypatch.setattr(node, "_set_up_log", lambda _level: None)
     monkeypatch.setattr(node.sys, "setswitchinterval", it.begun.append)
 
@@ -406,7 +407,7 @@ def process(graph, monkeypatch):
         def __init__(self, _name: str, every: float) -> None:
             it.watched.append(every)
 
-        def tell(self, on_lost) -> None:
+        def watch(self, on_lost) -> None:
             it.lost = on_lost
 
     monkeypatch.setattr(rospy, "signal_shutdown", end)
@@ -460,7 +461,7 @@ def test_an_end_that_comes_early_ends_the_node_too(process, monkeypatch, when):
                 process.end("late")
                 assert stopped == [1] and slept == [0.3]  # answers have their way
 
-        def tell(self, _on_lost: object) -> None:
+        def watch(self, _on_lost: object) -> None:
             assert stopped
 
     monkeypatch.setattr(rospy.core, "is_shutdown_requested", lambda: when == "before")
@@ -514,7 +515,7 @@ def test_its_end_is_as_it_should_be_where_nothing_is_to_be_forgotten_any_more(ma
         asked.append(True)
         raise fault
 
-    it.record.forget = forget
+    it.spawn_record.clear = forget
     it.fault = None if fault else ValueError("the simulation's")
     it.stop()
     assert asked == ([True] if fault else [])  # after a fault what stood there comes back

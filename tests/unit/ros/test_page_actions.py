@@ -18,10 +18,10 @@ from gazebo_msgs.srv import DeleteModel, GetModelState, SpawnModel
 from geometry_msgs.msg import Point, Pose, Quaternion
 from std_srvs.srv import Empty, Trigger
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import RefusedError
-from aras_visual_servo_bench.ros import actions as page
-from aras_visual_servo_bench.ros.listener import listener_settings
+from aras_visual_servo_bench.ros import page_commands as page
+from aras_visual_servo_bench.ros.graph_listener import make_listener_settings
 from aras_visual_servo_controller.goals.goal import Goal
 
 NODE, CAMERA = "/aras_visual_servo_controller", "/gazebo/cameras/labrob/camera"
@@ -39,10 +39,10 @@ class Nodes:
         assert log.parent.is_dir()
         self.made.append(self)
 
-    def death(self):
+    def find_death_message(self):
         return self.dies
 
-    def last_lines(self, count):
+    def read_last_lines(self, count):
         return "\n".join(["    the first", "    [FATAL] [17.5, 3.25]: no such scheme"][-count:])
 
     def stop(self):
@@ -52,10 +52,10 @@ class Nodes:
 @pytest.fixture
 def asked(graph, life, monkeypatch, tmp_path):
     """Actions of the robot `robo`, and the services that they find; `calls` is what was asked."""
-    settings = listener_settings({"namespace": "/two/"})
+    settings = make_listener_settings({"namespace": "/two/"})
     it = SimpleNamespace(graph=graph, life=life, calls=[], running={NODE, "/other"}, killed=[])
-    it.listener = SimpleNamespace(story=None)
-    it.actions = page.Actions(it.listener, settings, tmp_path / "kept", "robo")
+    it.listener = SimpleNamespace(run_trace=None)
+    it.actions = page.PageCommands(it.listener, settings, tmp_path / "kept", "robo")
     it.settings = settings
 
     def serve(name, kind, **answer):
@@ -70,7 +70,7 @@ def asked(graph, life, monkeypatch, tmp_path):
         life.steps = [lambda: None, lambda: it.running.difference_update(names)]
 
     it.serve, Nodes.made, Nodes.dies = serve, [], ""
-    monkeypatch.setattr(page, "Launch", Nodes)
+    monkeypatch.setattr(page, "RosLaunch", Nodes)
     monkeypatch.setattr(rosnode, "get_node_names", lambda: sorted(it.running))
     monkeypatch.setattr(rosnode, "kill_nodes", kill)
     monkeypatch.setattr(rosservice, "get_service_node",
@@ -83,7 +83,7 @@ def test_what_may_be_chosen(asked):
     goals.mkdir(parents=True)
     (goals / "mine.yaml").touch()
     (goals / "2016.yaml").touch()
-    found = asked.actions.choices()
+    found = asked.actions.list_choices()
     assert {"stereo_points", "stereo_pose"}.isdisjoint(found["schemes"])
     assert found["schemes"] == sorted(found["schemes"]) and "points" in found["schemes"]
     assert found["laws"] == ["adaptive", "diagonal", "pi", "proportional", "sliding_mode"]
@@ -97,8 +97,8 @@ def test_what_may_be_chosen(asked):
                                for key in ("scheme", "law", "start", "desired")}
     asked.graph.subscribers[f"{NODE}/gains/parameter_updates"](Config(
         doubles=[DoubleParameter("slope", 0.1 + 0.2), DoubleParameter("gain", 5.0)]))
-    asked.listener.story = SimpleNamespace(arm=SimpleNamespace(names=("slide", "elbow")))
-    found = asked.actions.choices()
+    asked.listener.run_trace = SimpleNamespace(arm=SimpleNamespace(names=("slide", "elbow")))
+    found = asked.actions.list_choices()
     assert [found[key][-1] for key in ("schemes", "laws", "starts", "goals")] == [
         "my scheme", "my law", "my start", "my desired"]
     assert found["gains"] == ["gain", "slope"] and found["joints"] == ["slide", "elbow"]
@@ -108,39 +108,39 @@ def test_what_may_be_chosen(asked):
 def test_what_runs_now(asked, monkeypatch):
     actions, told = asked.actions, asked.graph.parameters
     begin = {"scheme": "moments", "law": "proportional", "start": "2016", "goal": "auto"}
-    assert actions.given() == {**begin, "camera": "original"}
-    actions.chosen["target"] = "poster"
+    assert actions.read_selection() == {**begin, "camera": "original"}
+    actions.selection["target"] = "poster"
     told |= {f"{NODE}/law": "pi", f"{NODE}/desired": 2015, f"{NODE}/gain": 3.0}
     told |= {f"{CAMERA}/width": 321}
-    assert actions.given() == {**begin, "law": "pi", "goal": "2015", "camera": "",
+    assert actions.read_selection() == {**begin, "law": "pi", "goal": "2015", "camera": "",
                                "target": "poster"}
     told[NODE] = "no namespace"
-    assert actions.given() == {**begin, "camera": "", "target": "poster"}
+    assert actions.read_selection() == {**begin, "camera": "", "target": "poster"}
     looked = []
-    monkeypatch.setattr(page, "preset_of", lambda settings: looked.append(settings) or "wide")
+    monkeypatch.setattr(page, "find_preset", lambda settings: looked.append(settings) or "wide")
     told[f"{CAMERA}/width"] = 322
-    assert [actions.given()["camera"] for _ in range(3)] == ["wide"] * 3
+    assert [actions.read_selection()["camera"] for _ in range(3)] == ["wide"] * 3
     assert looked == [{"width": 322}]  # files are read once for each
 
     def gone(*_):
         raise OSError
 
     monkeypatch.setattr(rospy, "get_param", gone)
-    assert actions.given() == {}
+    assert actions.read_selection() == {}
 
 
 def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     actions = asked.actions
     asked.serve("/two/controller/hold", Trigger, success=True, message="hold: holding")
-    assert actions.loop("hold") == "hold: holding"
+    assert actions.control_loop("hold") == "hold: holding"
     assert asked.life.waited == [("/two/controller/hold", 5.0)]
-    words = {"pause_physics": "time stands still", "unpause_physics": "time goes on",
-             "reset_simulation": "everything begins anew, at time 0"}
+    words = {"pause_physics": "simulation paused", "unpause_physics": "simulation resumed",
+             "reset_simulation": "simulation reset to time 0"}
     for name, said in words.items():
         with pytest.raises(RefusedError, match=rf"^/gazebo/{name} does not answer \(is the simul"):
-            actions.clock(name)
+            actions.control_clock(name)
         asked.serve(f"/gazebo/{name}", Empty)
-        assert actions.clock(name) == said
+        assert actions.control_clock(name) == said
     asked.serve("/gazebo/step_world", StepWorld, success=True, sim_time=rospy.Time(3, 5 * 10**8))
     assert actions.step(17) == "17 steps, to 3.500 s" and asked.calls[-1][1] == 17
     asked.serve("/gazebo/step_world", StepWorld, success=False, status_message="time goes on")
@@ -152,23 +152,23 @@ def test_the_loop_and_the_simulation_are_asked_by_their_services(asked):
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(rospy, "wait_for_service", gone)
         with pytest.raises(RefusedError, match="hold does not answer"):
-            actions.loop("hold")
-    for ask in (lambda: actions.loop("stop"), lambda: actions.gain("gain", 1.0)):
+            actions.control_loop("hold")
+    for ask in (lambda: actions.control_loop("stop"), lambda: actions.set_gain("gain", 1.0)):
         with pytest.raises(RefusedError, match=r"answer \(is the controller node running\?\)$"):
             ask()
     after = Config(doubles=[DoubleParameter("gain", 2.53217), DoubleParameter("slope", 9.0)])
     asked.serve(f"{NODE}/gains/set_parameters", Reconfigure, config=after)
-    assert actions.gain("gain", 2.7) == "gain is 2.532"
+    assert actions.set_gain("gain", 2.7) == "gain is 2.532"
     assert asked.calls[-1][1].doubles == [DoubleParameter("gain", 2.7)]
-    with pytest.raises(RefusedError, match="the law that runs now has no zero"):
-        actions.gain("zero", 1.0)
+    with pytest.raises(RefusedError, match="the running control law has no gain zero"):
+        actions.set_gain("zero", 1.0)
 
 
 def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
     actions, life = asked.actions, asked.life
     asked.graph.parameters[NODE] = {"scheme": "old"}
     actions.gains = {"gain": 3.0}
-    assert actions.servo("points", "pi", "2015", "auto") == (
+    assert actions.restart_nodes("points", "pi", "2015", "auto") == (
         "servoing with points, law pi, from 2015 to auto")
     assert asked.killed == [[NODE]] and life.slept == [0.1, 0.1]
     assert NODE not in asked.graph.parameters and actions.gains == {}
@@ -180,15 +180,15 @@ def test_nodes_that_servo_are_ended_and_begun_with_what_was_chosen(asked):
     own = actions.directory / "goals" / "mine.yaml"
     own.parent.mkdir()
     own.touch()
-    assert actions.servo("points", "pi", "none", "mine").endswith("from none to mine")
+    assert actions.restart_nodes("points", "pi", "none", "mine").endswith("from none to mine")
     assert first.stopped == 1 and Nodes.made[1].arguments[-1] == f"goal:={own}"
     actions.close()
     assert [one.stopped for one in Nodes.made] == [1, 1]
 
 
 @pytest.mark.parametrize(("dies", "why", "seconds"), [
-    ("node x died", "no controller runs now: no such scheme", 0.0),
-    ("", "no controller runs now: they do not answer", 60.0),
+    ("node x died", "the controller did not start: no such scheme", 0.0),
+    ("", "the controller did not start: the nodes do not answer", 60.0),
 ])
 def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch, dies, why,
                                                              seconds):  # fmt: skip
@@ -196,7 +196,7 @@ def test_nodes_that_do_not_come_up_are_ended_and_why_is_said(asked, monkeypatch,
     asked.running.clear()
     monkeypatch.setattr(rosservice, "get_service_node", lambda _name: "/another")
     with pytest.raises(RefusedError, match=f"^{why}$"):
-        asked.actions.servo("points", "pi", "2015", "auto")
+        asked.actions.restart_nodes("points", "pi", "2015", "auto")
     assert Nodes.made[0].stopped == 1
     assert asked.life.now - began == pytest.approx(seconds, abs=0.2)
     asked.actions.close()
@@ -207,22 +207,22 @@ def test_whether_a_controller_is_there(asked, monkeypatch):
     for found in ("rosrpc://one:1", None):
         monkeypatch.setattr(rosservice, "get_service_uri", lambda name, found=found: (
             found if name == "/two/controller/start" else "other"))
-        assert asked.actions.controller_is_there() is (found is not None)
+        assert asked.actions.has_controller() is (found is not None)
     for fault in (OSError, rosservice.ROSServiceException):
         def gone(_name, fault=fault):
             raise fault
 
         monkeypatch.setattr(rosservice, "get_service_uri", gone)
         monkeypatch.setattr(rosservice, "get_service_node", gone)
-        assert asked.actions.controller_is_there() is True
+        assert asked.actions.has_controller() is True
         asked.running.clear()
-        with pytest.raises(RefusedError, match="they do not answer"):
-            asked.actions.servo("points", "pi", "2015", "auto")
+        with pytest.raises(RefusedError, match="the nodes do not answer"):
+            asked.actions.restart_nodes("points", "pi", "2015", "auto")
 
 
 @pytest.fixture
 def arm(asked, shipped_arm):
-    asked.listener.story = SimpleNamespace(arm=shipped_arm)
+    asked.listener.run_trace = SimpleNamespace(arm=shipped_arm)
     return shipped_arm
 
 
@@ -231,50 +231,51 @@ def test_a_goal_is_moved_in_the_camera_s_frame_each_time_from_where_it_was(asked
                                f"{NODE}/desired": "2015", f"{NODE}/start": "2016"}
     first = Goal.load(asked.settings.package / "config/goal_2015.yaml").for_arm(arm)
     moved = (0.01, -0.02, -0.01)
-    assert asked.actions.goal(*moved, 0.0) == "servoing with points, law pi, from none to moved"
+    words = asked.actions.move_goal(*moved, 0.0)
+    assert words == "servoing with points, law pi, from none to moved"
     path = asked.actions.directory / "goals" / "moved.yaml"
     assert Nodes.made[-1].arguments[2:] == ["scheme:=points", "law:=pi", "start:=none",
                                             f"goal:={path}"]
-    assert path.read_text().startswith("# Moved on the live page.")
-    wanted = first.world_T_camera @ transform(moved, np.zeros(3))
+    assert path.read_text().startswith("# Goal with an offset from the live page.")
+    wanted = first.world_T_camera @ matrix_from_xyz_rpy(moved, np.zeros(3))
     made = Goal.load(path)
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=1e-4)
-    np.testing.assert_allclose(arm.pose(made.joint_values(arm.names)), wanted, atol=1e-4)
+    np.testing.assert_allclose(arm.pose(made.get_joints(arm.names)), wanted, atol=1e-4)
     # The nodes have the moved goal now, and the next way begins where the first one did.
     asked.graph.parameters |= {f"{NODE}/desired": str(path), f"{NODE}/start": "none"}
-    asked.actions.goal(0.0, 0.0, -0.01, 0.1)
-    wanted = first.world_T_camera @ transform((0.0, 0.0, -0.01), (0.0, 0.0, 0.1))
+    asked.actions.move_goal(0.0, 0.0, -0.01, 0.1)
+    wanted = first.world_T_camera @ matrix_from_xyz_rpy((0.0, 0.0, -0.01), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(Goal.load(path).world_T_camera, wanted, atol=1e-4)
-    asked.actions.servo("points", "pi", "none", "2016")
+    asked.actions.restart_nodes("points", "pi", "none", "2016")
     asked.graph.parameters[f"{NODE}/desired"] = "2016"
-    asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+    asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
     other = Goal.load(asked.settings.package / "config/goal_2016.yaml").for_arm(arm)
     np.testing.assert_allclose(Goal.load(path).world_T_camera, other.world_T_camera, atol=1e-4)
     # A turn that this arm has but for 0.004 degrees: the goal is what is seen where it can be.
-    said = asked.actions.goal(0.0, 0.0, 0.0, 0.1)
+    said = asked.actions.move_goal(0.0, 0.0, 0.0, 0.1)
     made = Goal.load(path)
-    wanted = other.world_T_camera @ transform(np.zeros(3), (0.0, 0.0, 0.1))
+    wanted = other.world_T_camera @ matrix_from_xyz_rpy(np.zeros(3), (0.0, 0.0, 0.1))
     np.testing.assert_allclose(made.world_T_camera, wanted, atol=2e-4)
     left = wanted[:3, :3].T @ made.world_T_camera[:3, :3]
     angle = np.degrees(np.linalg.norm(left - left.T) / np.sqrt(8.0))
     assert 0.003 < angle < 0.006
-    assert said.endswith("to moved; the arm comes within 0.000 mm and "
-                         f"{angle:.3f} degrees of what was asked for")  # fmt: skip
-    reached = arm.pose(made.joint_values(arm.names))
+    assert said.endswith("to moved; the reachable pose differs by 0.000 mm and "
+                         f"{angle:.3f} degrees")  # fmt: skip
+    reached = arm.pose(made.get_joints(arm.names))
     np.testing.assert_allclose(made.world_T_camera, reached, rtol=0.0, atol=1e-9)
-    with pytest.raises(RefusedError, match="^that goal cannot be: "):
-        asked.actions.goal(9.0, 0.0, 0.0, 0.0)
+    with pytest.raises(RefusedError, match="^this goal is not possible: "):
+        asked.actions.move_goal(9.0, 0.0, 0.0, 0.0)
     with pytest.raises(RefusedError, match="the nearest posture found is 19.8 mm"):
-        asked.actions.goal(0.0, 0.0, 0.02, 0.0)
+        asked.actions.move_goal(0.0, 0.0, 0.02, 0.0)
 
 
 def test_a_goal_needs_a_robot_and_a_place_to_keep_it(asked, shipped_arm):
     with pytest.raises(RefusedError, match="^there is no robot yet$"):
-        asked.actions.goal(0.0, 0.0, 0.0, 0.0)
-    asked.listener.story = SimpleNamespace(arm=shipped_arm)
+        asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
+    asked.listener.run_trace = SimpleNamespace(arm=shipped_arm)
     asked.actions.directory.write_text("a file")
     with pytest.raises(RefusedError, match="cannot write"):
-        asked.actions.goal(0.0, 0.0, 0.0, 0.0)
+        asked.actions.move_goal(0.0, 0.0, 0.0, 0.0)
 
 
 def serve_robot(asked, **answers):
@@ -291,7 +292,7 @@ def serve_robot(asked, **answers):
 def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
     asked.graph.parameters |= {"/robot_description": "<robot/>", CAMERA: {"width": 1, "noise": 2}}
     serve_robot(asked)
-    assert asked.actions.camera("wide") == "the robot has the camera wide"
+    assert asked.actions.change_camera("wide") == "the robot has the camera wide"
     assert asked.calls == [
         (f"{MANAGER}/list_controllers",), ("/gazebo/delete_model", "robo"),
         ("/gazebo/spawn_urdf_model", "robo", "<robot/>", "", Pose(), ""),
@@ -300,21 +301,21 @@ def test_a_robot_gets_another_camera_and_its_controllers_again(asked):
     ]
     made = asked.graph.parameters[CAMERA]
     assert made["camera_matrix"]["fx"] == 110.0 and "noise" not in made
-    assert asked.actions.chosen["camera"] == "wide"
+    assert asked.actions.selection["camera"] == "wide"
     serve_robot(asked, switched=False)
-    with pytest.raises(RefusedError, match="came back without its controllers: reset"):
-        asked.actions.camera("fisheye")
+    with pytest.raises(RefusedError, match="its controllers did not start: reset"):
+        asked.actions.change_camera("fisheye")
     serve_robot(asked, spawned=False)
     del asked.graph.parameters[CAMERA]
-    with pytest.raises(RefusedError, match="^the robot did not come back: no room$"):
-        asked.actions.camera("fisheye")
-    assert asked.actions.chosen["camera"] == "wide"
+    with pytest.raises(RefusedError, match="^the robot could not be respawned: no room$"):
+        asked.actions.change_camera("fisheye")
+    assert asked.actions.selection["camera"] == "wide"
     asked.graph.services.pop("/gazebo/delete_model")
     with pytest.raises(RefusedError, match="^/gazebo/delete_model does not answer: timeout exc"):
-        asked.actions.camera("fisheye")
+        asked.actions.change_camera("fisheye")
     asked.graph.services.pop(f"{MANAGER}/list_controllers")
     with pytest.raises(RefusedError, match=r"answer \(are the robot's controllers loaded\?\)$"):
-        asked.actions.camera("fisheye")
+        asked.actions.change_camera("fisheye")
 
 
 def test_a_target_is_put_where_the_one_before_lay(asked):
@@ -322,18 +323,18 @@ def test_a_target_is_put_where_the_one_before_lay(asked):
     asked.serve("/gazebo/get_model_state", GetModelState, success=True, pose=lay)
     asked.serve("/gazebo/delete_model", DeleteModel, success=True)
     asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=True)
-    assert asked.actions.target("poster") == "the target is poster"
+    assert asked.actions.change_target("poster") == "the target is poster"
     text = asked.graph.parameters["/target_description"]
     assert "poster" in text
     assert asked.calls == [
         ("/gazebo/get_model_state", "target", ""), ("/gazebo/delete_model", "target"),
         ("/gazebo/spawn_urdf_model", "target", text, "", lay, "")]
-    assert asked.actions.chosen == {"target": "poster"}
+    assert asked.actions.selection == {"target": "poster"}
     asked.serve("/gazebo/spawn_urdf_model", SpawnModel, success=False, status_message="no room")
     with pytest.raises(RefusedError, match="^no room$"):
-        asked.actions.target("circle")
+        asked.actions.change_target("circle")
     asked.serve("/gazebo/get_model_state", GetModelState, success=False)
     with pytest.raises(RefusedError, match="no model named target .* with target:=circle"):
-        asked.actions.target("circle")
-    assert asked.actions.chosen == {"target": "poster"}
+        asked.actions.change_target("circle")
+    assert asked.actions.selection == {"target": "poster"}
     assert asked.graph.parameters["/target_description"] == text

@@ -20,18 +20,18 @@ from std_msgs.msg import ColorRGBA
 from std_srvs.srv import Trigger
 from visualization_msgs.msg import Marker
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench.drawing.run_trace import RunTrace
 from aras_visual_servo_bench.drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
-from aras_visual_servo_bench.drawing.story import Story
 from aras_visual_servo_bench.errors import RefusedError
-from aras_visual_servo_bench.ros import dashboard, driving, markers, target_watch
-from aras_visual_servo_bench.ros.listener import Listener, listener_settings
-from aras_visual_servo_bench.ros.pictures import AS_FOUND, PLAIN, Pictures
-from aras_visual_servo_bench.ros.target_place import TargetPlace, moved
+from aras_visual_servo_bench.ros import dashboard, markers, target_watch, teleoperator
+from aras_visual_servo_bench.ros.graph_listener import GraphListener, make_listener_settings
+from aras_visual_servo_bench.ros.image_subscriber import OVERLAY_NOTE, PLAIN_NOTE, ImageSubscriber
+from aras_visual_servo_bench.ros.target_pose_reader import TargetPoseReader, has_moved
 from aras_visual_servo_bench.web.live import robot_model
 from aras_visual_servo_bench.web.live.requests import Request
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
+from aras_visual_servo_controller.kinematics import Arm
 
 GIVEN = {"namespace": "/two/", "camera_namespace": "/eye/camera/", "command_topic": "both"}
 SQUARE = """<robot name="t"><link name="t"><visual><geometry><box size="0.2 0.1 0.02"/></geometry>
@@ -43,8 +43,8 @@ LAY = Pose(Point(0.1, 0.2, 0.3), Quaternion(0.5, 0.5, 0.5, 0.5))
 def listener(graph, life):
     """Of the arm of two joints, which has been heard."""
     graph.parameters["/robot_description"] = ARM
-    it = Listener(listener_settings(GIVEN))
-    it.look()
+    it = GraphListener(make_listener_settings(GIVEN))
+    it.update()
     it.positions, it.velocities = position(1.5), np.array([0.01, 0.02])
     return it
 
@@ -54,39 +54,39 @@ def listener(graph, life):
 
 def test_pictures_are_heard_while_somebody_looks(graph):
     overlay, plain = "/two/camera/overlay", "/eye/camera/image_raw"
-    pictures = Pictures("/two", "/eye/camera")
-    pictures.choose()
-    assert not graph.subscribers and pictures.note == PLAIN
-    pictures.watched(2)
+    pictures = ImageSubscriber("/two", "/eye/camera")
+    pictures.choose_topic()
+    assert not graph.subscribers and pictures.note == PLAIN_NOTE
+    pictures.set_viewer_count(2)
     assert set(graph.subscribers) == {overlay}
-    pictures.choose()  # no camera node
-    assert set(graph.subscribers) == {overlay, plain} and pictures.note == PLAIN
+    pictures.choose_topic()  # no camera node
+    assert set(graph.subscribers) == {overlay, plain} and pictures.note == PLAIN_NOTE
     plain_heard = graph.subscribers[plain]
-    pictures.watched(1)
-    pictures.choose()
+    pictures.set_viewer_count(1)
+    pictures.choose_topic()
     assert graph.subscribers[plain] is plain_heard
     kind, options = graph.heard[overlay]
     assert kind is Image and options == {"queue_size": 1, "buff_size": 2**24, "tcp_nodelay": True}
-    assert pictures.jpeg() is None
+    assert pictures.take_jpeg() is None
     red_above = np.zeros((20, 30, 3), np.uint8)
     red_above[:10, :, 0], red_above[10:, :, 2] = 220, 90
     message = Image(height=20, width=30, step=90, encoding="rgb8", data=red_above.tobytes())
     graph.subscribers[plain](message)
-    found = cv2.imdecode(np.frombuffer(pictures.jpeg(), np.uint8), cv2.IMREAD_COLOR)
+    found = cv2.imdecode(np.frombuffer(pictures.take_jpeg(), np.uint8), cv2.IMREAD_COLOR)
     assert found.shape == (20, 30, 3)
     np.testing.assert_allclose(found[4, 15], [0, 0, 220], atol=9)
     np.testing.assert_allclose(found[16, 15], [90, 0, 0], atol=9)
-    assert pictures.jpeg() is None  # each once
+    assert pictures.take_jpeg() is None  # each once
     graph.subscribers[overlay](Image(encoding="none"))
-    assert pictures.jpeg() is None
+    assert pictures.take_jpeg() is None
     graph.sources[overlay] = 1
-    pictures.choose()
-    assert set(graph.subscribers) == {overlay} and pictures.note == AS_FOUND
+    pictures.choose_topic()
+    assert set(graph.subscribers) == {overlay} and pictures.note == OVERLAY_NOTE
     graph.subscribers[overlay](message)
-    pictures.watched(0)
-    assert not graph.subscribers and pictures.jpeg() is None
-    pictures.watched(0)
-    pictures.choose()
+    pictures.set_viewer_count(0)
+    assert not graph.subscribers and pictures.take_jpeg() is None
+    pictures.set_viewer_count(0)
+    pictures.choose_topic()
     assert not graph.subscribers
 
 
@@ -111,18 +111,18 @@ def world(graph):
 
 
 def test_the_target_is_asked_for_where_there_is_one(graph, world):
-    place = TargetPlace()
-    assert place.answered is False
-    found = place.of("two")
-    assert (found.header.frame_id, found.pose) == ("two", LAY) and place.answered
-    assert place.of("three").header.frame_id == ""
+    place = TargetPoseReader()
+    assert place.has_simulator is False
+    found = place.read_pose("two")
+    assert (found.header.frame_id, found.pose) == ("two", LAY) and place.has_simulator
+    assert place.read_pose("three").header.frame_id == ""
     assert world.asked == [("target", "two"), ("target", "")]
     world.success = False
-    assert place.of("two") is None and place.answered
+    assert place.read_pose("two") is None and place.has_simulator
     world.models.remove("target")
-    assert place.of("two") is None and place.answered and len(world.asked) == 3
+    assert place.read_pose("two") is None and place.has_simulator and len(world.asked) == 3
     graph.services.pop("/gazebo/get_world_properties")
-    assert place.of("two") is None and not place.answered
+    assert place.read_pose("two") is None and not place.has_simulator
 
 
 def test_a_model_has_moved_when_one_of_its_numbers_has():
@@ -130,19 +130,19 @@ def test_a_model_has_moved_when_one_of_its_numbers_has():
         numbers = {"x": 0.1, "y": 0.2, "z": 0.3, "qx": 0.5, "qy": 0.5, "qz": 0.5, "qw": 0.5, **more}
         return Pose(Point(*list(numbers.values())[:3]), Quaternion(*list(numbers.values())[3:]))
 
-    assert moved(None, pose()) and not moved(pose(), pose())
+    assert has_moved(None, pose()) and not has_moved(pose(), pose())
     for name, value in (("x", 0.1), ("y", 0.2), ("z", 0.3), ("qx", 0.5), ("qw", 0.5)):
-        assert moved(pose(), pose(**{name: value + 1.1e-5}))
-        assert moved(pose(**{name: value + 1.1e-5}), pose())
-        assert not moved(pose(), pose(**{name: value - 0.9e-5}))
+        assert has_moved(pose(), pose(**{name: value + 1.1e-5}))
+        assert has_moved(pose(**{name: value + 1.1e-5}), pose())
+        assert not has_moved(pose(), pose(**{name: value - 0.9e-5}))
 
 
 def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
-    story, watch = Story(Arm.from_urdf(ARM, "camera_optical_frame")), target_watch.TargetWatch()
+    story, watch = RunTrace(Arm.from_urdf(ARM, "camera_optical_frame")), target_watch.TargetWatch()
     graph.parameters["/target_description"] = SQUARE
-    watch.tell(story, "two")
+    watch.update(story, "two")
     edges, *faces = story.target
-    a_T_b = transform((0.1, 0.2, 0.3), (0.0, 0.0, 0.0))
+    a_T_b = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.0, 0.0, 0.0))
     a_T_b[:3, :3] = [[0, 0, 1], [1, 0, 0], [0, 1, 0]]  # a third of a turn about (1, 1, 1)
     half = np.array([0.1, 0.05, 0.01])
     corners = np.array([half * (x, y, z) for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)])
@@ -150,37 +150,37 @@ def test_the_target_is_drawn_where_it_lies_twice_a_second(graph, life, world):
     for shape in (edges, *faces):
         np.testing.assert_allclose(
             np.unique(shape.points.round(6), axis=0), np.unique(corners.round(6), axis=0))
-    assert len(edges.points) == 24 and watch.missing == "" and len(world.asked) == 1
+    assert len(edges.points) == 24 and watch.missing_reason == "" and len(world.asked) == 1
     drawn, life.now = story.target, life.now + 0.5
-    watch.tell(story, "two")
+    watch.update(story, "two")
     assert len(world.asked) == 1 and story.target is drawn
     life.now += 0.001
     world.models.remove("target")
-    watch.tell(story, "two")
-    assert watch.missing == "no model named target is in the simulation"
+    watch.update(story, "two")
+    assert watch.missing_reason == "the simulation has no model named target"
     assert len(story.target) == 1 and not len(story.target[0].points)
     life.now += 0.6
     graph.services.clear()  # a replay
-    watch.tell(story, "two")
-    assert watch.missing == "" and not len(story.target[0].points)
+    watch.update(story, "two")
+    assert watch.missing_reason == "" and not len(story.target[0].points)
     told = PoseStamped(pose=LAY)
     assert graph.heard["/aras_visual_servo/target"] == (PoseStamped, {"queue_size": 1})
     graph.subscribers["/aras_visual_servo/target"](told)
     life.now += 0.6
-    watch.tell(story, "two")
+    watch.update(story, "two")
     np.testing.assert_array_equal(story.target[0].points, drawn[0].points)
     for description in ("", 7, "<robot", SQUARE.replace("0.02", "-1")):
         graph.parameters["/target_description"] = description
         life.now += 0.6
-        watch.tell(story, "two")
+        watch.update(story, "two")
         assert [len(shape.points) for shape in story.target] == [0]
     graph.parameters["/target_description"] = SQUARE.replace("0.2", "0.4")
     life.now += 0.6
-    watch.tell(story, "two")
+    watch.update(story, "two")
     assert np.ptp(story.target[0].points, axis=0) == pytest.approx([0.02, 0.4, 0.1])
     story.arm = SimpleNamespace(target_frame="hand")  # the arm carries it
     life.now += 0.6
-    watch.tell(story, "two")
+    watch.update(story, "two")
     assert [len(shape.points) for shape in story.target] == [0]
 
 
@@ -192,7 +192,7 @@ def test_each_kind_of_shape_is_a_marker():
     colour = (0.1, 0.3, 0.5, 0.7)
 
     def made(kind, width=0.02, points=points, text=""):
-        return markers.marker(Shape("it", kind, points, colour, width, text), "base")
+        return markers.make_marker(Shape("it", kind, points, colour, width, text), "base")
 
     for kind, number, scale in (
         (LINES, Marker.LINE_LIST, (0.02, 0, 0)), (STRIP, Marker.LINE_STRIP, (0.02, 0, 0)),
@@ -221,7 +221,7 @@ def test_markers_are_published_for_who_looks_and_taken_away_again(graph, life, w
         rospy.set_param(f"~{key}", value)
     graph.parameters["/target_description"] = SQUARE
     shown = []
-    monkeypatch.setattr(Story, "shapes", lambda self: [*self.target, *shown])
+    monkeypatch.setattr(RunTrace, "make_shapes", lambda self: [*self.target, *shown])
 
     def publisher():
         return graph.publishers["/two/markers"]
@@ -271,11 +271,11 @@ class Wake:
 
 @pytest.fixture
 def driven(graph, life, listener, monkeypatch):
-    monkeypatch.setattr(driving, "threading", SimpleNamespace(
+    monkeypatch.setattr(teleoperator, "threading", SimpleNamespace(
         Lock=threading.Lock, Event=lambda: Wake(life), Thread=life.thread))
-    it = driving.Driving(listener, listener.settings)
+    it = teleoperator.Teleoperator(listener, listener.settings)
     thread, = life.threads
-    assert (thread.name, thread.daemon, thread.started) == ("driving", True, True)
+    assert (thread.name, thread.daemon, thread.started) == ("teleoperator", True, True)
 
     def sent():
         topic = graph.publishers.get("/two/both")
@@ -302,57 +302,57 @@ def test_a_joint_is_driven_for_a_moment(graph, life, listener, driven):
     stopped = []
     rospy.Service("/two/controller/stop", Trigger, lambda _: stopped.append(life.now) or (
         Trigger._response_class(True, "")))
-    assert driven.twist([0.0] * 6) == "" and not graph.publishers.get("/two/both")
+    assert driven.move_camera([0.0] * 6) == "" and not graph.publishers.get("/two/both")
     assert driven.run(0.3) == []
-    listener.story.told = made_state(1.0, "stopped")
-    assert driven.joint("elbow", -0.5) == "" and not stopped
+    listener.run_trace.state = made_state(1.0, "stopped")
+    assert driven.move_joint("elbow", -0.5) == "" and not stopped
     slide, elbow = listener.positions
     sent = np.array(driven.run(0.8))
     assert (sent[:, 0] == slide).all() and (np.diff(sent[:, 1]) <= 1e-12).all()
     assert elbow - 0.5 < sent[-1, 1] < elbow - 0.1 and 10 < len(sent) < 40
     assert life.slept.count(0.02) > 10
-    listener.story.told = made_state(1.0, "servoing")
-    driven.joint("slide", 0.5)
+    listener.run_trace.state = made_state(1.0, "servoing")
+    driven.move_joint("slide", 0.5)
     assert len(stopped) == 1 and life.waited == [("/two/controller/stop", 0.5)]
     with pytest.raises(ConfigurationError, match="finger"):
-        driven.joint("finger", 1.0)
+        driven.move_joint("finger", 1.0)
 
 
 def test_the_camera_is_driven_by_a_twist(graph, life, listener, driven):
-    way = listener.story.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
-    driven.twist([*(0.1 * way), 0.0, 0.0, 0.0])
-    driven.twist([0.0] * 6)  # at once
+    way = listener.run_trace.arm.pose(listener.positions)[:3, :3].T @ np.array([1.0, 0.0, 0.0])
+    driven.move_camera([*(0.1 * way), 0.0, 0.0, 0.0])
+    driven.move_camera([0.0] * 6)  # at once
     assert np.ptp(driven.run(0.3), axis=0).max() < 1e-9
-    driven.twist([0.25, 0.1, -0.1, 0.3, 0.2, 0.5])
+    driven.move_camera([0.25, 0.1, -0.1, 0.3, 0.2, 0.5])
     assert np.ptp(driven.run(0.3), axis=0).max() > 1e-3
 
 
 def test_another_robot_is_driven_by_topics_of_its_own(graph, life, listener, driven):
-    driven.joint("elbow", 0.5)
+    driven.move_joint("elbow", 0.5)
     first = graph.publishers["/two/both"]
-    driven.joint("elbow", 0.5)
+    driven.move_joint("elbow", 0.5)
     assert graph.publishers["/two/both"] is first
-    listener.story = Story(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
+    listener.run_trace = RunTrace(Arm.from_urdf(ARM.replace('"elbow"', '"wrist"'),
                                          "camera_optical_frame"))
-    driven.joint("wrist", 0.5)
+    driven.move_joint("wrist", 0.5)
     assert first.impl is None and driven.run(0.1) != []
     listener.positions = None
-    with pytest.raises(RefusedError, match="^there are no joint states: is the robot there"):
-        driven.joint("wrist", 0.5)
-    listener.story = None
-    with pytest.raises(RefusedError, match="^there are no joint states"):
-        driven.twist([0.1] * 6)
+    with pytest.raises(RefusedError, match="^no joint states are received: is the robot running"):
+        driven.move_joint("wrist", 0.5)
+    listener.run_trace = None
+    with pytest.raises(RefusedError, match="^no joint states are received"):
+        driven.move_camera([0.1] * 6)
 
 
 def test_joints_without_a_controller_are_not_driven(graph, life, monkeypatch):
-    monkeypatch.setattr(driving.threading, "Thread", life.thread)
+    monkeypatch.setattr(teleoperator.threading, "Thread", life.thread)
     graph.parameters |= {"/robot_description": ARM, "/two/s/type": "velocity_controllers/Joint"
                          "VelocityController", "/two/s/joint": "slide"}
-    it = Listener(listener_settings({"namespace": "/two"}))
-    it.look()
+    it = GraphListener(make_listener_settings({"namespace": "/two"}))
+    it.update()
     it.positions = position(1.0)
     with pytest.raises(RefusedError, match="slide"):
-        driving.Driving(it, it.settings).joint("slide", 1.0)
+        teleoperator.Teleoperator(it, it.settings).move_joint("slide", 1.0)
 
 
 # -- the page's node -------------------------------------------------------------------------------
@@ -380,14 +380,14 @@ class Told:
 
 
 class Actions(Told):
-    ANSWERS = {"given": {"scheme": "points", "law": "pi"}, "controller_is_there": False,
-               "choices": {"laws": ["pi"]}}
+    ANSWERS = {"read_selection": {"scheme": "points", "law": "pi"}, "has_controller": False,
+               "list_choices": {"laws": ["pi"]}}
     robot, gains = "robo", {"gain": 3.0}
 
 
 class Keeping(Told):
-    ANSWERS = {"file": "a path", "trouble": "full"}
-    recording, recorded, report, ANSWER = "r.bag", None, "page.html", None
+    ANSWERS = {"find_file": "a path", "find_recording_error": "full"}
+    open_bag, last_bag, report_page = "r.bag", None, "page.html"
 
 
 class Driving(Told):
@@ -395,20 +395,22 @@ class Driving(Told):
 
 
 class ThePictures(Told):
-    ANSWERS = {"jpeg": b"jpeg", "choose": None}
+    ANSWERS = {"take_jpeg": b"jpeg", "choose_topic": None}
     note = "as found"
 
 
 class TargetWatch(Told):
     ANSWERS = {}
-    missing = "no target"
+    missing_reason = "no target"
 
 
 @pytest.fixture
 def parts(monkeypatch):
     CALLS.clear()
-    for name, part in (("actions.Actions", Actions), ("keeping.Keeping", Keeping),
-                       ("driving.Driving", Driving), ("pictures.Pictures", ThePictures),
+    for name, part in (("page_commands.PageCommands", Actions),
+                       ("session_files.SessionFiles", Keeping),
+                       ("teleoperator.Teleoperator", Driving),
+                       ("image_subscriber.ImageSubscriber", ThePictures),
                        ("target_watch.TargetWatch", TargetWatch)):
         monkeypatch.setattr(f"aras_visual_servo_bench.ros.{name}", part)
 
@@ -428,24 +430,27 @@ def test_the_page_s_parts_are_told_where_the_robot_is(listener, parts, tmp_path)
         ("Driving", "made", listener, listener.settings),
         ("ThePictures", "made", "/two", "/eye/camera")]
     assert made == CALLS
-    assert listener.hear == page.sample
+    assert listener.on_state == page.add_sample
 
 
 @pytest.mark.parametrize(("do", "given", "call"), [
-    *((name, {}, ("Actions", "loop", name)) for name in ("start", "stop", "hold")),
-    ("reset", {}, ("Actions", "clock", "reset_simulation")),
-    ("pause", {}, ("Actions", "clock", "pause_physics")),
-    ("resume", {}, ("Actions", "clock", "unpause_physics")),
-    *((name, {"a": 1, "b": 2}, ("Actions", name, {"a": 1, "b": 2}))
-      for name in ("step", "gain", "servo", "goal", "camera", "target")),
-    ("record", {}, ("Keeping", "record")), ("stop_record", {}, ("Keeping", "stop_record")),
+    *((name, {}, ("Actions", "control_loop", name)) for name in ("start", "stop", "hold")),
+    ("reset", {}, ("Actions", "control_clock", "reset_simulation")),
+    ("pause", {}, ("Actions", "control_clock", "pause_physics")),
+    ("resume", {}, ("Actions", "control_clock", "unpause_physics")),
+    *((name, {"a": 1, "b": 2}, ("Actions", method, {"a": 1, "b": 2}))
+      for name, method in (("step", "step"), ("gain", "set_gain"), ("servo", "restart_nodes"),
+                           ("goal", "move_goal"), ("camera", "change_camera"),
+                           ("target", "change_target"))),
+    ("record", {}, ("Keeping", "start_recording")),
+    ("stop_record", {}, ("Keeping", "stop_recording")),
     ("report", {}, ("Keeping", "make_report")),
     ("jog", dict(zip(("wz", "wy", "wx", "vz", "vy", "vx"), range(6), strict=True)),
-     ("Driving", "twist", [5, 4, 3, 2, 1, 0])),
-    ("jog_joint", {"speed": 0.5, "joint": "elbow"}, ("Driving", "joint", "elbow", 0.5)),
+     ("Driving", "move_camera", [5, 4, 3, 2, 1, 0])),
+    ("jog_joint", {"speed": 0.5, "joint": "elbow"}, ("Driving", "move_joint", "elbow", 0.5)),
 ])
 def test_each_request_is_one_s(host, do, given, call):
-    assert host.do(Request(do, given)) == f"{call[1]} is done"
+    assert host.execute(Request(do, given)) == f"{call[1]} is done"
     assert [call] == CALLS
 
 
@@ -454,95 +459,100 @@ def test_what_fails_is_refused_with_its_words(host, monkeypatch):
         def fail(*_, fault=fault):
             raise fault("why")
 
-        monkeypatch.setattr(Keeping, "record", fail, raising=False)
+        monkeypatch.setattr(Keeping, "start_recording", fail, raising=False)
         with pytest.raises(RefusedError, match="^why$"):
-            host.do(Request("record", {}))
+            host.execute(Request("record", {}))
 
 
 def test_teaching_is_refused_where_nothing_would_be_seen(host, listener):
     teach = Request("teach", {"name": "mine"})
-    listener.story.factor = None
-    with pytest.raises(RefusedError, match="^time stands still, so that no images come"):
-        host.do(teach)
-    listener.story.factor, listener.unseen = 1.0, "dark"
-    with pytest.raises(RefusedError, match=r"could be taught \(dark\): bring the target into"):
-        host.do(teach)
+    listener.run_trace.factor = None
+    with pytest.raises(RefusedError, match="^the simulation is paused, so there are no images"):
+        host.execute(teach)
+    listener.run_trace.factor, listener.no_target_reason = 1.0, "dark"
+    with pytest.raises(RefusedError, match=r"target is not detected \(dark\): bring it into"):
+        host.execute(teach)
     for scheme in ("luminance", "matches"):
-        Actions.ANSWERS["given"]["scheme"] = scheme  # they look at the picture themselves
-        assert host.do(teach) == "teach is done" and CALLS[-1] == ("Keeping", "teach", "mine",
-                                                                   scheme)
-    Actions.ANSWERS["given"]["scheme"], listener.unseen = "points", ""
-    assert host.do(teach) == "teach is done"
-    listener.story = None
-    with pytest.raises(RefusedError, match="^time stands still"):
-        host.do(teach)
+        Actions.ANSWERS["read_selection"]["scheme"] = scheme  # they look at the picture themselves
+        assert host.execute(teach) == "teach_goal is done"
+        assert CALLS[-1] == ("Keeping", "teach_goal", "mine", scheme)
+    Actions.ANSWERS["read_selection"]["scheme"], listener.no_target_reason = "points", ""
+    assert host.execute(teach) == "teach_goal is done"
+    listener.run_trace = None
+    with pytest.raises(RefusedError, match="^the simulation is paused"):
+        host.execute(teach)
 
 
 def test_news_are_of_the_joints_that_were_heard(host, listener):
-    news = host.news()
+    news = host.make_update()
     assert news["joints"] == pytest.approx(position(1.5).tolist())
-    assert news["speeds"] == [0.01, 0.02] and news["stamp"] == 0.0
+    assert news["velocities"] == [0.01, 0.02] and news["stamp"] == 0.0
     listener.stamp, listener.positions = 1.75, None
-    news = host.news()
+    news = host.make_update()
     assert "joints" not in news and news["stamp"] == 1.75
 
 
 def test_the_robot_is_drawn_once(host, graph, listener, monkeypatch):
     drawn = []
-    whole = robot_model.robot_model
-    monkeypatch.setattr(robot_model, "robot_model", lambda urdf: drawn.append(1) or whole(urdf))
-    assert host.robot()["name"] == "two" and host.robot()["name"] == "two" and len(drawn) == 1
+    whole = robot_model.make_robot_model
+    monkeypatch.setattr(
+        robot_model, "make_robot_model", lambda urdf: drawn.append(1) or whole(urdf)
+    )
+    assert [host.make_robot_model()["name"] for _ in range(2)] == ["two"] * 2 and len(drawn) == 1
     listener.urdf = "<robot"
     empty = {"name": "", "root": "", "joints": [], "links": {}}
-    assert host.robot() == empty and host.robot() == empty and len(drawn) == 2
-    assert len(graph.lines) == 1 and graph.lines[0].startswith("the page does not draw the robot: ")
+    assert host.make_robot_model() == empty and host.make_robot_model() == empty and len(drawn) == 2
+    line, = graph.lines
+    assert line.startswith("the live page cannot draw the robot: ")
     listener.urdf = ""
-    assert host.robot() is None
+    assert host.make_robot_model() is None
 
 
 def test_a_page_that_is_looked_at_is_kept_up_to_date(host, life, listener):
     host.refresh()
     assert not CALLS and not host.page.state
-    host.watched(2)
-    listener.story.told, listener.report = made_state(1.0), "a report"
+    host.set_viewer_count(2)
+    listener.run_trace.state, listener.report = made_state(1.0), "a report"
     host.refresh()
-    assert listener.story.told.phase == "" and listener.report is None  # its controller is gone
+    # its controller is gone
+    assert listener.run_trace.state.phase == "" and listener.report is None
     assert host.page.choices == {"laws": ["pi"]}
     assert host.page.state == {
-        "scheme": Actions.ANSWERS["given"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
-        "controller": False, "robot": 1, "picture": "as found", "recording": "r.bag",
-        "recorded": "", "trouble": "full", "no_target": "no target", "report": "page.html"}
-    assert ("ThePictures", "watched", 2) in CALLS and ("ThePictures", "choose") in CALLS
-    assert ("TargetWatch", "tell", listener.story, "robo") in CALLS
-    assert host.page.whole()["limits"] == {
+        "scheme": Actions.ANSWERS["read_selection"]["scheme"], "law": "pi", "gains": {"gain": 3.0},
+        "controller": False, "robot": 1, "image_note": "as found", "open_bag": "r.bag",
+        "last_bag": "", "recording_error": "full", "no_target": "no target", "report": "page.html"}
+    assert ("ThePictures", "set_viewer_count", 2) in CALLS
+    assert ("ThePictures", "choose_topic") in CALLS
+    assert ("TargetWatch", "update", listener.run_trace, "robo") in CALLS
+    assert host.page.make_full_message()["limits"] == {
         "names": list(JOINTS), "lower": [-0.5, -1.5], "upper": [0.7, 2.0], "velocity": [0.3, 1.9],
         "prismatic": [True, False]}
-    assert host.picture() == b"jpeg" and host.file("x") == "a path"
-    assert CALLS[-1] == ("Keeping", "file", "x")
+    assert host.take_image() == b"jpeg" and host.find_file("x") == "a path"
+    assert CALLS[-1] == ("Keeping", "find_file", "x")
     host.close()
     assert CALLS[-2:] == [("Actions", "close"), ("Keeping", "close")]
-    listener.story.told = made_state(1.0)
-    Actions.ANSWERS["controller_is_there"] = True
+    listener.run_trace.state = made_state(1.0)
+    Actions.ANSWERS["has_controller"] = True
     host.refresh()
-    assert listener.story.told.phase == "servoing" and host.page.state["controller"] is True
-    Actions.ANSWERS["controller_is_there"] = False
-    host.watched(0)
+    assert listener.run_trace.state.phase == "servoing" and host.page.state["controller"] is True
+    Actions.ANSWERS["has_controller"] = False
+    host.set_viewer_count(0)
     CALLS.clear()
     host.refresh()
     assert not CALLS
 
 
 def test_the_page_s_own_parameters_are_told_from_the_controller_s():
-    own, rest = dashboard.own_parameters({"port": 9000, "namespace": "/x", "token": "a" * 12})
+    own, rest = dashboard.split_parameters({"port": 9000, "namespace": "/x", "token": "a" * 12})
     assert (own.host, own.port, own.token, own.robot) == ("127.0.0.1", 9000, "a" * 12,
                                                           "aras_visual_servo")
     assert rest == {"namespace": "/x"}
     for given, why in (({"token": "a" * 11}, "easy to guess"), ({"token": 12 * "\u00e4"}, "easy"),
                        ({"port": 0}, "parameter ~port"), ({"port": 65536}, "parameter ~port")):
         with pytest.raises(ServoError, match=why):
-            dashboard.own_parameters(given)
-    assert dashboard.own_parameters({})[0].port == 8080
-    assert dashboard.own_parameters({"port": 65535})[0].port == 65535
+            dashboard.split_parameters(given)
+    assert dashboard.split_parameters({})[0].port == 8080
+    assert dashboard.split_parameters({"port": 65535})[0].port == 65535
 
 
 @pytest.mark.parametrize(("urdf", "given", "directory", "status"), [
@@ -566,8 +576,8 @@ def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch,
 
     monkeypatch.setenv("HOME", str(tmp_path))
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "ros"))
-    monkeypatch.setattr(dashboard, "begin_node", life.begin)
-    monkeypatch.setattr(dashboard, "open_wide", lambda: done.append("open"))
+    monkeypatch.setattr(dashboard, "init_node", life.begin)
+    monkeypatch.setattr(dashboard, "accept_in_threads", lambda: done.append("open"))
     monkeypatch.setattr(dashboard.threading, "enumerate", lambda: [other, thread])
     monkeypatch.setattr(os, "_exit", leave)
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.web.live.server",
@@ -592,8 +602,8 @@ def test_the_page_is_served_until_the_node_ends(graph, life, parts, monkeypatch,
 
 
 def test_a_page_that_cannot_be_served_says_why(graph, life, monkeypatch):
-    monkeypatch.setattr(dashboard, "begin_node", life.begin)
-    monkeypatch.setattr(dashboard, "open_wide", lambda: None)
+    monkeypatch.setattr(dashboard, "init_node", life.begin)
+    monkeypatch.setattr(dashboard, "accept_in_threads", lambda: None)
     monkeypatch.setitem(sys.modules, "aras_visual_servo_bench.web.live.server",
                         SimpleNamespace(serve=None))
     rospy.set_param("~port", 0)

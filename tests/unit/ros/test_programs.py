@@ -111,7 +111,7 @@ class Program:
             assert options["anonymous"] is True  # as upstream's: several may run
             self.begun.append((name, options))
 
-        self.patch.setattr(module, "begin_node", begin, raising=False)
+        self.patch.setattr(module, "init_node", begin, raising=False)
         self.patch.setattr(sys, "argv", [module.__name__, *argv, "x:=y"])
         return module.main()
 
@@ -268,7 +268,7 @@ def test_a_bond_takes_the_model_out_at_the_end(gazebo, tmp_path, gone):
         gazebo.faults["/gz/delete_model"] = gone("gone")
     assert spawn(gazebo, tmp_path, "-b") == 0
     assert gazebo.asked[1:] == [("/gz/delete_model", DeleteModelRequest("m"))]
-    told = gazebo.graph.lines[-1] == "model m was not deleted: the simulator is gone"
+    told = gazebo.graph.lines[-1] == "model m was not deleted: the simulator has ended"
     assert told is (gone is not None)
 
 
@@ -353,7 +353,7 @@ def test_what_ends_spawner(program, fault):
     assert program.run(spawner, "a") == status
     said = [line for line in program.graph.lines if "Waiting" not in line and "Loading" not in line]
     assert len(said) == (fault in ("gone", "interrupted"))
-    assert all("went away: x" in line or "couldn't find" in line for line in said)
+    assert all("has ended: x" in line or "couldn't find" in line for line in said)
 
 
 def test_spawner_waits_for_a_true(program):
@@ -376,7 +376,7 @@ def test_spawner_reads_controllers_from_files(program, tmp_path, monkeypatch, na
     file, sent = tmp_path / "some.yaml", []
     file.write_text("b: {type: t, joint: j}\na: {type: u}\n---\nd: {type: v}\n_ns: inner\n")
     monkeypatch.setattr(rosparam, "upload_params", lambda *given: sent.append(given))
-    assert spawner.controller_names(["c", str(file)], namespace) == ["c", "b", "a", "d"]
+    assert spawner.read_controller_names(["c", str(file)], namespace) == ["c", "b", "a", "d"]
     assert sent == [(place, {"b": {"type": "t", "joint": "j"}, "a": {"type": "u"}}),
                     (f"{place}inner", {"d": {"type": "v"}})]
 
@@ -417,7 +417,7 @@ def test_unspawner_keeps_stopped_what_it_is_told_and_starts_it_at_the_end(progra
     ]
     assert program.calls() == [("switch_controller", ["b", "a", "c"], [], 1, False, 0.0)]
     assert program.graph.lines[0] == "the controller manager does not answer: x"
-    told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator is gone"
+    told = program.graph.lines[-1] == "b, a, c stay stopped: the simulator has ended"
     assert told is (gone is not None)
 
 
@@ -503,7 +503,7 @@ def test_groups_are_listed(program, capsys):
         "  position", "      p", "      q", "      p"]
     program.graph.parameters["/controller_groups"] = "p"
     assert program.run(controller_group, "spawn", "p") == 1
-    assert "/controller_groups has none" in capsys.readouterr().err
+    assert "groups in /controller_groups: none" in capsys.readouterr().err
 
 
 def test_a_group_is_spawned(program, capsys):
@@ -526,7 +526,7 @@ def test_a_group_is_spawned(program, capsys):
     capsys.readouterr()
     for name in ("none", "nobody"):
         assert program.run(controller_group, "spawn", name) == 1
-        told = f"no controller defined in group {name}; /controller_groups has effort, none, positi"
+        told = f"no controller defined in group {name}; groups in /controller_groups: effort, no"
         assert told in capsys.readouterr().err
 
 
@@ -633,7 +633,7 @@ def test_worlds_are_looked_for_where_gazebo_looks(monkeypatch, tmp_path, capsys)
     packages = SimpleNamespace(get_path={"gazebo_ros": str(ros)}.__getitem__)
     monkeypatch.setattr(gzserver.rospkg, "RosPack", lambda: packages)
     assert gzserver.find_world("") == ""
-    with pytest.raises(DescriptionError, match=f"'x' in {here}, {a}, {b}, {ros}; give a path"):
+    with pytest.raises(DescriptionError, match=f"'x' in {here}, {a}, {b}, {ros}; give its full"):
         gzserver.find_world("x")
     for folder in (ros, b, a, here):
         (folder / "x").touch()
@@ -653,4 +653,4 @@ def test_worlds_are_looked_for_where_gazebo_looks(monkeypatch, tmp_path, capsys)
 def test_gzclient_says_what_to_look_with_and_stays(program):
     assert program.run(gzclient) == 0
     assert program.begun == [("gazebo_gui", {"anonymous": True, "disable_rostime": True})]
-    assert program.down and "look with rviz" in program.graph.lines[0]
+    assert program.down and "use rviz" in program.graph.lines[0]

@@ -38,7 +38,7 @@ MODEL = SimpleNamespace(
 )
 
 
-MODEL.whole = MODEL
+MODEL.main_model = MODEL
 
 
 def sensor(kind: str, topic: str = "t", **more: object) -> SimpleNamespace:
@@ -50,9 +50,14 @@ def diagonal(size: int, value: float) -> list[float]:
     return (value * np.eye(size)).ravel().tolist()
 
 
-def touch(k: float) -> sensors.Touch:
-    return sensors.Touch((k, k + 1, k + 2), (k + 3, k + 4, k + 5), k + 6, (k + 7, k + 8, k + 9),
-                         (k + 10, 2 * k, 3 * k))
+def touch(k: float) -> sensors.ContactPoint:
+    return sensors.ContactPoint(
+        (k, k + 1, k + 2),
+        (k + 3, k + 4, k + 5),
+        k + 6,
+        (k + 7, k + 8, k + 9),
+        (k + 10, 2 * k, 3 * k),
+    )
 
 
 def wrench(*numbers: float) -> Wrench:
@@ -116,9 +121,9 @@ def test_a_reading_is_told_in_every_field_while_somebody_listens(
     ({"topic": "imu"}, "/imu", "hand"),
     ({"topic": "imu", "namespace": "/a/b/", "frame": "/lens"}, "/a/b/imu", "x/lens"),
     ({"topic": "/imu", "namespace": "a"}, "/imu", "x/hand"),
-    ({"measured_in": "parent"}, "/t", "arm"),
-    ({"measured_in": "sensor"}, "/t", "hand"),
-    ({"measured_in": "parent", "frame": "lens"}, "/t", "lens"),
+    ({"wrench_frame": "parent"}, "/t", "arm"),
+    ({"wrench_frame": "sensor"}, "/t", "hand"),
+    ({"wrench_frame": "parent", "frame": "lens"}, "/t", "lens"),
 ])
 def test_names_and_frames(graph, thread, given, topic, frame):
     graph.parameters["/a/tf_prefix"] = "x"
@@ -132,5 +137,5 @@ def test_names_and_frames(graph, thread, given, topic, frame):
 
 def test_a_package_that_is_not_installed_is_named(graph, thread, monkeypatch):
     monkeypatch.setattr(on_graph, "get_message_class", lambda _name: None)
-    with pytest.raises(SimError, match="no nav_msgs/Odometry; install python3-nav-msgs"):
+    with pytest.raises(SimError, match="nav_msgs/Odometry is not .* install python3-nav-msgs"):
         SensorTopic(sensor("pose"), thread)

@@ -10,7 +10,7 @@ import rospy
 from std_srvs.srv import Empty, SetBool, Trigger
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.services import ServiceTable, handlers_in, serves
+from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers, service_handler
 
 
 @pytest.mark.parametrize(("turn", "most"), [(None, 2), (threading.Lock(), 1)])
@@ -18,7 +18,7 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
     inside, greatest = [], []
     two = threading.Barrier(2)
 
-    @serves(Trigger, outside=True)
+    @service_handler(Trigger, in_caller_thread=True)
     def ask(_thread: object, _request: object) -> None:
         inside.append(1)
         greatest.append(len(inside))
@@ -28,7 +28,7 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
             threading.Event().wait(0.02)
         inside.pop()
 
-    ServiceTable("/x", None, ask, turn=turn)
+    ServiceTable("/x", None, ask, call_lock=turn)
     callers = [threading.Thread(target=graph.call, args=("/x/ask",)) for _ in range(2)]
     for caller in callers:
         caller.start()
@@ -38,11 +38,11 @@ def test_calls_wait_for_their_turn_where_there_is_one(graph, turn, most):
 
 
 def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
-    @serves(SetBool, "done")
+    @service_handler(SetBool, "done")
     def plain(_simulation: object, _request: object) -> None:
         """Nothing to say."""
 
-    @serves(SetBool)
+    @service_handler(SetBool)
     def honest(simulation: object, request: object) -> dict:
         assert simulation == "the world" and request.data is True
         return {"success": False, "message": "no"}
@@ -54,15 +54,15 @@ def test_an_answer_is_what_the_handler_says_and_else_that_it_went_well(graph):
     assert (answer.success, answer.message) == (False, "no")
     table.shutdown()
     assert not graph.services
-    assert plain.terms.kind == "SetBool"
+    assert plain.policy.type_name == "SetBool"
 
 
 def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph):
-    @serves(Trigger)
+    @service_handler(Trigger)
     def refuses(_simulation: object, _request: object) -> None:
         raise SimError("not so")
 
-    @serves(Empty, call_fails=True)
+    @service_handler(Empty, call_fails=True)
     def fails(_simulation: object, _request: object) -> None:
         raise KeyError("x")
 
@@ -75,7 +75,7 @@ def test_a_fault_is_an_answer_or_a_failed_call_and_a_line(graph):
 
 def test_handlers_are_found_where_they_are():
     class Some:
-        @serves(Trigger)
+        @service_handler(Trigger)
         def one(self, _simulation: object, _request: object) -> None:
             """A service."""
 
@@ -83,4 +83,4 @@ def test_handlers_are_found_where_they_are():
             """None."""
 
     some = Some()
-    assert handlers_in(some) == [some.one]
+    assert find_handlers(some) == [some.one]

@@ -13,21 +13,28 @@ from sensor_msgs.msg import CameraInfo, Image, JointState
 from std_msgs.msg import Bool
 from std_srvs.srv import Trigger
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera import node as camera_module
 from aras_visual_servo_camera.errors import ImageError, VisionError
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.parameters import VisionParameters
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.observation.image_reader import ImageReader
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.parameters import CameraEntry
 from aras_visual_servo_controller.records.state import Source
-from aras_visual_servo_controller.ros import control, description, given, goal_topics, inputs, node
-from aras_visual_servo_controller.ros import pictures as picture_input
+from aras_visual_servo_controller.ros import (
+    description,
+    goal_topics,
+    inputs,
+    loop_services,
+    node,
+    node_settings,
+)
+from aras_visual_servo_controller.ros import image_input as picture_input
 from aras_visual_servo_controller.ros.commands import stop_controller
-from aras_visual_servo_controller.ros.depth import depth_of
-from aras_visual_servo_controller.ros.measurements import MeasurementInput
-from aras_visual_servo_controller.seeing.image_reader import ImageReader
-from aras_visual_servo_controller.seeing.observation import Need
+from aras_visual_servo_controller.ros.depth import read_depth
+from aras_visual_servo_controller.ros.measurement_input import MeasurementInput
 from aras_visual_servo_controller.settings import Settings
 
 STAMP = rospy.Time(3, 250_000_000)
@@ -41,15 +48,15 @@ class Heard:
 
     def __init__(self):
         self.images, self.told, self.sources, self.stops = [], [], {}, []
-        self.rig = SimpleNamespace(observers={})
+        self.camera_rig = SimpleNamespace(observers={})
 
-    def comes_from(self, camera, source):
+    def set_source(self, camera, source):
         self.sources[camera] = source
 
-    def image(self, stamp, look, camera):
+    def add_image(self, stamp, look, camera):
         self.images.append((stamp, look("joints", "commands"), camera))
 
-    def joints(self, *given):
+    def add_joint_state(self, *given):
         self.told.append(given)
 
     def emergency_stop(self, pressed):
@@ -58,10 +65,10 @@ class Heard:
 
 def observer(*needs, labels=False):
     kinds = ("image", "labels") if labels else ("image",)
-    segmentation = SimpleNamespace(kinds=kinds, label="box")
+    segmentation = SimpleNamespace(image_kinds=kinds, label="box")
     return SimpleNamespace(
-        name="left", needs=set(needs), of_moments=lambda *given: given,
-        of_image=lambda *given: given[:6], images=ImageReader, segmentation=segmentation)
+        name="left", needs=set(needs), observe_moments=lambda *given: given,
+        observe_image=lambda *given: given[:6], images=ImageReader, segmentation=segmentation)
 
 
 def moments(valid=True, stamp=STAMP, **more):
@@ -138,7 +145,7 @@ def picture(encoding="mono8", stamp=STAMP, value=7, **more):
 
 def test_pictures_reach_the_loop_with_their_depth(graph):
     driver = Heard()
-    heard = picture_input.PictureInput(ENTRY, driver, observer(Need.IMAGE, Need.DEPTH))
+    heard = picture_input.ImageInput(ENTRY, driver, observer(Need.IMAGE, Need.DEPTH))
     topics = [f"/eye/camera/{name}" for name in ("camera_info", "image_raw", "depth/image_raw")]
     assert list(graph.subscribers) == topics and len(heard.subscribers) == 3
     assert driver.sources["left"] == Source("image", topics[1], "the simulator or camera's driver")
@@ -177,19 +184,19 @@ def test_pictures_reach_the_loop_with_their_depth(graph):
 
 def test_pictures_without_depth_and_with_labels(graph, monkeypatch):
     driver = Heard()
-    picture_input.PictureInput(ENTRY, driver, observer(Need.IMAGE, labels=True))
+    picture_input.ImageInput(ENTRY, driver, observer(Need.IMAGE, labels=True))
     assert list(graph.subscribers) == ["/eye/camera/camera_info", "/eye/camera/image_raw"]
     graph.subscribers["/eye/camera/camera_info"](INFO)
     graph.subscribers["/eye/camera/image_raw"](picture())
-    assert driver.images[-1][1][5] is None and driver.images[-1][1][1].labelled is None
-    monkeypatch.setattr(picture_input.LabelTopics, "mask", lambda self, message: "the mask")
-    heard = picture_input.PictureInput(ENTRY, driver, observer(Need.CONTOUR, labels=True))
+    assert driver.images[-1][1][5] is None and driver.images[-1][1][1].target_mask is None
+    monkeypatch.setattr(picture_input.LabelTopics, "make_mask", lambda self, message: "the mask")
+    heard = picture_input.ImageInput(ENTRY, driver, observer(Need.CONTOUR, labels=True))
     assert len(heard.subscribers) == 4
     graph.subscribers["/eye/camera/camera_info"](INFO)
     graph.subscribers["/eye/camera/image_raw"](picture())
     assert len(driver.images) == 1
     graph.subscribers["/eye/camera/segmentation/image_raw"](picture())
-    assert driver.images[-1][1][1].labelled == "the mask"
+    assert driver.images[-1][1][1].target_mask == "the mask"
 
 
 def test_depth_images_of_either_kind_and_order():
@@ -197,23 +204,23 @@ def test_depth_images_of_either_kind_and_order():
     rows = np.zeros((2, 4), ">u2")
     rows[:, :3] = [[1000, 2000, 3000], [400, 500, 65535]]
     message.data = rows.tobytes() + b"more"
-    np.testing.assert_allclose(depth_of(message), [[1, 2, 3], [0.4, 0.5, 65.535]], rtol=1e-6)
+    np.testing.assert_allclose(read_depth(message), [[1, 2, 3], [0.4, 0.5, 65.535]], rtol=1e-6)
     message.data = message.data[:15]
     with pytest.raises(ImageError, match="15 bytes is too short"):
-        depth_of(message)
+        read_depth(message)
     message.data, message.step = 16 * b"0", 5
     with pytest.raises(ImageError, match="too short"):
-        depth_of(message)
+        read_depth(message)
     message.encoding = "mono8"
     with pytest.raises(ImageError, match="encoding 'mono8': send one of 32FC1, 16UC1"):
-        depth_of(message)
+        read_depth(message)
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
 def test_joints_images_and_the_emergency_stop_are_heard(graph, lockstep):
     driver = Heard()
     eyes = {"a": observer(Need.MOMENTS), "b": observer(Need.CONTOUR)}
-    driver.rig.observers = eyes
+    driver.camera_rig.observers = eyes
     cameras = {"a": {"features": "/fa"}, "b": {"namespace": "/nb"}}
     settings = Settings.from_mapping(
         {"namespace": "/two/", "cameras": cameras, "lockstep": lockstep})
@@ -240,31 +247,31 @@ def test_joints_images_and_the_emergency_stop_are_heard(graph, lockstep):
 
 def test_a_description_is_looked_for_now_and_then(graph, life, monkeypatch):
     watch = description.DescriptionWatch("robo")
-    assert watch.new(None) == "" and watch.new(None) == ""
+    assert watch.find_new(None) == "" and watch.find_new(None) == ""
     assert graph.lines == ["waiting: no robot description on parameter robo yet"]
     graph.parameters["/robo"] = ARM
     life.now += 0.19
-    assert watch.new(None) == ""
+    assert watch.find_new(None) == ""
     life.now += 0.01001
-    assert watch.new(None) == ARM
+    assert watch.find_new(None) == ARM
     life.now += 1.0
-    assert watch.new(0) == ""  # nothing has begun since
+    assert watch.find_new(0) == ""  # nothing has begun since
     graph.parameters["/robo"] = "<another/>"
-    assert watch.new(0) == ""
-    assert watch.new(1) == "<another/>"
+    assert watch.find_new(0) == ""
+    assert watch.find_new(1) == "<another/>"
     life.now += 1.0
-    assert watch.new(1) == "" and watch.new(1) == ""
+    assert watch.find_new(1) == "" and watch.find_new(1) == ""
     life.now += 1.0
     graph.parameters["/robo"] = ARM
-    assert watch.new(1) == ""  # looked at for this beginning
-    assert watch.new(2) == ARM
+    assert watch.find_new(1) == ""  # looked at for this beginning
+    assert watch.find_new(2) == ARM
 
     def gone(*_):
         raise OSError
 
     monkeypatch.setattr(rospy, "get_param", gone)
     life.now += 1.0
-    assert watch.new(3) == ""
+    assert watch.find_new(3) == ""
 
 
 @pytest.mark.parametrize(("text", "topic"), [
@@ -272,31 +279,31 @@ def test_a_description_is_looked_for_now_and_then(graph, life, monkeypatch):
 def test_the_emergency_stop_s_topic(text, topic):
     plugin = "" if text is None else f"<plugin><eStopTopic>{text}</eStopTopic></plugin>"
     urdf = f"<robot><gazebo>{plugin}</gazebo></robot>"
-    assert description.e_stop_topic(urdf, "/two/") == topic
+    assert description.find_e_stop_topic(urdf, "/two/") == topic
 
 
 def test_the_node_s_parameters_are_checked_before_anything_begins(graph, life):
     rospy.set_param("~scheme", "points")
     rospy.set_param("~gains/gain", 7.0)
-    settings, mapping = given.given_settings()
+    settings, mapping = node_settings.read_node_settings()
     assert mapping == {"scheme": "points", "lockstep": False}
     assert settings.scheme == "points" and not settings.lockstep
     assert (settings.package / "config" / "starts.yaml").is_file()
     graph.parameters["/gazebo/speed_mode"] = "lockstep"
-    assert given.given_settings()[0].lockstep
+    assert node_settings.read_node_settings()[0].lockstep
     rospy.set_param("~lockstep", False)
-    assert not given.given_settings()[0].lockstep
+    assert not node_settings.read_node_settings()[0].lockstep
     rospy.set_param("~desired", "missing.yaml")
     with pytest.raises(ConfigurationError, match=r"missing\.yaml"):
-        given.given_settings()
+        node_settings.read_node_settings()
     rospy.set_param("~desired", "auto")
     rospy.set_param("~scheme", "pints")
     with pytest.raises(ConfigurationError, match="pints"):
-        given.given_settings()
+        node_settings.read_node_settings()
     with pytest.raises(ConfigurationError, match="no robot description on parameter robo$"):
-        given.robots_settings({"description": "robo"})
+        node_settings.read_robot_settings({"description": "robo"})
     graph.parameters["/robo"] = ARM
-    settings, arm = given.robots_settings({"description": "robo", "gain": 3.5})
+    settings, arm = node_settings.read_robot_settings({"description": "robo", "gain": 3.5})
     assert arm.names == JOINTS and settings.gain == 3.5
 
 
@@ -304,11 +311,12 @@ def test_a_goal_is_announced(graph):
     topics = goal_topics.GoalTopics("/two")
     assert {t: (told[1:]) for t, told in graph.told().items()} == {
         "/two/controller/goal": (1, True), "/two/controller/desired_outline": (1, True)}
-    pose = transform((0.1, 0.2, 0.3), (0.0, 0.0, np.pi / 2))
+    pose = matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0.0, 0.0, np.pi / 2))
     arm = SimpleNamespace(target_frame="", base_frame="base", camera_frame="eye")
-    goal = SimpleNamespace(outline=lambda: SQUARE)
-    servo = SimpleNamespace(beyond="", arm=arm, resolver=SimpleNamespace(goal=pose), goal=goal)
-    topics.announce(servo)
+    goal = SimpleNamespace(compute_outline=lambda: SQUARE)
+    resolver = SimpleNamespace(goal=pose)
+    servo = SimpleNamespace(unreachable_reason="", arm=arm, differential_ik=resolver, goal=goal)
+    topics.publish(servo)
     told, = graph.publishers["/two/controller/goal"].sent
     assert told.header.frame_id == "base" and not graph.lines
     assert (told.pose.position.x, told.pose.position.y, told.pose.position.z) == (0.1, 0.2, 0.3)
@@ -317,12 +325,12 @@ def test_a_goal_is_announced(graph):
     assert outline.header.frame_id == "eye"
     points = [(p.x, p.y, p.z) for p in outline.polygon.points]
     np.testing.assert_allclose(points, [(*row, 1.0) for row in SQUARE], atol=1e-7)
-    arm.target_frame, servo.beyond = "hand", "too far"
-    topics.announce(servo)
+    arm.target_frame, servo.unreachable_reason = "hand", "too far"
+    topics.publish(servo)
     assert graph.publishers["/two/controller/goal"].sent[-1].header.frame_id == "hand"
     assert graph.lines == ["too far; the arm goes as near as it can"]
-    servo.resolver.goal = None
-    topics.announce(servo)
+    servo.differential_ik.goal = None
+    topics.publish(servo)
     assert len(graph.publishers["/two/controller/goal"].sent) == 2
     assert len(graph.publishers["/two/controller/desired_outline"].sent) == 3
 
@@ -375,12 +383,12 @@ def asked(graph, life, monkeypatch):
     driver = SimpleNamespace(servo=servo, done=done, **{
         name: lambda *words, n=name: done.append((n, *words))
         for name in ("start", "stop", "hold")})
-    owner = SimpleNamespace(driver=driver, face=SimpleNamespace(latest=None))
+    owner = SimpleNamespace(runner=driver, publisher=SimpleNamespace(latest_state=None))
     made = []
-    monkeypatch.setattr(control, "SimpleActionServer", lambda *given, **more: (
+    monkeypatch.setattr(loop_services, "SimpleActionServer", lambda *given, **more: (
         made.append(Server(*given, **more)), made[-1])[1])
-    monkeypatch.setattr(control, "threading", SimpleNamespace(Thread=life.thread))
-    control.Control("/two", owner)
+    monkeypatch.setattr(loop_services, "threading", SimpleNamespace(Thread=life.thread))
+    loop_services.LoopServices("/two", owner)
     owner.server, owner.life = made[0], life
     return owner
 
@@ -394,7 +402,7 @@ def test_services_and_status_of_the_loop(graph, asked):
         answer = graph.call(f"/two/controller/{name}")
         assert answer.success and answer.message == f"{name}: servoing"
         assert graph.types[f"/two/controller/{name}"] is Trigger
-    assert asked.driver.done == [("start",), ("stop",), ("hold",)]
+    assert asked.runner.done == [("start",), ("stop",), ("hold",)]
     name, kind, auto = asked.server.given
     assert (name, kind.__name__, auto) == ("/two/servo_to_target", "ServoToTargetAction", False)
     assert asked.server.started and asked.server.ended == ["timer"]
@@ -407,29 +415,29 @@ def test_services_and_status_of_the_loop(graph, asked):
 
 def test_an_action_succeeds_when_the_loop_has_converged(asked):
     state = made_state(1.0)
-    asked.face.latest = made_state(0.5, "converged")  # of before
-    asked.life.steps = [lambda: setattr(asked.face, "latest", state), lambda: None,
-                        lambda: setattr(asked.face, "latest", made_state(2.0, "converged",
-                                                                         outcome="converged"))]
+    asked.publisher.latest_state = made_state(0.5, "converged")  # of before
+    last = made_state(2.0, "converged", outcome="converged")
+    asked.life.steps = [lambda: setattr(asked.publisher, "latest_state", state), lambda: None,
+                        lambda: setattr(asked.publisher, "latest_state", last)]
     asked.server.execute(goal())
-    assert asked.driver.done == [("start",)] and asked.life.slept == [0.05] * 3
+    assert asked.runner.done == [("start",)] and asked.life.slept == [0.05] * 3
     (_, (name, result)) = asked.server.ended
     assert (name, result.outcome, result.reason) == ("set_succeeded", "converged", "slow")
-    last = made_state(2.0).decision
+    last = made_state(2.0).scheme_output
     assert list(result.feature_names) == list(last.names)
     np.testing.assert_allclose(result.error, last.error)
     first = asked.server.feedback[0]
     assert (first.phase, first.outcome, first.rank) == ("servoing", "running", 2)
-    np.testing.assert_allclose(first.error, state.decision.error)
-    np.testing.assert_allclose(first.margins, state.resolution.margins)
-    assert list(first.feature_names) == list(state.decision.names)
+    np.testing.assert_allclose(first.error, state.scheme_output.error)
+    np.testing.assert_allclose(first.margins, state.ik_solution.margins)
+    assert list(first.feature_names) == list(state.scheme_output.names)
 
 
 def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
-    servo, server = asked.driver.servo, asked.server
+    servo, server = asked.runner.servo, asked.server
     server.preempted = True
     server.execute(goal())
-    assert asked.driver.done == [("start",), ("stop", "preempted")]
+    assert asked.runner.done == [("start",), ("stop", "preempted")]
     name, result = server.ended[-1]
     assert (name, result.outcome, result.reason, result.remedy) == (
         "set_preempted", "stopped", "preempted", "")
@@ -450,13 +458,13 @@ def test_an_action_ends_as_the_loop_or_somebody_wants(asked):
     ("running", "", ("timed_out", "not converged within 0.2 s")),
     ("stuck", "a limit", ("stuck", "a limit"))])
 def test_an_action_has_its_time(asked, kind, reason, told):
-    asked.driver.servo.outcome = SimpleNamespace(kind=kind, reason=reason, remedy="fix it")
+    asked.runner.servo.outcome = SimpleNamespace(kind=kind, reason=reason, remedy="fix it")
     asked.life.steps = [lambda: None] * 9
     asked.server.execute(goal(0.2))
     name, result = asked.server.ended[-1]
     assert (name, result.outcome, result.reason, result.remedy) == ("set_aborted", *told, "fix it")
     assert 4 <= len(asked.life.slept) <= 5
-    assert asked.driver.done[-1] == ("stop", "the time for it is over")
+    assert asked.runner.done[-1] == ("stop", "the timeout of the action goal has expired")
 
 
 # -- the controller node ---------------------------------------------------------------------------
@@ -464,13 +472,13 @@ def test_an_action_has_its_time(asked, kind, reason, told):
 
 def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life, monkeypatch):
     made = []
-    monkeypatch.setattr(node, "Control", lambda *given: (
+    monkeypatch.setattr(node, "LoopServices", lambda *given: (
         made.append(("control", *given)), "served")[1])
     monkeypatch.setattr(node, "GainServer", lambda owner: made.append(("gains", owner)))
     monkeypatch.setattr(node, "node_main", lambda name, about, run, fault: (
         made.append((name, about, fault)), run(), 4)[-1])
     monkeypatch.setattr(node, "compile_all", lambda: made.append("compiled"))
-    from aras_visual_servo_bench.asked.robots import Robot, RobotSpec
+    from aras_visual_servo_bench.experiment.robots import Robot, RobotSpec
 
     urdf = Robot(RobotSpec()).urdf
     stop = "<gazebo><plugin><eStopTopic>halt</eStopTopic></plugin></gazebo></robot>"
@@ -498,7 +506,7 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
     def names():
         (_, space, owner), = [one for one in made if one[0] == "control"]
         assert space == "/two" and ("gains", owner) in made
-        found.update(names=owner.face.names, owner=owner, driver=owner.driver)
+        found.update(names=owner.publisher.names, owner=owner, runner=owner.runner)
 
     found = {}
     life.steps = [appear, heard, names, another, lambda: None, lambda: None]
@@ -508,12 +516,12 @@ def test_the_controller_is_built_for_the_robot_and_anew_for_another(graph, life,
     assert len([one for one in made if one[0] == "control"]) == 1
     assert len([line for line in graph.lines if line.startswith("scheme moments, start none")]) == 2
     assert "camera_optical_frame moved by gantry, J1" in "".join(graph.lines)
-    assert found["owner"].driver is not found["driver"] and found["first"].impl is None
+    assert found["owner"].runner is not found["runner"] and found["first"].impl is None
     assert 0.02 in life.slept and len(graph.publishers["/two/controller/goal"].sent) == 2
     close, = life.ending
     close()
     assert graph.publishers["/two/both"].sent[-1].data == [0.0] * 6
-    assert found["owner"].driver.servo.phase == "stopped" and "/two/halt" not in graph.subscribers
+    assert found["owner"].runner.servo.phase == "stopped" and "/two/halt" not in graph.subscribers
 
 
 # -- the camera node -------------------------------------------------------------------------------
@@ -573,7 +581,7 @@ def test_a_clock_that_goes_back_begins_the_pipeline_anew(camera, monkeypatch):
 
 def test_the_camera_node_says_what_it_waits_for(camera, graph, life):
     life.steps = [lambda s=s: setattr(life, "now", life.now + s) for s in (1.7, 0.3, 0.0)]
-    camera.watch()
+    camera.spin()
     assert graph.lines == ["waiting for images on /labrob/camera/image_raw"]
     assert set(life.slept) == {0.2}
 

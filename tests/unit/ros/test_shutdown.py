@@ -54,7 +54,7 @@ def test_other_signals_end_nothing(monkeypatch):
     monkeypatch.setattr(shutdown.rospy, "signal_shutdown",
                         lambda reason: (reasons.append(reason), ended.set()))
     os.write(tell, bytes([signal.SIGCHLD, signal.SIGTERM, signal.SIGINT]))
-    shutdown._end(hear)
+    shutdown._wait_for_signal(hear)
     assert ended.wait(10.0) and reasons == ["SIGTERM"]
     assert os.read(hear, 9) == bytes([signal.SIGINT])
     os.close(hear)
@@ -73,11 +73,11 @@ def test_a_node_that_cannot_end_while_it_begins_is_left(monkeypatch, hangs):
     monkeypatch.setattr(shutdown.rospy, "signal_shutdown", end)
     monkeypatch.setattr(shutdown, "PATIENCE", 0.02 if hangs else 20.0)
     monkeypatch.setattr(os, "_exit", left.append)
-    monkeypatch.setattr(shutdown, "_began", threading.Event())
+    monkeypatch.setattr(shutdown, "_started", threading.Event())
     if not hangs:
         free.set()
     os.write(tell, bytes([signal.SIGTERM]))
-    shutdown._end(hear)
+    shutdown._wait_for_signal(hear)
     free.set()
     assert left == ([128 + signal.SIGTERM] if hangs else [])
     assert threads == [("shutdown", False, "SIGTERM")]
@@ -97,7 +97,7 @@ def test_a_topic_closed_under_a_callback_is_a_fault_only_before_the_end(monkeypa
         start=lambda: began.append(more)))
     shutdown.end_on_signals()
     assert told_of == [(pipe[1], False, {"warn_on_full_buffer": False})]
-    assert began == [{"target": shutdown._end, "args": (pipe[0],), "name": "signals",
+    assert began == [{"target": shutdown._wait_for_signal, "args": (pipe[0],), "name": "signals",
                       "daemon": True}]
     assert set(heard) == {signal.SIGINT, signal.SIGTERM} and os.get_blocking(pipe[0])
     assert not any(handler(2, None) for handler in heard.values())  # the kernel's has told already
@@ -114,7 +114,7 @@ BEGINS = """
 import sys
 from types import SimpleNamespace
 import rospy, rospy.impl.init
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 def start_node(*_, **__):
     if "interrupted" in sys.argv:
@@ -123,7 +123,7 @@ def start_node(*_, **__):
     raise rospy.ROSInitException("another fault")
 
 rospy.impl.init.start_node = start_node
-begin_node("begins")
+init_node("begins")
 print("up")
 """
 
@@ -171,7 +171,7 @@ LOCKED = """
 import os, signal, threading, time
 from types import SimpleNamespace
 import rospy, rospy.impl.init, rospy.impl.rosout
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 lock = threading.Lock()  # as some of rospy's own are
 
@@ -186,7 +186,7 @@ def end(reason):
 
 rospy.impl.init.start_node = lambda *_, **__: SimpleNamespace(uri="http://x:1/", shutdown=end)
 rospy.impl.rosout.init_rosout = init_rosout
-begin_node("begins")
+init_node("begins")
 print("up")
 """
 
@@ -206,10 +206,10 @@ def test_an_interruption_waits_for_no_lock_that_the_beginning_holds(tmp_path):
 
 
 BEGINNING = """
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 print("up", flush=True)
-begin_node("waits", about="Waits for a master.")
+init_node("waits", about="Waits for a master.")
 print("begun", flush=True)
 """
 

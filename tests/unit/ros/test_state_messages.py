@@ -13,14 +13,14 @@ from run_messages import ARM, JOINTS, SETTINGS, K, joint_states, made_state, pos
 from scipy.spatial.transform import Rotation
 from sensor_msgs.msg import CameraInfo
 
-from aras_visual_servo_bench.ros.listener import Listener
-from aras_visual_servo_controller.records.outcomes import Arrived
+from aras_visual_servo_bench.ros.graph_listener import GraphListener
+from aras_visual_servo_controller.records.outcomes import ArrivalStatus
 from aras_visual_servo_controller.records.state import Command, ServoState
 from aras_visual_servo_controller.settings import Settings
 
 
 def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
-    from aras_visual_servo_controller.ros.read_back import state_of
+    from aras_visual_servo_controller.ros.read_back import read_state
 
     state = made_state(3.217654321)
     message, report = told(graph, face, state)
@@ -28,22 +28,31 @@ def test_every_part_of_a_state_comes_back_from_its_two_messages(graph, face):
         assert one.header.stamp == rospy.Time(3, 217654321)
         assert one.header.frame_id == "camera_optical_frame" and one.joint_names == list(JOINTS)
     assert message.scheme == "points" and (report.reason, report.remedy) == ("slow", "wait")
-    back = state_of(message, report)
-    for name in ("phase", "outcome", "reason", "remedy", "scheme", "computing", "names", "stamp"):
+    back = read_state(message, report)
+    for name in (
+        "phase",
+        "outcome",
+        "reason",
+        "remedy",
+        "scheme",
+        "computation_time",
+        "names",
+        "stamp",
+    ):
         assert getattr(back, name) == getattr(state, name), name
-    for name in ("twist", "achieved", "singular_values_L", "command", "error"):
+    for name in ("desired_twist", "achieved_twist", "singular_values_L", "command", "error"):
         same(getattr(back, name), getattr(state, name))
     for name in ("features", "desired", "filtered_error"):
-        same(getattr(back.decision, name), getattr(state.decision, name))
+        same(getattr(back.scheme_output, name), getattr(state.scheme_output, name))
     for name in ("velocities", "singular_values", "scale", "manipulability"):
-        same(getattr(back.resolution, name), getattr(state.resolution, name))
+        same(getattr(back.ik_solution, name), getattr(state.ik_solution, name))
     same(back.joints.positions, state.joints.positions)
-    assert back.joints.names == JOINTS and back.arrived == state.arrived
+    assert back.joints.names == JOINTS and back.arrival_status == state.arrival_status
     for name in ("margins", "null_direction"):
-        same(getattr(report, name), getattr(state.resolution, name))
-    lost = report.lost
+        same(getattr(report, name), getattr(state.ik_solution, name))
+    lost = report.infeasible_twist
     same([lost.linear.x, lost.linear.y, lost.linear.z, lost.angular.x, lost.angular.y,
-          lost.angular.z], state.resolution.lost)  # fmt: skip
+          lost.angular.z], state.ik_solution.infeasible_twist)  # fmt: skip
     assert (report.rank, report.rank_lj) == (3, 2)
     same(report.singular_values_lj, message.singular_values)
     said = {topic: one for topic, one in graph.told().items() if "/controller/" in topic}
@@ -62,31 +71,32 @@ def test_every_field_of_the_messages_is_filled(graph, face):
 
 
 def test_what_a_state_has_not_is_not_made_up(graph, face):
-    from aras_visual_servo_controller.ros.read_back import state_of
+    from aras_visual_servo_controller.ros.read_back import read_state
 
-    bare = ServoState(2.5, "holding", reason="no image", arrived=Arrived())
+    bare = ServoState(2.5, "holding", reason="no image", arrival_status=ArrivalStatus())
     message, report = told(graph, face, bare)
     assert message.feature_names == [] and message.joint_velocities == [0.0, 0.0]
     assert report.scale == 1.0 and math.isnan(report.open_distance)
-    back = state_of(message, report)
-    assert back.decision is back.resolution is back.joints is back.command is None
-    assert not back.arrived.reached and back.reason == "no image"
-    alone = state_of(told(graph, face, made_state(1.0))[0])  # of a bag without reports
-    assert (alone.outcome, alone.remedy) == ("", "") and math.isnan(alone.computing)
-    assert np.isnan(alone.achieved).all() and not alone.arrived.reached
-    assert alone.decision.filtered_error is None
-    parts = {"features": ["decision", "resolution"], "desired_features": ["decision", "resolution"],
-             "error": ["decision", "resolution"], "joint_positions": ["joints"],
-             "joint_commands": ["command"], "singular_values": ["resolution"]}
+    back = read_state(message, report)
+    assert back.scheme_output is back.ik_solution is back.joints is back.command is None
+    assert not back.arrival_status.is_reached and back.reason == "no image"
+    alone = read_state(told(graph, face, made_state(1.0))[0])  # of a bag without reports
+    assert (alone.outcome, alone.remedy) == ("", "") and math.isnan(alone.computation_time)
+    assert np.isnan(alone.achieved_twist).all() and not alone.arrival_status.is_reached
+    assert alone.scheme_output.filtered_error is None
+    parts = {"features": ["scheme_output", "ik_solution"],
+             "desired_features": ["scheme_output", "ik_solution"],
+             "error": ["scheme_output", "ik_solution"], "joint_positions": ["joints"],
+             "joint_commands": ["command"], "singular_values": ["ik_solution"]}
     for field, without in parts.items():  # as somebody else's message may be
         message, report = told(graph, face, made_state(1.0))
         setattr(message, field, [])
-        back = state_of(message, report)
-        assert [part for part in ("decision", "resolution", "joints", "command")
+        back = read_state(message, report)
+        assert [part for part in ("scheme_output", "ik_solution", "joints", "command")
                 if getattr(back, part) is None] == without, field
     message, report = told(graph, face, made_state(1.0))
     report.filtered_error = report.filtered_error[:2]
-    assert state_of(message, report).decision.filtered_error is None
+    assert read_state(message, report).scheme_output.filtered_error is None
 
 
 def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
@@ -107,8 +117,8 @@ def test_states_are_logged_when_they_are_new(graph, face, monkeypatch):
         ("loginfo", "servoing"), ("loginfo", "servoing: slow"), ("logwarn", "holding: no image"),
         ("logwarn", "holding: third"), ("loginfo", "converged"), ("loginfo", "approaching: far"),
     ]
-    face.say("one line")
-    face.say("Traceback\n  of a fault")
+    face.log("one line")
+    face.log("Traceback\n  of a fault")
     assert levels[-2:] == [("loginfo", "one line"), ("logerr", "Traceback\n  of a fault")]
 
 
@@ -126,7 +136,7 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
         now[0] += 3.0
     assert [list(one.data) for one in group.sent] == [[0.1, 0.2]] * 4
     assert graph.lines == [
-        "nobody takes the commands on /two/both: start that controller (rosrun controller_manager "
+        "no controller subscribes to /two/both: start that controller (rosrun controller_manager "
         "controller_manager list), or name another one in ~controllers"]
     face.close()
     assert not graph.publishers
@@ -134,7 +144,7 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     graph.parameters |= {"/two/all/type": kind.format("GroupPosition"),
                          "/two/all/joints": ["elbow", "slide"]}
     settings = Settings(namespace="/two")
-    CommandTopics(settings, JOINTS, "position").put(np.array([0.1, 0.2]), "slide")
+    CommandTopics(settings, JOINTS, "position").send(np.array([0.1, 0.2]), "slide")
     assert graph.publishers["/two/all/command"].options == {"queue_size": 10}
     assert [list(one.data) for one in graph.publishers["/two/all/command"].sent] == [[0.2, 0.1]]
     graph.parameters |= {"/two/s/type": kind.format("Position"), "/two/s/joint": "slide"}
@@ -142,13 +152,13 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
     topics = CommandTopics(settings, JOINTS, "position")
     each = [graph.publishers[f"/two/{name}/command"] for name in ("s", "elbow_position_controller")]
     assert {one.options["queue_size"] for one in each} == {10}
-    topics.put(np.array([0.3, 0.4]))
-    topics.put(np.array([0.5, 0.6]), "elbow")
+    topics.send(np.array([0.3, 0.4]))
+    topics.send(np.array([0.5, 0.6]), "elbow")
     assert [[m.data for m in one.sent] for one in each] == [[0.3], [0.4, 0.6]]
     for one in each:
         one.resolved_name = one.topic
     each[0].impl.connections = [None]
-    assert topics.unheard() == ["/two/elbow_position_controller/command"]
+    assert topics.list_unsubscribed() == ["/two/elbow_position_controller/command"]
     topics.close()
     with pytest.raises(rospy.ROSException, match="closed topic"):
         publish(each[0], None)
@@ -157,17 +167,17 @@ def test_commands_reach_their_controllers_in_their_order(graph, face, monkeypatc
 
 
 def test_a_recorder_is_waited_for_in_vain_no_longer_than_it_takes(graph, monkeypatch):
-    from aras_visual_servo_controller.ros.face import RosFace
+    from aras_visual_servo_controller.ros.ros_publisher import RosPublisher
 
     now = [100.0]
     monkeypatch.setattr("time.monotonic", lambda: now[0])
     monkeypatch.setattr("time.sleep", lambda seconds: now.__setitem__(0, now[0] + seconds))
-    two = RosFace(Settings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye")
-    two.state.impl.connections = [None]
-    two.await_listeners()
-    assert 105.0 < now[0] < 105.1 and "has 1 of 2 listeners after 5 s" in graph.lines[0]
-    two.state.impl.connections = [None, None]
-    two.await_listeners()
+    two = RosPublisher(Settings(namespace="/two", command_topic="both", listeners=2), JOINTS, "eye")
+    two.state_publisher.impl.connections = [None]
+    two.wait_for_listeners()
+    assert 105.0 < now[0] < 105.1 and "has 1 of 2 subscribers after 5 s" in graph.lines[0]
+    two.state_publisher.impl.connections = [None, None]
+    two.wait_for_listeners()
     assert now[0] < 105.1 and len(graph.lines) == 1
 
 
@@ -184,9 +194,9 @@ def clock(monkeypatch):
 
 @pytest.fixture
 def listener(graph, clock):
-    it = Listener(SETTINGS)
+    it = GraphListener(SETTINGS)
     graph.parameters["/robot_description"] = ARM
-    it.look()
+    it.update()
     return it
 
 
@@ -201,12 +211,12 @@ def hear(graph, topic, message):
 def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     from aras_visual_servo_camera.msg import ImageMoments
 
-    from aras_visual_servo_controller.ros.goal_topics import outline_message, pose_message
+    from aras_visual_servo_controller.ros.goal_topics import make_outline_message, make_pose_message
 
-    assert (listener.robot, listener.robots, listener.beginnings) == ("two", 1, 1)
-    assert listener.stamp == 0.0 and listener.story.arm.names == JOINTS
+    assert (listener.robot_name, listener.robot_count, listener.restart_count) == ("two", 1, 1)
+    assert listener.stamp == 0.0 and listener.run_trace.arm.names == JOINTS
     hear(graph, "/two/joint_states", joint_states(1.5))
-    story = listener.look_again()
+    story = listener.refresh()
     same(listener.positions, position(1.5))
     same(listener.velocities, [-0.11, 0.2])
     waiting = {topic: more.pop("queue_size") for topic, (_, more) in graph.heard.items()}
@@ -220,64 +230,64 @@ def test_a_listener_knows_what_the_graph_said_last(graph, listener, face):
     goal[:3, :3] = Rotation.from_rotvec([0.3, -2.0, 0.5]).as_matrix()
     goal[:3, 3] = (0.4, 0.5, 0.6)
     outline = np.array([(0.1, 0.2), (0.3, -0.4), (-0.5, 0.6)])
-    hear(graph, "/two/controller/goal", pose_message(goal, "base"))
-    hear(graph, "/two/controller/desired_outline", outline_message(outline, "eye"))
+    hear(graph, "/two/controller/goal", make_pose_message(goal, "base"))
+    hear(graph, "/two/controller/desired_outline", make_outline_message(outline, "eye"))
     hear(graph, "/eye/camera/camera_info", CameraInfo(
         width=64, height=48, K=K, D=[0.0] * 5, distortion_model="plumb_bob"))
-    story = listener.look_again()
+    story = listener.refresh()
     same(story.goal, goal)
     np.testing.assert_allclose(story.outline, outline, atol=1e-7)
     assert (story.camera.width, story.camera.K) == (64, K)
     heard = []
-    listener.hear = lambda state, joints: heard.append((state, list(joints)))
+    listener.on_state = lambda state, joints: heard.append((state, list(joints)))
     message, report = told(graph, face, made_state(1.6))
     hear(graph, "/two/controller/diagnosis", report)
     hear(graph, "/two/controller/state", message)
-    assert listener.report is report and story.told.outcome == "running"
+    assert listener.report is report and story.state.outcome == "running"
     (state, joints), = heard
     same(joints, position(1.6))
-    same(state.achieved, made_state(1.6).achieved)
+    same(state.achieved_twist, made_state(1.6).achieved_twist)
     other = told(graph, face, made_state(1.7, "holding"))[0]  # the report is of another phase
     hear(graph, "/two/controller/state", other)
-    assert story.told.phase == "holding" and story.told.outcome == ""
+    assert story.state.phase == "holding" and story.state.outcome == ""
     hear(graph, "/two/controller/state", message)
     seen = []
-    story.see = lambda *given: seen.append(given)
+    story.add_image_point = lambda *given: seen.append(given)
     for valid, m in ((True, [4.0, 1.0, -2.0]), (False, [4.0, 1.0, -2.0]), (True, [0.0, 1.0, 2.0]),
                      (True, [4.0, 1.0])):  # fmt: skip
         hear(graph, "/two/camera/moments", ImageMoments(valid=valid, m=m, reason="dark"))
-        assert listener.unseen == ("" if valid else "dark")
+        assert listener.no_target_reason == ("" if valid else "dark")
     assert seen == [("centre", 0.25, -0.5)]
-    listener.forget()
-    assert listener.report is None and story.told.phase == ""
+    listener.clear_controller()
+    assert listener.report is None and story.state.phase == ""
 
 
 def test_a_clock_that_goes_back_and_another_robot_begin_anew(graph, listener, clock):
     now = clock
     for stamp in (1.0, 1.5):
         hear(graph, "/two/joint_states", joint_states(stamp))
-        story = listener.look_again()
+        story = listener.refresh()
         now[0] += 0.5
     assert story.factor == pytest.approx(1.0)
     now[0] += 1.5
-    assert listener.look_again().factor == pytest.approx(1.0)  # heard 2 s ago
+    assert listener.refresh().factor == pytest.approx(1.0)  # heard 2 s ago
     now[0] += 0.001
-    assert listener.look_again().factor is None
+    assert listener.refresh().factor is None
     cleared = []
     story.clear = lambda: cleared.append(True)
     hear(graph, "/two/joint_states", joint_states(1.5))
-    listener.look_again()
-    assert listener.beginnings == 1 and not cleared
+    listener.refresh()
+    assert listener.restart_count == 1 and not cleared
     hear(graph, "/two/joint_states", joint_states(0.2))
-    listener.look_again()
-    assert listener.beginnings == 2 and cleared and listener.stamp == pytest.approx(0.2)
+    listener.refresh()
+    assert listener.restart_count == 2 and cleared and listener.stamp == pytest.approx(0.2)
     now[0] += 2.5
-    assert listener.look_again().factor is None  # nothing was heard for so long
+    assert listener.refresh().factor is None  # nothing was heard for so long
     hear(graph, "/two/joint_states", SimpleNamespace(serialize=lambda f: f.write(b"\1")))
-    listener.look_again()  # no message: it is as before
+    listener.refresh()  # no message: it is as before
     same(listener.positions, position(0.2))
     graph.parameters["/robot_description"] = ARM.replace('"two"', '"three"')
     now[0] += 1.0
-    assert listener.look() is not story
-    assert (listener.robot, listener.robots, listener.beginnings) == ("three", 2, 3)
+    assert listener.update() is not story
+    assert (listener.robot_name, listener.robot_count, listener.restart_count) == ("three", 2, 3)
     assert listener.positions is None

@@ -17,7 +17,7 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 
 from aras_visual_servo_bench.ros import target_link
 from aras_visual_servo_bench.ros.target_link import main
-from aras_visual_servo_camera.model import read_solid
+from aras_visual_servo_camera.model_tracker import read_solid
 
 BOX = "<geometry><box><size>{}</size></box></geometry>"
 WORLD = f"""<sdf version="1.6"><world name="a"><model name="crate">
@@ -79,9 +79,9 @@ def test_where_a_simulation_has_it_its_pose_is_that_of_now(asked, graph, models,
 
 
 @pytest.mark.parametrize(("link", "why"), [
-    ("crate", "model 'crate' has 2 links that are seen: name one of body, lid"),
-    ("crate::bod", "shows no link 'bod': did you mean 'body'"),
-    ("crat::body", "no model 'crat' stands in world"),
+    ("crate", "model 'crate' has 2 links with visuals: set it to one of body, lid"),
+    ("crate::bod", "has no link 'bod' with visuals: did you mean 'body'"),
+    ("crat::body", "there is no model 'crat' in world"),
 ])  # fmt: skip
 def test_what_is_not_there_is_said_in_one_line(asked, link, why):
     status, told = asked(link, "mesh")

@@ -34,7 +34,7 @@ def seen(camera_T_object, corners=CORNERS):
 def look(observer, camera_T_object, stamp=0.0, corners=CORNERS):
     plane = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3])
     points = seen(camera_T_object, corners)
-    return observer.of_exact(
+    return observer.observe_exact_features(
         stamp, CAMERA, contour=points, points=points, plane=plane,
         world_T_camera=np.linalg.inv(camera_T_object),
     )  # fmt: skip

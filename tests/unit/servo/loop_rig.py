@@ -12,16 +12,16 @@ import numpy as np
 from aras_visual_servo_base.poses import pose_difference
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm, Limits, Posture, Resolver
-from aras_visual_servo_controller.arm.fold import find
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm, DifferentialIK, Limits, PostureTask
+from aras_visual_servo_controller.kinematics.elbow import find_elbows
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.loop.servo import Servo
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Observation
 from aras_visual_servo_controller.records.state import Command, ServoSettings, ServoState
 from aras_visual_servo_controller.schemes import JointController, Scheme, create_scheme
-from aras_visual_servo_controller.seeing.observation import Observation
-from aras_visual_servo_controller.seeing.observer import Observer
 
 SOURCES = Path(__file__).parents[3] / "src"
 URDF = SOURCES / "aras_visual_servo_gazebo" / "robots" / "aras_visual_servo.urdf"
@@ -47,7 +47,7 @@ def the_goal(year: str) -> Goal:
 
 
 def the_limits(**given) -> Limits:
-    return Limits.of(the_arm(), **{"velocity": (1.0, 2.0, 2.0, 2.0, 2.0, 2.0), **given})
+    return Limits.for_arm(the_arm(), **{"velocity": (1.0, 2.0, 2.0, 2.0, 2.0, 2.0), **given})
 
 
 def the_servo(
@@ -65,7 +65,9 @@ def the_servo(
     if isinstance(scheme, str):
         scheme = create_scheme(scheme, law or Proportional(5.0), **(options or {}))
     limits = limits or the_limits()
-    resolver = Resolver(arm, limits, [Posture(arm, {"J1": 0.0})], folds=find(arm, {"J3": -1}))
+    resolver = DifferentialIK(
+        arm, limits, [PostureTask(arm, {"J1": 0.0})], elbows=find_elbows(arm, {"J3": -1})
+    )
     return Servo(scheme, arm, goal or the_goal(year), resolver, ServoSettings(**settings), clock)
 
 
@@ -91,7 +93,7 @@ class Rig:
     latency: float = 0.0
     step: float = 1.0 / 600.0
     friction: float | np.ndarray = 0.0
-    look: Callable[[Observer, float, JointSample], Observation] | None = None
+    look: Callable[[FeatureObserver, float, JointSample], Observation] | None = None
     believe: Callable[[float, np.ndarray], np.ndarray] = lambda t, q: q
     image_period: float = IMAGE_PERIOD
     states: list[ServoState] = field(default_factory=list)
@@ -100,18 +102,20 @@ class Rig:
 
     def __post_init__(self) -> None:
         self.q = np.array(self.q, float)
-        self.observer = Observer(
-            self.servo.arm, self.servo.scheme.needs, plane_from=self.servo.goal.plane_from
+        self.observer = FeatureObserver(
+            self.servo.arm, self.servo.scheme.needs, compute_plane=self.servo.goal.compute_plane
         )
         self.now = 0.0
         self.target, self._speed = self.q.copy(), np.zeros(len(self.q))
         self._pending: list[Observation] = []
         self.next_tick = self.next_image = 0.0
 
-    def exact(self, observer: Observer, stamp: float, joints: JointSample) -> Observation:
+    def exact(self, observer: FeatureObserver, stamp: float, joints: JointSample) -> Observation:
         target = self.servo.goal.target
         pose = self.servo.arm.pose(self.q)
-        return observer.of_exact(stamp, CAMERA, joints, contour=target.outline(pose))
+        return observer.observe_exact_features(
+            stamp, CAMERA, joints, contour=target.compute_outline(pose)
+        )
 
     def run(self, seconds: float) -> list[ServoState]:
         """Go on for so long; all states since the beginning."""
@@ -122,10 +126,10 @@ class Rig:
             ticks, looks = (self.now >= due - 1e-9 for due in (self.next_tick, self.next_image))
             if ticks or looks:
                 believed = self.believe(self.now, self.q)
-                seen = JointSample.of(self.now, names, believed, self._speed)
+                seen = JointSample.from_values(self.now, names, believed, self._speed)
             if ticks:
                 self.next_tick += TICK
-                command = self.servo.tick(self.now, seen)
+                command = self.servo.update(self.now, seen)
                 self.commands.append(command)
                 self.joints.append(self.q.copy())
                 if command.positions is not None:
@@ -134,7 +138,7 @@ class Rig:
                 self.next_image += self.image_period
                 self._pending.append(look(self.observer, self.now, seen))
             while self._pending and self._pending[0].stamp + self.latency <= self.now + 1e-9:
-                self.states.append(self.servo.see(self._pending.pop(0)))
+                self.states.append(self.servo.process_image(self._pending.pop(0)))
             way = self.target - self.q
             moved = np.where(np.abs(way) > self.friction, way, 0.0)
             step = (1.0 - np.exp(-self.step / self.lag)) * moved
@@ -162,7 +166,7 @@ def spoiled(observation: Observation, **changes) -> Observation:
 
 def lost(observation: Observation, reason: str, touches: tuple[str, ...] = ()) -> Observation:
     return replace(observation, valid=False, reason=reason, moments=None, contour=None,
-                   corners=None, touches=touches)  # fmt: skip
+                   corners=None, touched_borders=touches)  # fmt: skip
 
 
 def scaled(moments: Moments, factor: float) -> Moments:

@@ -10,7 +10,7 @@ from loop_rig import STARTS, Rig, the_servo
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.schemes import Composed, create_scheme
+from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 from aras_visual_servo_controller.schemes.broyden import Broyden
 
 DT = 1.0 / 30.0
@@ -20,11 +20,11 @@ def image(stamp, twist, dt=DT):
     return SimpleNamespace(stamp=stamp, dt=dt, previous_T_camera=exponential(twist))
 
 
-def seen(error, L, rate=0.0):
-    return SimpleNamespace(error=np.array(error), L=np.array(L), rate=rate)
+def seen(error, L, error_drift=0.0):
+    return SimpleNamespace(error=np.array(error), L=np.array(L), error_drift=error_drift)
 
 
-def learnt(count=400, gain=1.0, rate=0.0, seed=0):
+def learnt(count=400, gain=1.0, error_drift=0.0, seed=0):
     """Truth and estimate after `count` random motions; the estimate began somewhere else."""
     random = np.random.default_rng(seed)
     truth, wrong = random.normal(size=(2, 4, 6))
@@ -32,12 +32,12 @@ def learnt(count=400, gain=1.0, rate=0.0, seed=0):
     for k in range(count):
         twist = 0.02 * random.normal(size=6)
         if k:
-            error = error + truth @ twist + rate * DT
-        found = estimator(image(k * DT, twist), seen(error, wrong, rate))
+            error = error + truth @ twist + error_drift * DT
+        found = estimator(image(k * DT, twist), seen(error, wrong, error_drift))
         if k == 0:
             assert (found == wrong).all()
         error = error % 0.5  # stays bounded, as if the camera were set back
-        estimator._before = (k * DT, error)
+        estimator._last_measurement = (k * DT, error)
     return truth, found
 
 
@@ -48,7 +48,7 @@ def test_it_comes_to_the_true_one(seed):
 
 
 def test_a_target_that_moves_is_taken_out():
-    truth, found = learnt(rate=np.array([0.3, -0.2, 0.1, 0.5]))
+    truth, found = learnt(error_drift=np.array([0.3, -0.2, 0.1, 0.5]))
     np.testing.assert_allclose(found, truth, atol=0.03)
 
 
@@ -121,10 +121,12 @@ def vars_of(measured):
 
 def test_what_a_wrong_model_makes_spiral_goes_straight_once_it_is_learnt():
     def way(interaction):
-        scheme = Composed(Askew(), Proportional(3.0), interaction)
+        scheme = FeatureScheme(Askew(), Proportional(3.0), interaction)
         rig = Rig(the_servo(scheme=scheme, hold=0.5), STARTS["2016"])
         states = rig.run(3.0)
-        return rig, np.array([s.decision.error[:2] for s in states if s.decision is not None])
+        return rig, np.array(
+            [s.scheme_output.error[:2] for s in states if s.scheme_output is not None]
+        )
 
     _, plain = way("current")
     rig, learnt = way("estimated")
@@ -144,9 +146,11 @@ def test_it_needs_no_more_than_its_name():
 
 def test_an_estimator_of_ones_own_and_for_nothing_else():
     mine = lambda observation, measured: 2.0 * measured.L  # noqa: E731
-    scheme = Composed(ImageMoments(), Proportional(5.0), "estimated", estimator=mine)
+    scheme = FeatureScheme(ImageMoments(), Proportional(5.0), "estimated", estimator=mine)
     states = Rig(the_servo(scheme=scheme), STARTS["2016"]).run(0.2)
     plain = Rig(the_servo(), STARTS["2016"]).run(0.2)
-    np.testing.assert_allclose(2.0 * states[0].twist[:3], plain[0].twist[:3], rtol=0.05)
+    np.testing.assert_allclose(
+        2.0 * states[0].desired_twist[:3], plain[0].desired_twist[:3], rtol=0.05
+    )
     with pytest.raises(ConfigurationError, match="an estimator is for interaction 'estimated'"):
-        Composed(ImageMoments(), estimator=mine)
+        FeatureScheme(ImageMoments(), estimator=mine)

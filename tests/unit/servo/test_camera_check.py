@@ -6,8 +6,12 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.judging.camera_check import DIRECTIONS, CameraCheck, _advanced
+from aras_visual_servo_controller.diagnosis.camera_check import (
+    DIRECTIONS,
+    CameraCheck,
+    _predict_motion,
+)
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
 
 class Rows:
@@ -59,14 +63,14 @@ class Rows:
         if along @ along > 3.0**2:
             depth = along @ (b - turning) / (along @ along)
         if depth <= 0.0:
-            return ("the features move otherwise than L and the arm's motion say: against the "
-                    "camera's translation")
+            return ("the features do not move as L and the arm's motion predict: "
+                    "translations of the camera move them in the opposite direction")
         expected = np.array([depth] * 3 + [1.0] * 3)
         off = b - A @ expected
         misfit = off @ off / (b @ b)
         loud = np.sqrt(off @ off / len(b)) > 1.5
         if misfit > 0.04 and loud and self.smooth(off):
-            return ("the features move otherwise than L and the arm's motion say: "
+            return ("the features do not move as L and the arm's motion predict: "
                     f"{100.0 * misfit:.0f} % of the motion is not explained")
         # One row more a direction, of little weight: where nothing was seen, it is as expected.
         weak = np.sqrt(0.1) * np.eye(6)
@@ -95,9 +99,9 @@ class Rows:
             one, other = other, one
         beside = f"along {DIRECTIONS[other]} {scale[other]:.2f}"
         if one == other:
-            beside = "elsewhere 1.00"
+            beside = "in other directions 1.00"
         return (f"along {DIRECTIONS[one]} the features move {scale[one]:.2f} times as far as L "
-                f"and the arm's motion say, {beside} times")
+                f"and the arm's motion predict, {beside} times as far")
 
 
 def judged(seed, jacobian=None):
@@ -128,7 +132,7 @@ def judged(seed, jacobian=None):
             if random.random() < 0.1:
                 error = error + 2.0  # an angle that wrapped round
         last, shaken = joints, 0.0
-        joints = JointSample.of(k / 30.0, "xyz", 1e-3 * random.normal(size=3),
+        joints = JointSample.from_values(k / 30.0, "xyz", 1e-3 * random.normal(size=3),
                                 0.03 * random.normal(size=3))  # fmt: skip
         if before is not None and jacobian is not None:
             dt, change = joints.stamp - last.stamp, joints.velocities - last.velocities
@@ -138,13 +142,13 @@ def judged(seed, jacobian=None):
             ways = np.abs(L @ jacobian * doubt) / tolerances[:, None]
             shaken = ways.max()
         evidence.add(
-            SimpleNamespace(rate=rate, L=L, error=error),
+            SimpleNamespace(error_drift=rate, L=L, error=error),
             SimpleNamespace(motion=twist, dt=past, joints=joints), tolerances,
         )  # fmt: skip
         if before is not None:
             rows.add(before, (error, L, rate), twist, tolerances, shaken, past)
         before = error, L, rate
-    return evidence.fault(), rows.fault()
+    return evidence.find_fault(), rows.fault()
 
 
 @pytest.mark.parametrize("first", range(0, 80, 20))
@@ -175,7 +179,7 @@ def test_what_each_direction_should_have_done_is_added_up_image_by_image(seed):
     motions, spans = random.normal(size=(images, 6)), random.uniform(0.02, 0.06, images)
     parts, own, wanted, past = np.zeros((count, 6)), np.zeros(count), 0.0, 0.0
     for k in range(1, images):
-        greatest, wrapped, bent = _advanced(
+        greatest, wrapped, bent = _predict_motion(
             errors[k - 1], Ls[k - 1], rates[k - 1], errors[k], Ls[k], rates[k], motions[k],
             spans[k], tolerances, parts, own, np.ones(count, bool),
         )  # fmt: skip
@@ -197,13 +201,13 @@ def test_only_an_image_that_follows_another_counts():
     def said(change):
         evidence = CameraCheck()
         for k, error in enumerate(wrong):
-            decision = {"L": L, "error": error, "rate": 0.0}
+            decision = {"L": L, "error": error, "error_drift": 0.0}
             seen = {"motion": twist, "dt": 1 / 30, "joints": None}
             if k % 2:
                 change(decision, seen)
             evidence.add(SimpleNamespace(**decision), SimpleNamespace(**seen),
                          np.full(len(decision["error"]), 1e-3))
-        return evidence.fault()
+        return evidence.find_fault()
 
     assert said(lambda decision, seen: None)
     assert not said(lambda decision, seen: decision.update(L=None))
@@ -211,27 +215,29 @@ def test_only_an_image_that_follows_another_counts():
     assert not said(lambda decision, seen: decision.update(L=np.ones((3, 6)), error=np.ones(3)))
     evidence = CameraCheck()
     for error in wrong:
-        evidence.add(SimpleNamespace(rate=0.0, L=L, error=error),
+        evidence.add(SimpleNamespace(error_drift=0.0, L=L, error=error),
                      SimpleNamespace(motion=None, dt=1 / 30, joints=None), tolerances)
-    assert not evidence.fault()
+    assert not evidence.find_fault()
 
 
-def shown(evidence, error, L, motion, tolerances, rate=0.0, joints=None):
+def shown(evidence, error, L, motion, tolerances, error_drift=0.0, joints=None):
     """Gives a CameraCheck one image, seen after a motion (6,) of the camera."""
-    evidence.add(SimpleNamespace(rate=rate, L=L, error=error),
+    evidence.add(SimpleNamespace(error_drift=error_drift, L=L, error=error),
                  SimpleNamespace(motion=motion, dt=1 / 30, joints=joints), tolerances)
 
 
-def seen_by(scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, rate=0.0):
+def seen_by(
+    scale, images=12, noise=0.0, seed=0, count=4, tolerance=1e-3, drift=0.0, error_drift=0.0
+):
     """Evidence of features that move `scale` (6,) times as far as L says, by direction, and by
-    `drift` tolerances an image besides; the scheme says that they do so by `rate` a second."""
+    `drift` tolerances an image besides; the scheme says that they do so by `error_drift`, 1/s."""
     random = np.random.default_rng(seed)
     evidence, tolerances = CameraCheck(), np.full(count, tolerance)
     L = random.normal(size=(count, 6))
     error, twist = random.normal(size=count), np.zeros(6)
     for _ in range(images):
         measured = error + noise * tolerance * random.normal(size=count)
-        shown(evidence, measured, L, twist, tolerances, rate)
+        shown(evidence, measured, L, twist, tolerances, error_drift)
         twist = 2e-2 * random.normal(size=6)
         error = error + (L * scale) @ twist + drift * tolerance
     return evidence
@@ -241,7 +247,7 @@ ONE = np.ones(6)
 
 
 def test_no_evidence_is_no_fault():
-    assert CameraCheck().fault() == ""
+    assert CameraCheck().find_fault() == ""
 
 
 @pytest.mark.parametrize("noise", [0.0, 0.5])
@@ -249,7 +255,7 @@ def test_no_evidence_is_no_fault():
 def test_one_depth_for_all_translations_is_no_fault(noise, depth):
     for seed in range(8):
         scale = np.array([depth] * 3 + [1.0] * 3)
-        assert seen_by(scale, 30, noise, seed).fault() == ""
+        assert seen_by(scale, 30, noise, seed).find_fault() == ""
 
 
 @pytest.mark.parametrize("factor", [0.7, 1.3])
@@ -258,7 +264,7 @@ def test_the_direction_that_is_off_is_named(direction, factor):
     scale = ONE.copy()
     scale[direction] = factor
     for seed in range(3):
-        words = seen_by(scale, 30, 0.5, seed).fault()
+        words = seen_by(scale, 30, 0.5, seed).find_fault()
         if direction < 3:  # which of the three is off can only be told from the other two
             assert words.split()[1] in DIRECTIONS[:3]
         else:
@@ -274,8 +280,8 @@ def test_two_translations_are_compared_however_little_one_of_them_is(factor):
     evidence, way = CameraCheck(), 1e-3 * np.array([8.0, 5.0, 1.0, 0.0, 0.0, 0.0])
     for k in range(30):
         shown(evidence, k * way[:3] * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
-    assert evidence.fault().startswith(f"along vz the features move {factor:.2f} times")
-    assert evidence.fault().endswith("along vx 1.00 times")
+    assert evidence.find_fault().startswith(f"along vz the features move {factor:.2f} times")
+    assert evidence.find_fault().endswith("along vx 1.00 times as far")
 
 
 @pytest.mark.parametrize(("off", "told"), [(0.048, True), (0.036, False)])
@@ -286,7 +292,7 @@ def test_translations_that_take_each_other_back_tell_no_depth_and_are_compared(o
     scale = np.array([1.0, 1.0 - off, 1.0, 1.0, 1.0, 1.0])
     for k in range(30):
         shown(evidence, k * (L * scale) @ way, L, way, np.full(2, 1e-3))
-    assert bool(evidence.fault()) is told
+    assert bool(evidence.find_fault()) is told
 
 
 def slowly(step, images, factor=0.8):
@@ -296,7 +302,7 @@ def slowly(step, images, factor=0.8):
         position = position + way[:3]
         shown(evidence, position * [1.0, 1.0, factor], np.eye(6)[:3], way, np.full(3, 1e-3))
         way = 1e-3 * step * np.eye(6)[2 * (k // 8 % 2)]
-    return evidence.fault()
+    return evidence.find_fault()
 
 
 def test_slow_motion_is_added_up_over_four_images_and_no_more():
@@ -305,19 +311,20 @@ def test_slow_motion_is_added_up_over_four_images_and_no_more():
 
 
 def test_a_little_off_is_within_what_can_be_measured():
-    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).fault() == ""
+    assert seen_by(np.array([1.0, 1.0, 0.96, 1.0, 1.0, 1.04]), 30, 0.5).find_fault() == ""
 
 
 def test_motion_the_other_way_and_motion_of_its_own_are_faults():
-    assert "against the camera's translation" in seen_by(np.array([-1.0] * 3 + [1.0] * 3)).fault()
+    against = seen_by(np.array([-1.0] * 3 + [1.0] * 3)).find_fault()
+    assert "translations of the camera move them in the opposite direction" in against
     evidence = seen_by(ONE, 40, drift=20.0)
-    assert "of the motion is not explained" in evidence.fault()
-    assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).fault()
-    assert not seen_by(ONE, 40, drift=7.0).fault()
-    assert not seen_by(ONE, 40, noise=20.0).fault()  # which is as loud, and goes on in no row
+    assert "of the motion is not explained" in evidence.find_fault()
+    assert "4 % of the motion is not explained" in seen_by(ONE, 40, drift=8.0).find_fault()
+    assert not seen_by(ONE, 40, drift=7.0).find_fault()
+    assert not seen_by(ONE, 40, noise=20.0).find_fault()  # which is as loud, and goes on in no row
     for known in (60.0, np.array([60.0, -40.0, 20.0, 80.0])):  # as the scheme knows
-        assert not seen_by(ONE, 40, drift=known, rate=known * 30.0 * 1e-3).fault()
-    assert seen_by(ONE, 40, rate=20.0 * 30.0 * 1e-3).fault()
+        assert not seen_by(ONE, 40, drift=known, error_drift=known * 30.0 * 1e-3).find_fault()
+    assert seen_by(ONE, 40, error_drift=20.0 * 30.0 * 1e-3).find_fault()
 
 
 @pytest.mark.parametrize(("off", "goes_on"), [((3, 3, -3, -3), True), ((5, 1, -1, -5), False)])
@@ -327,14 +334,14 @@ def test_what_is_not_explained_has_to_go_on_from_one_row_to_the_next(off, goes_o
     for tolerances in (0.0, *off):
         shown(evidence, error := error + 6e-3 + 1e-3 * tolerances, np.eye(6)[:1], way,
               np.full(1, 1e-3))  # fmt: skip
-    assert bool(evidence.fault()) is goes_on
+    assert bool(evidence.find_fault()) is goes_on
 
 
 def test_noise_hides_what_it_hides_and_is_no_fault():
     """A scale is judged by how well it is known."""
     scale = np.array([1.0, 1.0, 1.0, 1.0, 0.8, 1.0])
-    assert seen_by(scale, 30, noise=0.2).fault()
-    assert not seen_by(scale, 6, noise=4.0).fault()
+    assert seen_by(scale, 30, noise=0.2).find_fault()
+    assert not seen_by(scale, 6, noise=4.0).find_fault()
 
 
 @pytest.mark.parametrize(("step", "scale", "accused"), [
@@ -348,19 +355,19 @@ def test_steps_in_which_L_changes_much_accuse_no_camera(step, scale, accused):
         shown(evidence, 0.3 * np.sin(x), L, motion / scale, np.full(6, 1e-3))
         motion = step * random.choice([-1.0, 1.0], 6) * random.uniform(0.8, 1.0, 6)
         x = x + motion
-    assert bool(evidence.fault()) == accused, evidence.fault()
+    assert bool(evidence.find_fault()) == accused, evidence.find_fault()
 
 
 def test_little_motion_and_broken_sequences_are_no_evidence():
     wrong = np.array([0.5, 1.0, 0.5, 1.0, 0.5, 1.0])
-    assert seen_by(wrong, 30).fault()
-    assert not seen_by(wrong, 30, tolerance=0.5).fault()  # slower than 3 tolerances an image
-    assert not seen_by(wrong, 1).fault()
+    assert seen_by(wrong, 30).find_fault()
+    assert not seen_by(wrong, 30, tolerance=0.5).find_fault()  # slower than 3 tolerances an image
+    assert not seen_by(wrong, 1).find_fault()
     evidence = CameraCheck()
     for k in range(40):
         evidence.interrupt()
         shown(evidence, np.full(2, 0.01 * k), np.ones((2, 6)), 0.01 * ONE, np.full(2, 1e-3))
-    assert not evidence.fault()
+    assert not evidence.find_fault()
 
 
 def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
@@ -375,7 +382,7 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
         true, steady = true + 0.5 * (steady + wanted) / 30.0, wanted
         off = shake * random.normal(size=6)
         believed = true + off * gap
-        joints = JointSample.of(k / 30.0, names, believed, steady + off)
+        joints = JointSample.from_values(k / 30.0, names, believed, steady + off)
         moved = np.zeros(6) if before is None else believed - before
         shown(evidence, (L * scale) @ true, L, moved, tolerances, joints=joints)
         before = believed
@@ -386,13 +393,13 @@ def believed_by_shaken_joints(shake, scale, jacobian, images=40, seed=0):
 def test_a_shaken_arm_is_no_evidence_against_its_camera(seed):
     """A loaded machine's demo was told to calibrate its camera: late commands shook J5, and between
     two joint states nobody knew where it was."""
-    assert not believed_by_shaken_joints(2.1, ONE, lambda q: np.eye(6), seed=seed).fault()
-    assert believed_by_shaken_joints(2.1, ONE, None, seed=seed).fault()
+    assert not believed_by_shaken_joints(2.1, ONE, lambda q: np.eye(6), seed=seed).find_fault()
+    assert believed_by_shaken_joints(2.1, ONE, None, seed=seed).find_fault()
 
 
 @pytest.mark.parametrize("seed", range(3))
 def test_an_arm_that_moves_steadily_is_evidence(seed):
     wrong = np.array([1.0, 1.0, 1.0, 0.6, 0.6, 0.6])
     for shake in (0.0, 0.01):
-        assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).fault()
-    assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).fault()
+        assert believed_by_shaken_joints(shake, wrong, lambda q: np.eye(6), seed=seed).find_fault()
+    assert not believed_by_shaken_joints(0.01, ONE, lambda q: np.eye(6), seed=seed).find_fault()

@@ -7,12 +7,12 @@ import pytest
 from loop_rig import scaled
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.judging.diagnoses.wrong_object import ShapeCheck
-from aras_visual_servo_controller.judging.oscillation import (
-    Oscillation,
-    _loudest,
-    _peaks,
-    _standing_out,
+from aras_visual_servo_controller.diagnosis.diagnoses.wrong_object import ShapeCheck
+from aras_visual_servo_controller.diagnosis.oscillation_check import (
+    OscillationCheck,
+    _find_dominant_wave,
+    _find_largest_error,
+    _find_peaks,
 )
 
 # -- does it ring? -------------------------------------------------------------------------------
@@ -29,7 +29,7 @@ def rings(samples, beside=lambda t: 0.0):
     """What is said at the end; another error is beside it, before and behind."""
     answers = []
     for place in (0, 1):
-        oscillation = Oscillation()
+        oscillation = OscillationCheck()
         for t, e in samples:
             both = (e, beside(t)) if place == 0 else (beside(t), e)
             answer = oscillation.add(t, np.array(both))
@@ -79,7 +79,7 @@ def test_a_wave_that_something_else_went_before_is_told_once_it_lasts():
 @pytest.mark.parametrize(("span", "frequency"), [(2.0, 2.0), (5.0, 0.75), (12.0, 0.28)])
 def test_a_swing_after_a_great_step_is_told_once_the_step_is_long_enough_ago(span, frequency):
     """Beside a step no swing stands out: how far back is looked depends on how slow it is."""
-    oscillation, told = Oscillation(), None
+    oscillation, told = OscillationCheck(), None
     for t in np.arange(-0.5, 14.0, 1.0 / 30.0):
         error = 9.0 * np.sin(2.0 * np.pi * frequency * t) if t >= 0.0 else 90.0
         if oscillation.add(t, np.array([error])) is not None:
@@ -97,7 +97,7 @@ def test_of_few_images_a_wave_that_grows_from_nothing_is_told(phase):
 
 
 def test_five_swings_that_take_longer_than_twelve_seconds_are_none():
-    oscillation = Oscillation()
+    oscillation = OscillationCheck()
     for t in np.arange(0.0, 24.0, 1.0 / 30.0):
         assert oscillation.add(t, np.array([9.0 * np.sin(2.0 * np.pi * 0.15 * t)])) is None
 
@@ -135,7 +135,7 @@ def test_the_loudest_of_the_later_half_is_looked_at():
 
 
 def test_only_the_last_two_seconds_count():
-    oscillation = Oscillation()
+    oscillation = OscillationCheck()
     for t, e in zigzag(0, 9, 0, 9, 0, 9):
         last, answer = t, oscillation.add(t, np.array([e]))
     assert answer is not None
@@ -154,7 +154,7 @@ def test_only_the_last_two_seconds_count():
     ],
 )
 def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
-    oscillation = Oscillation()
+    oscillation = OscillationCheck()
     assert all(oscillation.add(t, np.array([error(t)])) is None for t in np.arange(0, 4, 1 / 30))
 
 
@@ -162,7 +162,7 @@ def test_what_dies_away_or_is_quiet_is_no_oscillation(error):
 @pytest.mark.parametrize("way", ["at rest", "approaching", "following"])
 @pytest.mark.parametrize("seed", range(2))
 def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
-    random, oscillation = np.random.default_rng(seed), Oscillation()
+    random, oscillation = np.random.default_rng(seed), OscillationCheck()
     error = 0.0
     for k, noise in enumerate(random.normal(0.0, 8.0, (400, 2))):
         if way == "following":  # a loop that moves by what noise it saw
@@ -179,15 +179,15 @@ def test_noise_that_is_louder_than_the_tolerances_is_no_oscillation(way, seed):
     (4, (20, 9, 20, 9), False, False), (4, (1, -1, 1, -1), False, False),
 ])  # fmt: skip
 def test_swings_too_seldom_for_a_frequency_are_told(half, heights, swings, grows):
-    oscillation = Oscillation()
+    oscillation = OscillationCheck()
     for t, e in zigzag(*heights, half=0.3 * half, rate=1.0 / 0.3):
         assert oscillation.add(t, np.array([e, 0.0])) is None
-    assert (oscillation.swings, oscillation.grows) == (swings, grows)
+    assert (oscillation.is_oscillating, oscillation.is_growing) == (swings, grows)
 
 
 @pytest.mark.parametrize("growth", [0.0, 2.0])
 def test_an_oscillation_is_told_in_noise_and_while_it_grows(growth):
-    random, oscillation = np.random.default_rng(1), Oscillation()
+    random, oscillation = np.random.default_rng(1), OscillationCheck()
     found = None
     for t in np.arange(0.0, 2.5, 1 / 30):
         wave = 12.0 * np.exp(growth * (t - 1.0)) * np.sin(2 * np.pi * 2.5 * t)
@@ -213,9 +213,9 @@ def test_turning_points_are_where_the_way_back_is_long_enough(seed):
     random = np.random.default_rng(seed)
     for _ in range(20):  # whole numbers: some ways are as long as is asked, some errors equal
         error = 7.0 + np.cumsum(random.integers(-3, 4, 40)).astype(float)
-        assert _peaks(error, 4.0).tolist() == turning_points(error, 4.0)
+        assert _find_peaks(error, 4.0).tolist() == turning_points(error, 4.0)
         errors = random.normal(size=(random.integers(2, 9), 4)) * [1.0, 2.0, 1.0, 2.0]
-        assert _loudest(errors) == np.ptp(errors[len(errors) // 2 :], axis=0).argmax()
+        assert _find_largest_error(errors) == np.ptp(errors[len(errors) // 2 :], axis=0).argmax()
 
 
 def best_wave(time, error, about):
@@ -244,7 +244,7 @@ def test_the_wave_that_leaves_least_is_found(seed):
         error = 5.0 - 20.0 * time + (4.0 + 9.0 * time) * np.sin(2.0 * np.pi * 2.2 * time + seed)
         error += 1.5 * random.normal(size=count)
         for about in (2.0, 2.5, 9.0):
-            frequency, rest = _standing_out(stamps, error, about)
+            frequency, rest = _find_dominant_wave(stamps, error, about)
             wanted = best_wave(stamps, error, about)
             assert (frequency, rest) == pytest.approx(wanted, rel=1e-6)
 
@@ -252,7 +252,7 @@ def test_the_wave_that_leaves_least_is_found(seed):
 def test_of_two_images_a_period_a_wave_has_but_one_height():
     """Its sine, or cosine, is 0 at each of them."""
     stamps, error = 0.25 * np.arange(16.0), np.resize([3.0, -2.0, 2.0, -2.5, 0.5], 16)
-    assert _standing_out(stamps, error, 2.0) == pytest.approx(best_wave(stamps, error, 2.0))
+    assert _find_dominant_wave(stamps, error, 2.0) == pytest.approx(best_wave(stamps, error, 2.0))
 
 
 def swinging(stamps, errors):
@@ -277,7 +277,7 @@ def swinging(stamps, errors):
 
 @pytest.mark.parametrize("seed", range(6))
 def test_swings_are_told_as_least_squares_say_at_the_images_that_are_looked_at(seed):
-    random, oscillation, said = np.random.default_rng(seed), Oscillation(), set()
+    random, oscillation, said = np.random.default_rng(seed), OscillationCheck(), set()
     stamps = 40.0 + np.cumsum(random.uniform(0.06, 0.1, 150))
     time = stamps - stamps[0]
     wave = 14.0 * np.sin(2.0 * np.pi * (0.4, 1.1, 2.1)[seed % 3] * time) * np.exp(-0.2 * time)
@@ -347,7 +347,7 @@ def test_how_spread_out_the_target_may_be(factor, strange):
         words = said_of(ShapeCheck(), spread, wanted)[-1]
         assert bool(words) is strange
         if strange:
-            assert f"{by:.2f} times as spread out" in words and "differs by 0.00" in words
+            assert f"its spread is {by:.2f} times" in words and "differs by 0.00" in words
 
 
 def test_a_target_that_is_as_spread_out_as_no_tilt_makes_it_is_another():
@@ -372,4 +372,4 @@ def test_how_long_the_target_may_be(longer, strange, way):
     words = said_of(ShapeCheck(), of_length(0.5 + way * longer), of_length(0.5))[-1]
     assert bool(words) is strange
     if strange:
-        assert f"its length differs by {longer:.2f}" in words
+        assert f"its elongation differs by {longer:.2f}" in words

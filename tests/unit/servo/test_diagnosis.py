@@ -7,29 +7,29 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, Rig, lost, scaled, the_arm, the_goal, the_limits, the_servo
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.joint_sample import JointSample
+from aras_visual_servo_controller.diagnosis.base import DIAGNOSES, ORDER, RunDiagnosis
+from aras_visual_servo_controller.diagnosis.diagnoses.target_moves import split_by_camera
+from aras_visual_servo_controller.diagnosis.diagnoses.wrong_camera_model import is_goal_camera
+from aras_visual_servo_controller.diagnosis.diagnosis import Diagnosis, diagnose
+from aras_visual_servo_controller.diagnosis.evidence import Evidence
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.judging.base import DIAGNOSES, ORDER, RunDiagnosis
-from aras_visual_servo_controller.judging.diagnoses.target_moves import by_camera
-from aras_visual_servo_controller.judging.diagnoses.wrong_camera_model import shown
-from aras_visual_servo_controller.judging.diagnosis import Diagnosis, diagnose
-from aras_visual_servo_controller.judging.evidence import Evidence
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.observation.target_geometry import TargetGeometry
 from aras_visual_servo_controller.records.outcomes import (
     KINDS,
     REMEDIES,
-    Arrived,
-    LeftOpen,
-    outcome,
+    ArrivalStatus,
+    PoseUncertainty,
+    make_outcome,
 )
 from aras_visual_servo_controller.records.remedy import Change
 from aras_visual_servo_controller.records.run_record import ImageRecord, RunContext, RunEvent
 from aras_visual_servo_controller.records.state import CONVERGED, ServoSettings
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 SEEDS = (0, 2)
 
@@ -42,12 +42,12 @@ def healthy(outcome):
 def near(seed, size=0.3):
     """A start some way off the goal, other for each seed, with the target in view."""
     random = np.random.default_rng(seed)
-    goal = np.array(the_goal("2016").joint_values(the_arm().names))
+    goal = np.array(the_goal("2016").get_joints(the_arm().names))
     while True:
         off = np.array([0.1, 0.1, 0.25, -0.3, 0.05, 1.0]) * random.uniform(0.3, 1.0, 6)
         signs = np.array([*random.choice([-1, 1], 2), 1, 1, 1, random.choice([-1, 1])])
         start = goal + off * signs * size / 0.3
-        if in_view(the_goal("2016").target.outline(the_arm().pose(start))):
+        if in_view(the_goal("2016").target.compute_outline(the_arm().pose(start))):
             return start
 
 
@@ -137,15 +137,15 @@ def test_an_image_that_cannot_be_measured_for_long_is_a_target_lost():
     class Counting(Twice):
         def measure(self, observation, goal):
             if observation.stamp > 0.5:
-                raise MeasurementError("9 points are seen, the goal has 8")
+                raise MeasurementError("9 points are visible, the goal has 8")
             return super().measure(observation, goal)
 
-    rig = Rig(the_servo(scheme=Composed(Counting(), Proportional(3.0))), near(1))
+    rig = Rig(the_servo(scheme=FeatureScheme(Counting(), Proportional(3.0))), near(1))
     states = rig.run(1.5)
     assert states[-1].phase == "holding" and states[-1].outcome == "running"
     states = rig.run(1.0)
     outcome = rig.servo.outcome
-    assert outcome.kind == "target_lost" and "9 points are seen" in outcome.reason
+    assert outcome.kind == "target_lost" and "9 points are visible" in outcome.reason
     assert "since 0.5" in outcome.reason and outcome.remedy
 
 
@@ -182,7 +182,7 @@ def test_a_focal_length_somewhat_wrong_is_told_by_a_camera_that_also_comes_down(
     goal, arm = the_goal("2016"), the_arm()
     pose = goal.world_T_camera.copy()
     pose[:3, 3] += (*side, 0.1)
-    start = arm.inverse(pose, np.array(goal.joint_values(arm.names)), tolerance=1e-4)
+    start = arm.inverse_kinematics(pose, np.array(goal.get_joints(arm.names)), tolerance=1e-4)
     rig = Rig(the_servo("2016"), start, lag=0.1)
 
     def look(observer, t, joints):
@@ -207,12 +207,14 @@ def test_a_wrong_depth_does_no_harm_and_is_no_wrong_camera(depth, seed):
 @pytest.mark.parametrize("seed", SEEDS)
 def test_a_camera_mounted_otherwise_than_believed(seed):
     turn = np.random.default_rng(seed).choice([-1, 1]) * np.radians(35.0)
-    believed_T_true = transform((0.0, 0.0, 0.0), (0.0, 0.0, turn))
+    believed_T_true = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, turn))
     rig = Rig(the_servo("2016"), near(seed))
 
     def look(observer, t, joints):
         pose = rig.servo.arm.pose(rig.q) @ believed_T_true
-        return observer.of_exact(t, CAMERA, joints, contour=rig.servo.goal.target.outline(pose))
+        return observer.observe_exact_features(
+            t, CAMERA, joints, contour=rig.servo.goal.target.compute_outline(pose)
+        )
 
     rig.look = look
     rig.run(5.0)
@@ -228,13 +230,13 @@ def test_another_object(seed):
         {"boxes": [[[x - long, y - wide, 0.59], [x + long, y + wide, 0.5905]]]}
     )
     rig = Rig(the_servo("2016"), near(seed))
-    rig.look = lambda observer, t, joints: observer.of_exact(
-        t, CAMERA, joints, contour=other.outline(rig.servo.arm.pose(rig.q))
+    rig.look = lambda observer, t, joints: observer.observe_exact_features(
+        t, CAMERA, joints, contour=other.compute_outline(rig.servo.arm.pose(rig.q))
     )
     rig.run(3.0)
     assert rig.servo.outcome.kind == "wrong_object"
     # it is longer than the goal's
-    spread = rig.servo.outcome.reason.split("target: ")[1].split(" times as spread out")[0]
+    spread = rig.servo.outcome.reason.split("its spread is ")[1].split(" times")[0]
     assert float(spread) > 1.25
 
 
@@ -256,12 +258,12 @@ def test_a_joint_that_stands_at_its_limit_is_the_cause_also_where_the_camera_loo
     start[0], start[1] = -0.1, 0.0
     limits = the_limits(upper={"gantry": -0.01, "J1": 0.02}, lower={"J1": -0.02})
     rig = Rig(the_servo("2016", limits=limits), start)
-    rig.servo.diagnosis.evidence.cameras["camera"] = doubtful("the features move otherwise")
+    rig.servo.diagnosis.evidence.camera_checks["camera"] = doubtful("the features move otherwise")
     rig.run(0.5)
     assert rig.servo.outcome.kind == "wrong_camera_model"
     rig.run(6.0)
     assert rig.servo.outcome.kind == "joint_limit"
-    assert rig.servo.outcome.reason.endswith("; besides, the features move otherwise")
+    assert rig.servo.outcome.reason.endswith("; in addition, the features move otherwise")
 
 
 @pytest.mark.parametrize("seed", SEEDS)
@@ -269,7 +271,7 @@ def test_a_goal_out_of_reach(seed):
     goal = the_goal("2015")
     lower = goal.world_T_camera.copy()
     lower[2, 3] -= np.random.default_rng(seed).uniform(0.03, 0.08)
-    far = replace(goal.seen_from(lower), joints={})
+    far = replace(goal.predict_from_pose(lower), joints={})
     rig = Rig(the_servo("2015", goal=far), near(seed))
     rig.run(6.0)
     assert rig.servo.outcome.kind in ("out_of_reach",)
@@ -280,12 +282,14 @@ def lifted(height):
     goal = the_goal("2016")
     higher = goal.world_T_camera.copy()
     higher[2, 3] += height
-    return replace(goal.seen_from(higher), joints={})
+    return replace(goal.predict_from_pose(higher), joints={})
 
 
 def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     rig = Rig(the_servo("2016", goal=lifted(2.5)), near(0))
-    assert rig.servo.beyond.startswith("goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)")
+    assert rig.servo.unreachable_reason.startswith(
+        "goal_2016.yaml: camera position (0.0500, -0.0297, 3.2834)"
+    )
     rig.look = lambda observer, t, joints: (
         rig.exact(observer, t, joints) if t < 0.3 else lost(rig.exact(observer, t, joints), "gone")
     )
@@ -294,18 +298,18 @@ def test_a_target_lost_on_the_way_to_a_goal_out_of_reach_is_the_goal_s_fault():
     outcome = rig.servo.outcome
     assert outcome.kind == "out_of_reach"
     assert "the target was lost at 0.30 s: gone" in outcome.reason
-    assert "nearer" in outcome.remedy
+    assert "within the arm's reach" in outcome.remedy
     short = the_servo("2016", goal=lifted(2.5))
     short.time_out(3.0)
     assert short.outcome.kind == "out_of_reach"
     # one that the arm nearly has, and one by joints, are not; it cannot roll
     rolled = [lifted(0.001), lifted(0.001)]
     for goal, roll in zip(rolled, (5e-3, 5e-2), strict=True):
-        goal.world_T_camera[:] = goal.world_T_camera @ transform((0, 0, 0), (0, roll, 0))
-    assert "degrees away" in the_servo("2016", goal=rolled[1]).beyond
+        goal.world_T_camera[:] = goal.world_T_camera @ matrix_from_xyz_rpy((0, 0, 0), (0, roll, 0))
+    assert "degrees away" in the_servo("2016", goal=rolled[1]).unreachable_reason
     for goal in (rolled[0], the_goal("2016")):
         near_by = the_servo("2016", goal=goal)
-        assert near_by.beyond == ""
+        assert near_by.unreachable_reason == ""
         near_by.time_out(3.0)
         assert near_by.outcome.kind == "timed_out"
 
@@ -344,14 +348,14 @@ class Twice(Feature):
         s = np.array([m.xg, m.xg - 0.3])
         L = np.zeros((2, 6))
         L[:, 0] = -5.0
-        return Measured(s, np.zeros(2), s, L)
+        return FeatureMeasurement(s, np.zeros(2), s, L)
 
 
 class Torn(Feature):
     """Two numbers that want opposite motions: their sum is at its least, not at zero."""
 
     names, tolerances = ("right", "left"), (1e-3, 1e-3)
-    geometric = False  # its L is no view's
+    is_geometric = False  # its L is no view's
     directions = (True, False, False, False, False, False)
 
     def measure(self, observation, goal):
@@ -359,11 +363,11 @@ class Torn(Feature):
         s = np.array([x - 0.1, x + 0.1])
         L = np.zeros((2, 6))
         L[:, 0] = -5.0
-        return Measured(s, np.zeros(2), s, L)
+        return FeatureMeasurement(s, np.zeros(2), s, L)
 
 
 def test_features_without_rank():
-    rig = Rig(the_servo(scheme=Composed(Twice(), Proportional(3.0))), near(1))
+    rig = Rig(the_servo(scheme=FeatureScheme(Twice(), Proportional(3.0))), near(1))
     rig.run(5.0)
     assert rig.servo.outcome.kind == "singular"
     assert "rank 1 of 2" in rig.servo.outcome.reason
@@ -372,7 +376,7 @@ def test_features_without_rank():
 
 
 def test_a_local_minimum():
-    rig = Rig(the_servo(scheme=Composed(Torn(), Proportional(3.0))), near(1))
+    rig = Rig(the_servo(scheme=FeatureScheme(Torn(), Proportional(3.0))), near(1))
     rig.run(5.0)
     assert rig.servo.outcome.kind == "local_minimum"
 
@@ -391,10 +395,10 @@ def test_the_image_that_comes_when_the_time_is_over_is_the_last():
     rig = Rig(the_servo("2016", law=Proportional(0.2), duration=1.0), STARTS["2016"])
     for stamp in np.arange(2.0, 3.01, 0.125):
         assert rig.servo.phase in ("waiting", "servoing")
-        joints = JointSample.of(stamp, rig.servo.arm.names, rig.q)
-        rig.servo.tick(stamp, joints)
-        rig.servo.see(rig.exact(rig.observer, stamp, joints))
-    assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the time for it is over")
+        joints = JointSample.from_values(stamp, rig.servo.arm.names, rig.q)
+        rig.servo.update(stamp, joints)
+        rig.servo.process_image(rig.exact(rig.observer, stamp, joints))
+    assert (rig.servo.phase, rig.servo.reason) == ("stopped", "the duration of the run is over")
 
 
 def test_words_are_among_the_known():
@@ -410,8 +414,8 @@ def moving(rig, displacement):
     def look(observer, stamp, joints):
         pose = rig.servo.arm.pose(rig.q).copy()
         pose[:3, 3] -= displacement(stamp)
-        return observer.of_exact(
-            stamp, CAMERA, joints, contour=rig.servo.goal.target.outline(pose)
+        return observer.observe_exact_features(
+            stamp, CAMERA, joints, contour=rig.servo.goal.target.compute_outline(pose)
         )
 
     rig.look = look
@@ -427,7 +431,7 @@ def test_a_target_that_moves_steadily_is_no_wrong_camera(scheme, interaction):
     rig.run(6.0)
     found = rig.servo.outcome
     assert found.kind == "target_moves", found
-    assert "Measured.rate" in found.remedy and "calibrate" not in found.remedy
+    assert "FeatureMeasurement.error_drift" in found.remedy and "calibrate" not in found.remedy
     if interaction == "current":
         said = float(found.reason.split(" at ")[1].split(" mm/s")[0])
         assert said == pytest.approx(17.0, rel=0.1)
@@ -460,12 +464,12 @@ def test_a_joint_that_stands_still_is_named():
     rig.run(5.0)
     found = rig.servo.outcome
     assert found.kind == "joints_do_not_follow", found
-    assert found.reason.startswith("J2 stays behind") and "controllers of J2:" in found.remedy
+    assert found.reason.startswith("J2 does not follow") and "controllers of J2:" in found.remedy
 
 
 def one_camera(**known):
     """An observation, or a goal, of one camera."""
-    made = SimpleNamespace(name="camera", others={}, **known)
+    made = SimpleNamespace(name="camera", other_cameras={}, **known)
     made.cameras = {"camera": made}
     return made
 
@@ -473,18 +477,20 @@ def one_camera(**known):
 def doubtful(fault):
     """In place of a CameraCheck, one that has found a fault."""
     return SimpleNamespace(
-        add=lambda *_: None, interrupt=lambda: None, fault=lambda: fault
+        add=lambda *_: None, interrupt=lambda: None, find_fault=lambda: fault
     )  # fmt: skip
 
 
-def seen_at(distance, decision=None):
+def seen_at(distance, scheme_output=None):
     """A state without an answer, and the picture of a target at so many times its goal's."""
     square = np.array([[-0.1, -0.1], [0.1, -0.1], [0.1, 0.1], [-0.1, 0.1]])
     observation = one_camera(
-        moments=Moments.from_polygon(square / distance + 0.02), touches=(), valid=True,
+        moments=Moments.from_polygon(square / distance + 0.02), touched_borders=(), valid=True,
         world_T_camera=None, stamp=0.0, camera=CAMERA, plane=None,
     )
-    state = SimpleNamespace(stamp=0.0, phase="holding", decision=decision, reason="no answer")
+    state = SimpleNamespace(
+        stamp=0.0, phase="holding", scheme_output=scheme_output, reason="no answer"
+    )
     return ImageRecord(state, observation)
 
 
@@ -507,39 +513,41 @@ def test_a_camera_far_behind_start_and_goal_has_retreated(first, then, kind):
         diagnosis.add(seen_at(distance))
     found = diagnosis.outcome
     assert found.kind == kind
-    assert (f"{then:.1f} times its goal's distance" in found.reason) == (kind != "running")
+    assert (f"{then:.1f} times the goal's distance" in found.reason) == (kind != "running")
     assert diagnosis.add(seen_at(1.6 * max(first, 1.0))).kind == kind
     assert diagnosis.add(seen_at(1.4 * max(first, 1.0))).kind == "running"  # it came back
 
 
 @dataclass
 class Features:
-    """Of a decision."""
+    """Of a scheme output."""
 
     names: tuple
     error: np.ndarray
     L: np.ndarray
-    rate: np.ndarray
+    error_drift: np.ndarray
 
 
 def test_features_are_judged_by_the_camera_whose_name_they_have():
     names = ("left.x", "right.x", "left.y", "size")
-    seen = SimpleNamespace(others={"right": 1}, cameras={"left": 0, "right": 1})
+    seen = SimpleNamespace(other_cameras={"right": 1}, cameras={"left": 0, "right": 1})
     L = np.arange(24.0).reshape(4, 6)
     whole = Features(names, 1.0 + np.arange(4.0), L, np.array([0.5]))
-    parts = {camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
-             for camera, part, tolerances, _ in by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))}
+    parts = {
+        camera: (part.error.tolist(), part.L.tolist(), tolerances.tolist())
+        for camera, part, tolerances, _ in split_by_camera(whole, seen, np.arange(9.0, 5.0, -1.0))
+    }
     assert parts == {"left": ([1, 3], L[[0, 2]].tolist(), [9, 7]),
                      "right": ([2], L[[1]].tolist(), [8]), "": ([4], L[[3]].tolist(), [6])}
-    assert not list(by_camera(replace(whole, L=None), seen, np.ones(4)))
+    assert not list(split_by_camera(replace(whole, L=None), seen, np.ones(4)))
 
 
 def test_a_goal_that_one_of_the_cameras_has_not_shown_is_not_shown():
     view, goal = SimpleNamespace(camera="a"), SimpleNamespace(camera="b")
     for right, whole in ((view, True), (goal, False)):
         seen = SimpleNamespace(cameras={"left": view, "right": right})
-        assert shown(seen, SimpleNamespace(cameras={"left": view, "right": view})) is whole
-        assert not shown(seen, SimpleNamespace(cameras={"left": view}))
+        assert is_goal_camera(seen, SimpleNamespace(cameras={"left": view, "right": view})) is whole
+        assert not is_goal_camera(seen, SimpleNamespace(cameras={"left": view}))
 
 
 def test_without_the_outline_of_goal_or_view_no_retreat_is_told():
@@ -577,7 +585,7 @@ def test_held_is_an_outcome_of_its_own_until_start():
 def test_joints_that_are_not_told_are_no_lost_target():
     rig = Rig(the_servo("2016"), near(1))
     rig.run(0.3)
-    rig.servo.tick(rig.now, None, "no joint states for 0.30 s")
+    rig.servo.update(rig.now, None, "no joint states for 0.30 s")
     found = rig.servo.outcome
     assert found.kind == "no_joint_states" and "joint_state_controller" in found.remedy
     rig.run(0.3)
@@ -588,7 +596,7 @@ def test_joints_that_are_not_told_do_not_start_what_was_stopped():
     rig = Rig(the_servo("2016"), near(1))
     rig.run(0.3)
     rig.servo.stop("enough")
-    rig.servo.tick(rig.now, None, "no joint states for 0.30 s")
+    rig.servo.update(rig.now, None, "no joint states for 0.30 s")
     rig.run(0.5)
     assert rig.servo.phase == "stopped" and rig.servo.outcome.kind == "stopped"
 
@@ -611,7 +619,7 @@ def test_two_images_a_second_are_no_matter_of_a_higher_gain():
 def test_each_outcome_has_one_piece_of_advice():
     quiet = {kind for kind, advice in REMEDIES.items() if not advice}
     assert quiet == {"running", "converged"}
-    assert outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
+    assert make_outcome("joints_do_not_follow", "", "J1 and J3").remedy.startswith(
         "check the controllers of J1 and J3:"
     )
     assert "higher gain" not in "".join(a for kind, a in REMEDIES.items() if kind != "timed_out")
@@ -622,18 +630,18 @@ def test_each_outcome_has_one_piece_of_advice():
 
 def test_what_a_network_tells_says_nothing_of_the_camera():
     class Told(Twice):
-        geometric = False
+        is_geometric = False
 
-    assert Composed(Twice(), Proportional(3.0)).judges_camera
-    assert not Composed(Told(), Proportional(3.0)).judges_camera
-    assert not Composed(Stack([Twice(), Told()]), Proportional(3.0)).judges_camera
-    assert not Composed(Twice(), Proportional(3.0), interaction="mean").judges_camera
+    assert FeatureScheme(Twice(), Proportional(3.0)).can_check_camera
+    assert not FeatureScheme(Told(), Proportional(3.0)).can_check_camera
+    assert not FeatureScheme(Stack([Twice(), Told()]), Proportional(3.0)).can_check_camera
+    assert not FeatureScheme(Twice(), Proportional(3.0), interaction="mean").can_check_camera
 
 
 def test_a_joint_that_was_late_is_not_waited_for_once_the_loop_holds():
     rig = Rig(the_servo("2016"), near(1))
     rig.friction = np.array([0.0, 0.0, 9.0, 0.0, 0.0, 0.0])  # J2 is blocked
-    while not rig.servo.waits_for_joints:
+    while not rig.servo.is_waiting_for_joints:
         rig.run(0.1)
     rig.look = lambda observer, t, joints: lost(rig.exact(observer, t, joints), "covered")
     rig.run(3.0)
@@ -656,13 +664,13 @@ def test_noise_is_no_swing_when_the_time_is_over(noise, kind):
 
 def answered(stamp, error, phase="servoing", arrived=None, observation=None):
     """An image whose scheme gave this error, of features without an L."""
-    decision = SimpleNamespace(error=error, task=None, L=None, rate=0.0, names=("x",))
-    state = SimpleNamespace(stamp=stamp, phase=phase, decision=decision, reason="",
-                            resolution=None, rank=1, dropped="", joints=None,
-                            arrived=arrived)  # fmt: skip
+    decision = SimpleNamespace(error=error, task=None, L=None, error_drift=0.0, names=("x",))
+    state = SimpleNamespace(stamp=stamp, phase=phase, scheme_output=decision, reason="",
+                            ik_solution=None, rank=1, dropped_reason="", joints=None,
+                            arrival_status=arrived)  # fmt: skip
     return ImageRecord(state, observation or one_camera(
-        valid=True, touches=(), moments=None, camera=CAMERA, motion=None, world_T_camera=None,
-        dt=0.03, joints=None, stamp=stamp,
+        valid=True, touched_borders=(), moments=None, camera=CAMERA, motion=None,
+        world_T_camera=None, dt=0.03, joints=None, stamp=stamp,
     ))  # fmt: skip
 
 
@@ -673,7 +681,7 @@ def answered(stamp, error, phase="servoing", arrived=None, observation=None):
 ])  # fmt: skip
 def test_a_run_whose_time_is_over_says_what_it_was_about(kind, before, told):
     diagnosis = Diagnosis(RunContext(ServoSettings()))
-    diagnosis.evidence.present = replace(diagnosis.outcome, kind=kind, reason=before)
+    diagnosis.evidence.current_outcome = replace(diagnosis.outcome, kind=kind, reason=before)
     diagnosis.add(RunEvent("timed_out", time=2.5))
     assert diagnosis.outcome.kind == (kind if kind != "running" else "timed_out")
     assert diagnosis.outcome.reason == told
@@ -690,12 +698,12 @@ def test_a_retreat_of_a_camera_that_swings_is_the_gain_s():
     run = RunContext(ServoSettings(), the_goal("2016"))
     evidence, retreat = Evidence(run), DIAGNOSES["camera_retreat"]()
     for k in range(28):  # until 0.9 s
-        evidence.gain.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
+        evidence.gain_check.add(k / 30.0, swing(k / 30.0, 3.0), None, 0.0)
     for stamp, distance in ((0.0, 1.0), (1.0, 9.0), (1.1, 9.0), (1.2, 9.0)):
-        seen = one_camera(valid=True, world_T_camera=None, touches=(), stamp=stamp, plane=None,
-                          moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
+        seen = one_camera(valid=True, world_T_camera=None, touched_borders=(), stamp=stamp,
+                          plane=None, moments=scaled(run.goal.moments, 1.0 / distance))  # fmt: skip
         found = retreat.judge(answered(stamp, np.zeros(1), observation=seen), evidence)
-    assert found.kind == "gain_too_high" and "went back" in found.reason
+    assert found.kind == "gain_too_high" and "retreated" in found.reason
 
 
 def test_the_order_has_every_diagnosis_once_and_each_says_what_it_finds():
@@ -718,7 +726,7 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
 
         def judge(self, record, evidence):
             asked.append(record.state.stamp)
-            return outcome("target_moves", "bored") if record.state.stamp > 0.1 else None
+            return make_outcome("target_moves", "bored") if record.state.stamp > 0.1 else None
 
     DIAGNOSES.register("bored")(Bored)
     scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
@@ -732,30 +740,31 @@ def test_a_diagnosis_of_ones_own_is_asked_at_its_place():
 
 
 def test_a_camera_that_moves_otherwise_than_L_says_may_be_farther_from_its_goal():
-    def arrived(fault, phase=CONVERGED, moves="", others=()):
+    def arrived(fault, phase=CONVERGED, moves="", other_cameras=()):
         goal = replace(the_goal("2016"), camera=CAMERA)
         scheme = SimpleNamespace(tolerances=(1.0,), units=("",))
         diagnosis = Diagnosis(RunContext(ServoSettings(), goal, scheme))
         evidence = diagnosis.evidence
-        evidence.cameras["camera"] = doubtful(fault)
-        seen = one_camera(valid=True, touches=(), moments=None, camera=CAMERA,
+        evidence.camera_checks["camera"] = doubtful(fault)
+        seen = one_camera(valid=True, touched_borders=(), moments=None, camera=CAMERA,
                           motion=None, world_T_camera=None, dt=0.03, joints=None)  # fmt: skip
-        for name in others:
-            seen.others[name] = seen.cameras[name] = one_camera(moments=None, touches=())
-        left = Arrived(True, open=LeftOpen(1e-4, 2e-3))
+        for name in other_cameras:
+            other = one_camera(moments=None, touched_borders=())
+            seen.other_cameras[name] = seen.cameras[name] = other
+        left = ArrivalStatus(True, pose_uncertainty=PoseUncertainty(1e-4, 2e-3))
         record = answered(1.0, np.zeros(1), phase, left, seen)
         if moves:
-            evidence.target._moves = moves
+            evidence.target_check._motion_text = moves
             assert diagnosis.add(record).kind == "target_moves"
-            evidence.target._moves = ""
+            evidence.target_check._motion_text = ""
         return diagnosis.add(record)
 
     plain, other = arrived(""), arrived("the features move otherwise")
     assert (plain.open_distance, plain.open_angle) == (1e-4, 2e-3) and not plain.remedy
     assert (other.open_distance, other.open_angle) == (2e-4, 4e-3) and "calibrate" in other.remedy
-    assert other.reason.endswith("has shown it; yet the features move otherwise")
+    assert other.reason.endswith("taught with this camera; but the features move otherwise")
     # not where one of the cameras has no goal that it has shown
-    assert arrived("it moves otherwise", others=["right"]).kind == "wrong_camera_model"
+    assert arrived("it moves otherwise", other_cameras=["right"]).kind == "wrong_camera_model"
     # and what was seen while the target moved is not held against the camera
     assert arrived("it moves otherwise", "servoing").kind == "wrong_camera_model"
-    assert arrived("it moves otherwise", "servoing", "it turns").kind == "running"
+    assert arrived("it moves otherwise", "servoing", "it rotates").kind == "running"

@@ -10,17 +10,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import pose_difference, transform
-from aras_visual_servo_base.stamp_pairing import ByStamp
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference
+from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.driving.driver import Driver
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.loop.motion import JUMP, JUMP_SPEEDS, jumped
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.loop.command_integrator import JUMP, JUMP_SPEEDS, has_jumped
+from aras_visual_servo_controller.observation.joint_history import MAX_AGE, JointHistory
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import Source
-from aras_visual_servo_controller.seeing.joint_history import FARTHEST, JointHistory
+from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
@@ -36,14 +36,14 @@ class Bench:
     def __init__(self, **given):
         given = {"start": "none", **given}
         settings = Settings.from_mapping(given, PACKAGE).for_robot("aras_visual_servo", given)
-        self.arm = settings.arm(URDF)
-        self.servo = settings.build(self.arm)
+        self.arm = settings.make_arm(URDF)
+        self.servo = settings.make_servo(self.arm)
         self.goal = Goal.load(PACKAGE / "config" / "goal_2016.yaml")
         self.t, self.wall, self.n = 1.0, 0.0, 0
         self.sent, self.states, self.words = [], [], []
-        rig = settings.rig({"camera": self.arm}, self.servo.scheme)
+        rig = settings.make_camera_rig({"camera": self.arm}, self.servo.scheme)
         self.foreign, self.listening = {}, False
-        self.driver = Driver(
+        self.driver = LoopRunner(
             self.servo, rig, settings, self, lambda: self.t, lambda: self.wall, self
         )
         self.q = np.array([-0.1, 0.0, 0.349, -0.262, -0.0873, 0.1745])
@@ -59,13 +59,13 @@ class Bench:
     def report(self, state):
         self.states.append(state)
 
-    def say(self, text):
+    def log(self, text):
         self.words.append(text)
 
     def listen(self, active):
         self.listening = active
 
-    def latest(self):
+    def read_latest(self):
         return self.foreign if self.listening else {}
 
     def flood(self, seconds, value, joint=5, heard=True):
@@ -84,26 +84,28 @@ class Bench:
             if self.joints:
                 q = self.q if position is None else np.full(6, position)
                 speed = (self.q - before) / DT
-                self.driver.joints(self.arm.names, q, speed, self.t if stamp is None else stamp)
+                self.driver.add_joint_state(
+                    self.arm.names, q, speed, self.t if stamp is None else stamp
+                )
             if self.images and self.n % 3 == 0:
                 self.look(self.t if image_stamp is None else image_stamp, valid)
-            self.driver.watch()
+            self.driver.check_timeouts()
 
     def look(self, stamp, valid=True):
         pose = self.arm.pose(self.q) @ self.mounted
-        moments = Moments.from_polygon(self.goal.target.outline(pose), 3)
+        moments = Moments.from_polygon(self.goal.target.compute_outline(pose), 3)
 
         def look(joints, commands):
             self.seen.append((joints, commands))
-            return self.driver.rig.control.of_moments(
+            return self.driver.camera_rig.control.observe_moments(
                 stamp, moments if valid else None, valid, "" if valid else "no target", CAMERA,
                 joints, commands,
             )  # fmt: skip
 
-        self.driver.image(stamp, look)
+        self.driver.add_image(stamp, look)
 
     def off(self):
-        goal = self.arm.pose(self.servo.goal.joint_values(self.arm.names))
+        goal = self.arm.pose(self.servo.goal.get_joints(self.arm.names))
         return pose_difference(goal, self.arm.pose(self.q))
 
     def goes_on(self):
@@ -139,7 +141,7 @@ def test_lockstep_sends_once_an_image_and_never_between():
     # For another camera's picture too, whose stamp lies between two samples.
     before, between = bench.driver.history.newest, bench.t + 0.25 * DT
     bench.step(1)
-    joints = bench.driver.rig.joints_at(between)
+    joints = bench.driver.camera_rig.find_joints(between)
     np.testing.assert_allclose(
         joints.positions, before.positions + 0.25 * DT * before.velocities, rtol=1e-12)
 
@@ -181,7 +183,7 @@ def test_what_is_reported_between_images_says_the_remedy(gone):
     bench.step(30)
     setattr(bench, gone, False)
     bench.step(120)
-    told = [s for s in bench.states if not s.answers_image and s.outcome != "running"]
+    told = [s for s in bench.states if not s.has_processed_image and s.outcome != "running"]
     kind = {"images": "too_few_images", "joints": "no_joint_states"}[gone]
     assert told and {(s.outcome, s.remedy) for s in told} == {(kind, REMEDIES[kind])}
 
@@ -208,17 +210,18 @@ def test_time_that_stands_still_is_told_from_images_that_do_not_come(standing):
     for _ in range(21):
         bench.wall += 0.1
         bench.t += 0.0 if standing else 0.01
-        bench.driver.watch()
+        bench.driver.check_timeouts()
     assert bench.servo.phase == "holding"
-    still = f"time stands still at {bench.t:.3f} s (is the simulator paused, or gone?)"
+    still = f"the clock has stopped at {bench.t:.3f} s (is the simulator paused, or gone?)"
     silent = "no features on /aras_visual_servo/camera/moments (is the camera node running?)"
     reason = bench.servo.reason
-    assert reason.startswith("no answer for 2.") and reason.endswith(still if standing else silent)
+    assert reason.startswith("no image processed for 2.")
+    assert reason.endswith(still if standing else silent)
     for _ in range(90):
         bench.wall += 0.1
         bench.t += 0.0 if standing else 0.01
-        bench.driver.watch()
-    assert ("time stands still" in bench.states[-1].reason) == standing
+        bench.driver.check_timeouts()
+    assert ("the clock has stopped" in bench.states[-1].reason) == standing
     assert "no joint states on /aras_visual_servo/joint_states" in bench.states[-1].reason
 
 
@@ -226,7 +229,7 @@ def test_wall_time_without_an_answer_holds_the_arm_until_images_come():
     bench = Bench(gain=1.0, wall_watchdog=5.0)
     bench.step(60)
     bench.wall += 5.1
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert bench.servo.phase == "holding"
     bench.step(1)
     assert bench.servo.phase != "servoing"
@@ -237,7 +240,7 @@ def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
     bench = Bench(gain=1.0, wall_watchdog=5.0)
     bench.step(60)
     bench.wall += 5.1
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     bench.step(6)
     assert bench.servo.phase == "servoing"
     bench.driver.stop("enough")
@@ -247,22 +250,22 @@ def test_images_that_come_again_start_it_once_and_not_what_was_stopped_later():
     bench.step(6)
     assert bench.servo.phase == "servoing"
     bench.wall += 5.1
-    bench.driver.watch()
-    bench.driver.change(lambda servo: setattr(servo, "asked_to_change", True))
+    bench.driver.check_timeouts()
+    bench.driver.apply_change(lambda servo: setattr(servo, "asked_to_change", True))
     assert bench.servo.asked_to_change
 
 
 def test_how_often_joint_states_began_to_come_is_counted():
     """Whoever looks for another robot looks then."""
     bench = Bench(gain=1.0)
-    assert bench.driver.beginnings == 0
+    assert bench.driver.start_count == 0
     bench.step(30)
-    assert bench.driver.beginnings == 1
+    assert bench.driver.start_count == 1
     bench.step(3, stamp=bench.t - 0.05)  # late ones are no beginning
-    assert bench.driver.beginnings == 1
+    assert bench.driver.start_count == 1
     bench.t = 1.0
     bench.step(30)
-    assert bench.driver.beginnings == 2
+    assert bench.driver.start_count == 2
 
 
 def test_only_the_clock_going_back_begins_anew():
@@ -275,7 +278,7 @@ def test_only_the_clock_going_back_begins_anew():
     assert not bench.words and bench.servo.phase in ("servoing", "waiting")
     bench.t = 1.0
     bench.step(1)
-    assert bench.words == [f"simulated time went back to {bench.t:.3f} s: beginning anew"]
+    assert bench.words == [f"simulated time went back to {bench.t:.3f} s: restarting the loop"]
     assert bench.goes_on()
 
 
@@ -286,7 +289,7 @@ def test_images_of_another_clock_are_named():
     assert bench.servo.phase == "waiting" and len(bench.sent) == 1  # where the arm stands
     assert {state.reason for state in bench.states} == {
         "", "features on /aras_visual_servo/camera/moments are stamped 1.00 s ahead of the clock "
-        "(is use_sim_time the same for both?)"
+        "(check that both use the same use_sim_time)"
     }  # fmt: skip
     bench.step(30)
     assert bench.servo.phase == "servoing" and "ahead" not in bench.states[-1].reason
@@ -302,10 +305,10 @@ def test_an_image_of_before_that_comes_after_the_clock_went_back_is_none_of_this
     bench.step(360)
     old = bench.t
     bench.t = 1.0
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     bench.look(old)
     bench.step(30)
-    assert bench.servo.phase == "servoing" and bench.states[-1].answers_image
+    assert bench.servo.phase == "servoing" and bench.states[-1].has_processed_image
     assert bench.states[-1].stamp < 1.5
 
 
@@ -315,7 +318,7 @@ def test_in_lockstep_too_joint_states_without_a_stamp_are_of_now(stamp):
     bench = Bench(lockstep=True)
     bench.step(60, stamp=stamp)
     assert bench.driver.history.newest.stamp == bench.t
-    assert bench.driver.beginnings == 1 and bench.servo.phase == "servoing"
+    assert bench.driver.start_count == 1 and bench.servo.phase == "servoing"
 
 
 def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
@@ -329,7 +332,7 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
     bench.step(10)
     bench.joints = True
     for late in np.arange(missed, bench.t, DT)[1:]:
-        bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), late)
+        bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), late)
     bench.step(30)
     assert "approaching" not in {state.phase for state in bench.states[count:]}
     assert not bench.words and bench.goes_on()
@@ -338,7 +341,7 @@ def test_joint_states_that_were_held_up_do_not_send_it_back_to_its_start():
 def held_up(bench):
     """Joint states come late, eight of thirty, and the last of them alone in every second turn;
     commands too, twelve of some forty, each joint's on its own connection."""
-    tell, late = bench.driver.joints, []
+    tell, late = bench.driver.add_joint_state, []
 
     def joints(*told):
         late.append(told)
@@ -353,7 +356,7 @@ def held_up(bench):
         held = [(bench.n + 17 * j) % (43 + j) < 12 for j in range(6)]
         bench.command = np.where(held, before, bench.command)
 
-    bench.driver.joints, bench.send = joints, send
+    bench.driver.add_joint_state, bench.send = joints, send
 
 
 def test_joint_states_that_come_late_are_no_wrong_camera():
@@ -368,7 +371,7 @@ def test_joint_states_that_come_late_are_no_wrong_camera():
 def test_a_wrong_camera_is_found_by_the_joint_states_that_come_in_time():
     bench = Bench(start="2015")
     held_up(bench)
-    bench.mounted = transform((0.0, 0.0, 0.0), (0.0, 0.1, 0.2))
+    bench.mounted = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.1, 0.2))
     bench.step(1400)
     assert bench.states[-1].outcome == "wrong_camera_model"
 
@@ -383,7 +386,7 @@ def test_implausible_and_missing_joints_stop_the_arm():
     assert bench.servo.phase == "servoing"
     for _ in range(5):
         bench.t += DT
-        bench.driver.joints(("J1",), (0.0,), (), bench.t)
+        bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
     assert bench.servo.phase == "holding"
     assert any("joint states lack gantry" in state.reason for state in bench.states)
     assert bench.servo.reason.startswith("joint states lack gantry")  # and not that it was NaN
@@ -440,7 +443,7 @@ def test_a_robot_that_was_made_anew_is_taken_up_where_it_stands(silence, off):
     bench.q = bench.q + off * np.array([1.0, 0.5, 0.3, 0.2, -0.3, 0.4])
     bench.command = bench.q.copy()  # nobody told them anything yet
     count, stood = len(bench.sent), bench.q.copy()
-    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     bench.step(1)
     bench.step(10)
     first = bench.sent[count][1].positions
@@ -454,7 +457,7 @@ def test_it_goes_to_its_start_again_where_the_robot_is_made_anew_on_the_way():
     assert bench.servo.phase == "approaching"
     bench.q = bench.q + 0.2 * np.eye(6)[0]
     bench.command = bench.q.copy()
-    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.5 * DT)
     count, stood = len(bench.sent), bench.q.copy()
     bench.step(30)
     path = np.array([stood, *(command.positions for _, command in bench.sent[count:])])
@@ -469,10 +472,10 @@ def stuck(bench, seconds, drift=0.0):
     away = -drift * np.sign(bench.command - bench.q)
     for k in range(int(seconds / DT)):
         bench.t, bench.wall, bench.n = bench.t + DT, bench.wall + DT, bench.n + 1
-        bench.driver.joints(bench.arm.names, bench.q + away * k * DT, away, bench.t)
+        bench.driver.add_joint_state(bench.arm.names, bench.q + away * k * DT, away, bench.t)
         if bench.n % 3 == 0:
             bench.look(bench.t)
-        bench.driver.watch()
+        bench.driver.check_timeouts()
     times = [t for t, _ in bench.sent[count:] if t > bench.t - 0.5 * seconds]
     assert all(np.abs(c.positions - before).max() < 0.2 for _, c in bench.sent[count:])
     return times
@@ -549,8 +552,8 @@ def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(ord
     bench.images = False
     for _ in range(700):
         bench.wall += DT  # the simulator is paused
-        bench.driver.watch()
-    assert "no answer for" in bench.servo.reason
+        bench.driver.check_timeouts()
+    assert "no image processed for" in bench.servo.reason
     getattr(bench.driver, order)()
     bench.images = True
     bench.step(60)
@@ -561,11 +564,11 @@ def test_a_loop_without_images_that_is_stopped_stays_so_when_they_come_again(ord
 def test_joints_jump_by_parts_of_their_own_leads(joint, jumps):
     bench = servoing(lead=(0.1, 0.4, 0.05, 0.05, 0.05, 0.05))
     told = []
-    bench.servo.joints_jumped = lambda: told.append(True)
+    bench.servo.mark_joint_jump = lambda: told.append(True)
     q, still = bench.q.copy(), np.zeros(6)
-    bench.driver.joints(bench.arm.names, q, still, bench.t + 0.01)
+    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.01)
     q[joint] += 0.1  # two parts of three between half of the one's and half of the other's
-    bench.driver.joints(bench.arm.names, q, still, bench.t + 0.02)
+    bench.driver.add_joint_state(bench.arm.names, q, still, bench.t + 0.02)
     assert bool(told) is jumps
 
 
@@ -579,50 +582,52 @@ def test_joints_are_in_other_hands_by_parts_of_their_own_leads(drift, again):
 def test_a_late_image_is_told_from_an_answered_one_by_its_value():
     bench = servoing()
     latest = bench.servo.state
-    assert latest.answers_image
-    late = bench.servo.see(bench.driver.rig.control.of_moments(
+    assert latest.has_processed_image
+    late = bench.servo.process_image(bench.driver.camera_rig.control.observe_moments(
         bench.t - 5.0, None, False, "no target", CAMERA))  # fmt: skip
-    assert not late.answers_image and "late" in late.reason and bench.servo.state is latest
+    assert not late.has_processed_image and "late" in late.reason and bench.servo.state is latest
     bench.images = False
     bench.step(60)
-    assert not bench.states[-1].answers_image  # a report between images
+    assert not bench.states[-1].has_processed_image  # a report between images
 
 
 def test_a_dry_run_sends_nothing():
     bench = Bench(dry=True)
     bench.step(60)
     assert not bench.sent and bench.states[-1].phase == "servoing"
-    assert np.abs(bench.states[-1].twist).max() > 0.0
+    assert np.abs(bench.states[-1].desired_twist).max() > 0.0
 
 
 def sample(stamp, position, speed=0.0):
-    return JointSample.of(stamp, ("a",), [position], [speed])
+    return JointSample.from_values(stamp, ("a",), [position], [speed])
 
 
 def test_joints_between_and_after_their_samples():
     history = JointHistory(3)
-    assert history.at(1.0) is None and history.newest is None
-    assert not history.complete_to(1.0)
+    assert history.interpolate(1.0) is None and history.newest is None
+    assert not history.is_complete_to(1.0)
     assert history.add(sample(1.0, 0.0, 10.0)) and history.add(sample(1.1, 1.0, 10.0))
-    assert history.complete_to(1.19) and not history.complete_to(1.21)  # by their period
+    assert history.is_complete_to(1.19) and not history.is_complete_to(1.21)  # by their period
     assert history.add(sample(1.2, 3.0, 10.0))
-    assert {history.at(stamp).velocities[0] for stamp in (1.05, 1.25, 0.95)} == {10.0}
+    assert {history.interpolate(stamp).velocities[0] for stamp in (1.05, 1.25, 0.95)} == {10.0}
     assert not history.add(sample(1.2, 9.0)) and not history.add(sample(1.15, 9.0))
-    assert history.at(1.05).positions[0] == pytest.approx(0.5)
-    assert history.at(1.1).positions[0] == 1.0
-    assert history.at(1.175).positions[0] == pytest.approx(2.5)
-    assert history.at(1.25).positions[0] == pytest.approx(3.5)  # goes on at its speed
-    assert history.at(1.5) is None
-    assert history.at(0.95).positions[0] == pytest.approx(-0.5)
-    assert history.at(1.05, earlier_only=True).positions[0] == pytest.approx(0.5)  # 0 + 10 x 0.05
-    assert history.at(1.175, earlier_only=True).positions[0] == pytest.approx(1.75)
-    assert history.at(1.2, earlier_only=True).positions[0] == 3.0
-    assert history.at(1.29) is not None and history.at(1.31) is None  # a tenth of a second away
-    assert history.at(0.91) is not None and history.at(0.89) is None
-    assert history.complete_to(1.29) and not history.complete_to(1.31)
-    assert history.complete_to(1.2)
+    assert history.interpolate(1.05).positions[0] == pytest.approx(0.5)
+    assert history.interpolate(1.1).positions[0] == 1.0
+    assert history.interpolate(1.175).positions[0] == pytest.approx(2.5)
+    assert history.interpolate(1.25).positions[0] == pytest.approx(3.5)  # goes on at its speed
+    assert history.interpolate(1.5) is None
+    assert history.interpolate(0.95).positions[0] == pytest.approx(-0.5)
+    # 0 + 10 x 0.05
+    assert history.interpolate(1.05, earlier_only=True).positions[0] == pytest.approx(0.5)
+    assert history.interpolate(1.175, earlier_only=True).positions[0] == pytest.approx(1.75)
+    assert history.interpolate(1.2, earlier_only=True).positions[0] == 3.0
+    # a tenth of a second away
+    assert history.interpolate(1.29) is not None and history.interpolate(1.31) is None
+    assert history.interpolate(0.91) is not None and history.interpolate(0.89) is None
+    assert history.is_complete_to(1.29) and not history.is_complete_to(1.31)
+    assert history.is_complete_to(1.2)
     history.add(sample(1.3, 4.0))
-    assert history.at(1.05, earlier_only=True) is None  # the oldest gave way
+    assert history.interpolate(1.05, earlier_only=True) is None  # the oldest gave way
     history.clear()
     assert history.newest is None
 
@@ -631,54 +636,57 @@ def test_far_from_a_sample_joints_are_guessed():
     """By one and a half of the samples' periods: one of 10 ms, and one gap."""
     history = JointHistory()
     history.add(sample(0.0, 0.0))
-    assert not history.at(0.09).guessed  # one sample tells no period
+    assert not history.interpolate(0.09).is_uncertain  # one sample tells no period
     for stamp in (0.01, 0.02, 0.06):
         history.add(sample(stamp, 0.0))
-    assert history.at(0.08).guessed  # whatever the last period was
+    assert history.interpolate(0.08).is_uncertain  # whatever the last period was
     for stamp in 0.01 * np.arange(7, 12):
         history.add(sample(stamp, 0.0))
     near = (0.0, 0.01, 0.034, 0.046, 0.115, 0.125, -0.015)
-    assert not any(history.at(stamp).guessed for stamp in near)
-    assert all(history.at(stamp).guessed for stamp in (0.036, 0.04, 0.044, 0.126, 0.2, -0.016))
-    assert history.at(0.05, earlier_only=True).guessed
+    assert not any(history.interpolate(stamp).is_uncertain for stamp in near)
+    assert all(
+        history.interpolate(stamp).is_uncertain
+        for stamp in (0.036, 0.04, 0.044, 0.126, 0.2, -0.016)
+    )
+    assert history.interpolate(0.05, earlier_only=True).is_uncertain
     for stamp in 0.11 + 0.03 * np.arange(1, 6):  # five of eight come more slowly
         history.add(sample(stamp, 0.0))
-    assert not history.at(0.304).guessed and history.at(0.306).guessed
+    assert not history.interpolate(0.304).is_uncertain and history.interpolate(0.306).is_uncertain
 
 
 def test_speeds_between_two_samples_and_how_many_are_kept():
     history = JointHistory()
     for k in range(70):
         history.add(sample(0.01 * k, 0.0, 1.0 + k))
-    assert history.at(0.6875).velocities[0] == pytest.approx(1.0 + 68.75)
-    assert history.at(0.06).velocities[0] == 7.0  # the oldest of 64
-    assert history.at(0.06, earlier_only=True) is not None
-    assert history.at(0.055, earlier_only=True) is None
+    assert history.interpolate(0.6875).velocities[0] == pytest.approx(1.0 + 68.75)
+    assert history.interpolate(0.06).velocities[0] == 7.0  # the oldest of 64
+    assert history.interpolate(0.06, earlier_only=True) is not None
+    assert history.interpolate(0.055, earlier_only=True) is None
 
 
 def test_a_sample_serves_as_far_away_as_it_may_be_at_most():
     history = JointHistory()
     history.add(sample(0.0, 0.5, 2.0))
-    assert history.at(FARTHEST).positions[0] == pytest.approx(0.5 + 2.0 * FARTHEST)
-    assert history.at(-FARTHEST).positions[0] == pytest.approx(0.5 - 2.0 * FARTHEST)
+    assert history.interpolate(MAX_AGE).positions[0] == pytest.approx(0.5 + 2.0 * MAX_AGE)
+    assert history.interpolate(-MAX_AGE).positions[0] == pytest.approx(0.5 - 2.0 * MAX_AGE)
 
 
 def test_joints_that_tell_no_speed_have_that_of_their_way():
     history = JointHistory()
     first = sample(1.0, 0.5)
-    assert history.with_speed(first) is first  # nothing to compare with
+    assert history.estimate_velocities(first) is first  # nothing to compare with
     history.add(first)
-    second = history.with_speed(sample(1.1, 0.7))
+    second = history.estimate_velocities(sample(1.1, 0.7))
     assert second.velocities == pytest.approx(2.0 * np.ones(len(second.names)))
     assert second.stamp == 1.1 and second.positions[0] == 0.7
-    assert not history.with_speed(sample(1.0, 0.9)).velocities.any()  # of the same instant
-    assert not history.with_speed(sample(1.01 + FARTHEST, 0.9)).velocities.any()  # long ago
+    assert not history.estimate_velocities(sample(1.0, 0.9)).velocities.any()  # of the same instant
+    assert not history.estimate_velocities(sample(1.01 + MAX_AGE, 0.9)).velocities.any()  # long ago
 
 
 def test_the_driver_takes_speeds_from_positions_where_none_are_told():
     told, untold = Bench(start="none"), Bench(start="none")
-    heard = untold.driver.joints
-    untold.driver.joints = lambda names, q, speed, stamp: heard(names, q, (), stamp)
+    heard = untold.driver.add_joint_state
+    untold.driver.add_joint_state = lambda names, q, speed, stamp: heard(names, q, (), stamp)
     for bench in (told, untold):
         bench.step(40)
     speeds = [bench.driver.history.newest.velocities for bench in (told, untold)]
@@ -691,21 +699,21 @@ def test_an_image_waits_for_the_sample_of_its_own_stamp_however_that_is_rounded(
         history = JointHistory()
         history.add(sample((k - 2) / 100, 0.0))
         history.add(sample((k - 1) / 100, 0.0))
-        assert not history.complete_to(k / 100), k
+        assert not history.is_complete_to(k / 100), k
         history.add(sample(k / 100, 0.0))
-        assert history.complete_to(k / 100)
+        assert history.is_complete_to(k / 100)
     history = JointHistory()
     for stamp in (0.5, 1.0):
         history.add(sample(stamp, 0.0))
-    assert not history.complete_to(1.5 - 1e-6) and history.complete_to(1.5 - 2e-6)
+    assert not history.is_complete_to(1.5 - 1e-6) and history.is_complete_to(1.5 - 2e-6)
     history = JointHistory()
     for stamp in (0.01, 0.02, 0.03, 0.05):  # one was lost: the next may come after 10 ms for that
         history.add(sample(stamp, 0.0))
-    assert history.complete_to(0.059) and not history.complete_to(0.061)
+    assert history.is_complete_to(0.059) and not history.is_complete_to(0.061)
 
 
 def test_messages_of_one_stamp_meet_in_any_order():
-    pairs = ByStamp(("image", "depth"))
+    pairs = StampSynchronizer(("image", "depth"))
     assert pairs.add("image", 1, "i1") is None
     assert pairs.add("depth", 2, "d2") is None
     assert pairs.add("image", 2, "i2") == {"image": "i2", "depth": "d2"}
@@ -723,7 +731,7 @@ def test_messages_of_one_stamp_meet_in_any_order():
 
 def test_a_message_that_never_comes_or_comes_late_changes_no_other_pair():
     """As an image whose moments were refused, with kernel features that come all the same."""
-    pairs = ByStamp(("moments", "kernel"))
+    pairs = StampSynchronizer(("moments", "kernel"))
     assert pairs.add("kernel", 1, "k1") is None  # its moments were no use
     assert pairs.add("moments", 2, "m2") is None
     assert pairs.add("moments", 3, "m3") is None
@@ -740,9 +748,9 @@ def test_a_jump_is_told_by_the_lead_of_its_own_joint(joint):
     for part, expected in ((0.99, False), (1.01, True)):
         then = q.copy()
         then[joint] -= part * JUMP * lead[joint]
-        assert jumped(then, q, still, still, lead, 0.01) is expected
-        assert not jumped(then, q, np.full(3, 9.0), still, lead, 10.0)
-        one = jumped(then, q, still, still, lead[:1], 0.01)
+        assert has_jumped(then, q, still, still, lead, 0.01) is expected
+        assert not has_jumped(then, q, np.full(3, 9.0), still, lead, 10.0)
+        one = has_jumped(then, q, still, still, lead[:1], 0.01)
         assert one == (part * lead[joint] > lead[0])
 
 
@@ -752,8 +760,8 @@ def test_how_far_and_how_fast_a_jump_is():
     for speed, way, jump in ((0.0, 0.125, False), (0.0, 0.126, True), (-1.0, 0.5, False),
                              (-1.0, 0.51, True)):  # fmt: skip
         for one, other in ((still, still + speed), (still + speed, still)):
-            assert jumped(q - way, q, one, other, lead, 0.125) is jump
-            assert jumped(q + way, q, one, other, lead, 0.125) is jump
+            assert has_jumped(q - way, q, one, other, lead, 0.125) is jump
+            assert has_jumped(q + way, q, one, other, lead, 0.125) is jump
 
 
 # -- its numbers -------------------------------------------------------------------------------
@@ -763,7 +771,9 @@ def told(bench, t, q=None, **words):
     """A joint state of the time t, and the clock there."""
     bench.t = t
     still = np.zeros(6)
-    bench.driver.joints(bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t))
+    bench.driver.add_joint_state(
+        bench.arm.names, bench.q if q is None else q, still, words.get("stamp", t)
+    )
 
 
 def test_without_images_it_reports_at_a_camera_s_pace():
@@ -794,7 +804,7 @@ def test_a_second_joint_state_of_one_stamp_changes_nothing():
     bench = servoing()
     bench.step(1)
     jumps, count = [], len(bench.states)
-    bench.servo.joints_jumped = lambda: jumps.append(True)
+    bench.servo.mark_joint_jump = lambda: jumps.append(True)
     told(bench, bench.t, bench.q + 0.3)
     bench.step(1)
     assert not jumps and bench.servo.phase == "servoing"
@@ -806,7 +816,7 @@ def test_joint_states_of_no_numbers_stop_the_arm(positions):
     bench = servoing()
     count = len(bench.states)
     bench.t += 0.04
-    bench.driver.joints(bench.arm.names, positions, (), bench.t)
+    bench.driver.add_joint_state(bench.arm.names, positions, (), bench.t)
     assert bench.servo.phase == "holding" and bench.servo.outcome.kind == "no_joint_states"
     assert bench.states[count].joints is None and bench.states[count].reason
 
@@ -820,19 +830,19 @@ def test_time_goes_on_by_the_clock_for_a_moment_without_joint_states(watchdog, b
     bench.look(8.0)
     count = len(bench.sent)
     bench.t = 8.0499
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert len(bench.sent) == count and bench.servo.phase == "servoing"
     if watchdog > 0.05:
         bench.t = 8.25
-        bench.driver.watch()
+        bench.driver.check_timeouts()
         assert bench.servo.phase == "servoing"
         assert [t for t, _ in bench.sent[count:]] == [bench.t]
-        assert bench.sent[-1][1].stamp == bench.t == bench.driver.time
+        assert bench.sent[-1][1].stamp == bench.t == bench.driver.update_time
         assert np.abs(bench.sent[-1][1].positions - bench.sent[-2][1].positions).max() > 1e-4
     bench.t = 8.0011 + blind
     count = len(bench.states)
     for _ in range(3):
-        bench.driver.watch()
+        bench.driver.check_timeouts()
     assert (bench.servo.phase, bench.servo.reason) == (
         "holding", f"no joint states for {blind:.2f} s")
     assert len(bench.states) == count + 1  # said once of one instant
@@ -849,10 +859,10 @@ def test_an_image_finds_that_joint_states_do_not_come(age, phase):
     assert bench.servo.phase == phase and len(bench.seen) == count  # its joints are not known
     bench.t = 8.5
     told(bench, 8.5)
-    bench.t = 8.5 + FARTHEST + 1e-9
-    bench.look(8.5 + FARTHEST - 1e-9)
+    bench.t = 8.5 + MAX_AGE + 1e-9
+    bench.look(8.5 + MAX_AGE - 1e-9)
     assert len(bench.seen) == count + 1
-    bench.look(8.5 + FARTHEST + 1e-9)
+    bench.look(8.5 + MAX_AGE + 1e-9)
     assert len(bench.seen) == count + 1
 
 
@@ -860,7 +870,7 @@ def test_an_image_before_any_joint_state_waits_for_them():
     bench = Bench()
     bench.look(1.0)
     assert (bench.servo.phase, bench.servo.reason) == ("waiting", "no joint states yet")
-    assert bench.states[-1].answers_image and bench.driver.time == 1.0
+    assert bench.states[-1].has_processed_image and bench.driver.update_time == 1.0
 
 
 @pytest.mark.parametrize("lockstep", [False, True])
@@ -870,11 +880,11 @@ def test_an_answer_moves_time_on_in_lockstep_alone(lockstep):
     joints = bench.driver.history.newest
     bench.t += 0.4 * DT
     bench.look(bench.t)
-    assert bench.driver.time == (bench.t if lockstep else joints.stamp)
+    assert bench.driver.update_time == (bench.t if lockstep else joints.stamp)
     # In lockstep alone a joint state that came meanwhile does not count.
     then = joints.stamp + 0.5 * DT
     bench.t = joints.stamp + DT
-    bench.driver.joints(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
+    bench.driver.add_joint_state(bench.arm.names, bench.q + 0.01, np.zeros(6), bench.t)
     bench.look(then)
     way = 0.5 * DT * joints.velocities if lockstep else 0.5 * (bench.q + 0.01 - joints.positions)
     np.testing.assert_allclose(bench.seen[-1][0].positions - joints.positions, way, atol=1e-12)
@@ -888,7 +898,7 @@ def test_in_lockstep_each_image_is_answered_though_the_arm_stands():
     bench.step(30)
     assert len(bench.sent) == count + 10 and bench.at_rest()
     bench.t += DT
-    bench.driver.joints(("J1",), (0.0,), (), bench.t)
+    bench.driver.add_joint_state(("J1",), (0.0,), (), bench.t)
     assert len(bench.sent) == count + 10 + 20 // 3  # of bad joints nothing is sent between
 
 
@@ -909,11 +919,11 @@ def test_images_are_told_what_was_commanded_since():
 
 def test_the_missing_camera_is_the_one_that_is_waited_for():
     bench = servoing()
-    bench.driver.comes_from("right", Source("pictures", "/right", "somebody"))
-    for lacking, what in (("right", "pictures"), ("", "features"), ("left", "features")):
-        bench.driver.rig.waits_for = lacking
+    bench.driver.set_source("right", Source("images", "/right", "somebody"))
+    for lacking, what in (("right", "images"), ("", "features"), ("left", "features")):
+        bench.driver.camera_rig.missing_camera = lacking
         bench.step(3)
-        assert bench.servo.source.what == what
+        assert bench.servo.source.content == what
 
 
 def test_a_clock_that_has_stood_for_half_a_second_is_said_to_stand():
@@ -927,9 +937,9 @@ def test_a_clock_that_has_stood_for_half_a_second_is_said_to_stand():
         bench.images = True
         bench.look(bench.t)
         bench.wall = began + waited
-        bench.driver.watch()
+        bench.driver.check_timeouts()
         assert bench.servo.phase == "holding"
-        assert ("time stands still" in bench.servo.reason) is said
+        assert ("the clock has stopped" in bench.servo.reason) is said
 
 
 def test_a_start_gives_images_their_time_anew():
@@ -937,10 +947,10 @@ def test_a_start_gives_images_their_time_anew():
     bench.wall += 4.9
     bench.driver.start()
     bench.wall += 4.9
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert bench.servo.phase == "servoing"
     bench.wall += 0.2
-    bench.driver.watch()
+    bench.driver.check_timeouts()
     assert bench.servo.phase == "holding"
 
 
@@ -960,7 +970,7 @@ def test_velocities_are_sent_with_each_joint_state_also_of_an_arm_that_stands():
 def test_joints_that_were_not_heard_of_for_longer_than_the_watchdog_may_be_elsewhere(gap, jumps):
     bench = servoing(watchdog=0.25)
     heard = []
-    bench.servo.joints_jumped = lambda: heard.append(True)
+    bench.servo.mark_joint_jump = lambda: heard.append(True)
     told(bench, 8.0)
     heard.clear()
     told(bench, 8.0 + gap)
@@ -977,7 +987,7 @@ def test_zeros_are_the_last_that_is_sent_whatever_still_comes(output, dry):
     bench.step(20)
     assert dry or np.any(bench.sent[-1][1].values)
     bench.sent.clear()
-    bench.driver.end("enough")
+    bench.driver.shut_down("enough")
     assert bench.servo.phase == "stopped" and bench.servo.reason == "enough"
     bench.step(6)
     bench.joints = False  # time goes on by the clock, and braking with it

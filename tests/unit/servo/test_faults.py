@@ -6,30 +6,30 @@ import numpy as np
 import pytest
 from loop_rig import IMAGE_PERIOD, STARTS, TICK, Rig, the_goal, the_servo
 
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import (
     ConfigurationError,
     MeasurementError,
     SchemeError,
     TaskError,
 )
-from aras_visual_servo_controller.features import Feature, Measured
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law, Proportional
 from aras_visual_servo_controller.records.outcomes import REMEDIES
 from aras_visual_servo_controller.records.state import HOLDING, SERVOING
 from aras_visual_servo_controller.schemes import (
-    Composed,
-    Decision,
+    FeatureScheme,
     JointController,
     Scheme,
+    SchemeOutput,
     create_scheme,
 )
-from aras_visual_servo_controller.schemes.answer_checks import (
-    checked_goal,
-    checked_joints,
-)
 from aras_visual_servo_controller.schemes.compute import compute
+from aras_visual_servo_controller.schemes.output_checks import (
+    check_goal,
+    check_joint_output,
+)
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
 GOOD_FROM, GOOD_TO = 0.1, 0.4  # s between which the scheme goes wrong
@@ -68,7 +68,7 @@ def answering(**changes):
 
 def with_task(**changes):
     def fault(scheme, decision):
-        fields = {key: getattr(decision.task, key) for key in ("L", "rate", "modelled")}
+        fields = {key: getattr(decision.task, key) for key in ("L", "desired_rate", "modelled")}
         return answering(task=Task(**{**fields, **changes}))(scheme, decision)
 
     return fault
@@ -82,7 +82,7 @@ def without_tolerances(scheme, decision):
 def nan_in_L(scheme, decision):
     L = np.array(decision.task.L)
     L[1, 2] = np.nan
-    return answering(task=Task.of(L, decision.task.rate))(scheme, decision)
+    return answering(task=Task.from_interaction(L, decision.task.desired_rate))(scheme, decision)
 
 
 FAULTS = {
@@ -91,23 +91,25 @@ FAULTS = {
     "system exit": (raising(SystemExit(3)), "raised SystemExit: 3"),
     "assertion": (raising(AssertionError()), "raised AssertionError"),
     "two lines": (raising(RuntimeError("one\ntwo")), "raised RuntimeError: one two"),
-    "nothing": (lambda scheme, decision: None, "NoneType instead of a Decision"),
-    "a number": (lambda scheme, decision: 3.0, "float instead of a Decision"),
+    "nothing": (lambda scheme, decision: None, "NoneType instead of a SchemeOutput"),
+    "a number": (lambda scheme, decision: 3.0, "float instead of a SchemeOutput"),
     "no task": (answering(task=None), "the task NoneType"),
     "a twist for a task": (answering(task=np.zeros(6)), "the task ndarray"),
-    "short twist": (lambda s, d: answering(task=Task.of_twist(np.zeros(3)))(s, d), "shape (6,)"),
-    "tall twist": (lambda s, d: answering(task=Task.of_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
+    "short twist": (lambda s, d: answering(task=Task.from_twist(np.zeros(3)))(s, d), "shape (6,)"),
+    "tall twist": (lambda s, d: answering(task=Task.from_twist(np.zeros((6, 1))))(s, d), "(6, 1)"),
     "NaN in L": (nan_in_L, "not finite"),
     "NaN in L of its own Task": (with_task(L=np.full((4, 6), np.nan)), "rate is not finite"),
-    "inf in the rate": (with_task(rate=np.full(4, np.inf)), "rate is not finite"),
+    "inf in the rate": (with_task(desired_rate=np.full(4, np.inf)), "rate is not finite"),
     "L of five columns": (with_task(L=np.zeros((4, 5))), "(4, 5)"),
-    "rate of another length": (with_task(rate=np.zeros(3)), "(3,)"),
+    "rate of another length": (with_task(desired_rate=np.zeros(3)), "(3,)"),
     "modelled of four": (with_task(modelled=np.ones(4, bool)), "six are needed, got (4,)"),
     "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
-    "NaN in a rate of its own": (answering(rate=[1.0, np.nan, 0.0, 0.0]), "answered the rate"),
-    "short rate of its own": (answering(rate=np.zeros(3)), "answered the rate [0. 0. 0.]"),
+    "NaN in a rate of its own": (
+        answering(error_drift=[1.0, np.nan, 0.0, 0.0]), "returned the error_drift"),
+    "short rate of its own": (
+        answering(error_drift=np.zeros(3)), "returned the error_drift [0. 0. 0.]"),
     "few names": (answering(names=("x",)), "for 1 names"),
     "no tolerances": (without_tolerances, "has tolerances ()"),
 }
@@ -151,14 +153,14 @@ def test_whole_numbers_and_lists_are_numbers_too_and_a_record_may_have_any_shape
 
 
 @pytest.mark.parametrize(("answer", "words"), [
-    ([0.0, np.nan, 1.0], "mine answered joints that are not finite"),
-    ([0.0, 1.0], r"mine answered joints of shape \(2,\), \(3,\) is needed"),
-    ("left", "mine answered joints of no numbers"),
+    ([0.0, np.nan, 1.0], "mine returned joints that are not finite"),
+    ([0.0, 1.0], r"mine returned joints of shape \(2,\), \(3,\) is needed"),
+    ("left", "mine returned joints of no numbers"),
 ])  # fmt: skip
 def test_joints_are_a_finite_number_each(answer, words):
     with pytest.raises(SchemeError, match=words):
-        checked_joints("mine", answer, 3)
-    np.testing.assert_array_equal(checked_joints("mine", [0, 1, 2], 3), [0.0, 1.0, 2.0])
+        check_joint_output("mine", answer, 3)
+    np.testing.assert_array_equal(check_joint_output("mine", [0, 1, 2], 3), [0.0, 1.0, 2.0])
 
 
 class Wanting(Scheme):
@@ -173,8 +175,8 @@ GIVEN = {"features": [1, 2], "desired": [3, 4], "error": [-2, -2]}
 
 def test_a_decision_is_made_of_arrays_whatever_was_answered():
     numbers = {name: np.array(value, float) for name, value in GIVEN.items()}
-    task = Task.of_twist(np.ones(6))
-    made = Decision(("a", "b"), **numbers, task=task)
+    task = Task.from_twist(np.ones(6))
+    made = SchemeOutput(("a", "b"), **numbers, task=task)
     assert compute(Wanting(), made, None) is made
     for name in GIVEN:
         found = compute(Wanting(), replace(made, **{name: GIVEN[name]}), None)
@@ -185,29 +187,29 @@ def test_a_decision_is_made_of_arrays_whatever_was_answered():
 
 
 @pytest.mark.parametrize(("scheme", "decision", "words"), [
-    ({}, {"features": [1.0]}, r"answered features of shape \(1,\) for 2 names"),
-    ({}, {"desired": "far"}, "answered desired of no numbers for 2 names"),
-    ({}, {"error": None}, "answered error of no numbers for 2 names"),
-    ({}, {"error": [1.0, np.inf]}, r"answered error that are not finite: \[1.0, inf\]"),
-    ({}, {"desired": [np.nan, 0.0]}, r"answered desired that are not finite: \[nan, 0.0\]"),
+    ({}, {"features": [1.0]}, r"returned features of shape \(1,\) for 2 names"),
+    ({}, {"desired": "far"}, "returned desired of no numbers for 2 names"),
+    ({}, {"error": None}, "returned error of no numbers for 2 names"),
+    ({}, {"error": [1.0, np.inf]}, r"returned error that are not finite: \[1.0, inf\]"),
+    ({}, {"desired": [np.nan, 0.0]}, r"returned desired that are not finite: \[nan, 0.0\]"),
     ({"tolerances": (0.1, -0.1)}, {}, r"has tolerances \(0.1, -0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.0, 0.1)}, {}, r"has tolerances \(0.0, 0.1\): 2 numbers above 0 are"),
     ({"tolerances": (0.1,)}, {}, r"has tolerances \(0.1,\): 2 numbers above 0 are needed"),
     ({"tolerances": None}, {}, "has tolerances None: 2 numbers above 0 are needed"),
-    ({}, {"rate": [1.0, np.nan]}, "answered the rate .*: one finite number for each name"),
-    ({}, {"rate": [1.0]}, "answered the rate .*: one finite number for each name"),
-    ({}, {"rate": None}, "answered the rate None: one finite number for each name"),
-    ({}, {"task": 3}, "answered the task int instead of a Task"),
+    ({}, {"error_drift": [1.0, np.nan]}, "returned the error_drift .*: one finite number"),
+    ({}, {"error_drift": [1.0]}, "returned the error_drift .*: one finite number"),
+    ({}, {"error_drift": None}, "returned the error_drift None: one finite number for each name"),
+    ({}, {"task": 3}, "returned the task int instead of a Task"),
 ])  # fmt: skip
 def test_what_is_wrong_with_a_decision_is_told(scheme, decision, words):
     asked = Wanting()
     vars(asked).update(scheme)
-    given = {**GIVEN, "task": Task.of_twist(np.ones(6)), **decision}
+    given = {**GIVEN, "task": Task.from_twist(np.ones(6)), **decision}
     with pytest.raises(SchemeError, match=f"^scheme mine {words}"):
-        compute(asked, Decision(("a", "b"), **given), None, name="mine")
+        compute(asked, SchemeOutput(("a", "b"), **given), None, name="mine")
     for rate in (0.5, [0.5, -0.5]):
-        fine = Decision(("a", "b"), **GIVEN, task=Task.of_twist(np.ones(6)), rate=rate)
-        assert compute(Wanting(), fine, None).rate is rate
+        fine = SchemeOutput(("a", "b"), **GIVEN, task=Task.from_twist(np.ones(6)), error_drift=rate)
+        assert compute(Wanting(), fine, None).error_drift is rate
 
 
 def test_a_goal_that_a_users_code_cannot_take_is_one_line():
@@ -223,7 +225,7 @@ def test_a_goal_that_a_users_code_cannot_take_is_one_line():
         (SystemExit(3), "^scheme 'theirs' cannot use the goal: SystemExit: 3"),
     ):
         with pytest.raises(ConfigurationError, match=words):
-            checked_goal("theirs", Own(), error, 1.0)
+            check_goal("theirs", Own(), error, 1.0)
     for error, expected in (
         (MeasurementError("dark"), MeasurementError), (SchemeError("own", ""), SchemeError),
         (KeyboardInterrupt(), KeyboardInterrupt), (SystemExit(2), SchemeError),
@@ -240,12 +242,12 @@ def test_joints_of_another_arm_hold_it():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
     names = rig.servo.arm.names
-    seen = rig.exact(rig.observer, rig.now, JointSample.of(rig.now, names, rig.q))
-    short = JointSample.of(rig.now, names[:5], rig.q[:5])
-    state = rig.servo.see(replace(seen, joints=short))
+    seen = rig.exact(rig.observer, rig.now, JointSample.from_values(rig.now, names, rig.q))
+    short = JointSample.from_values(rig.now, names[:5], rig.q[:5])
+    state = rig.servo.process_image(replace(seen, joints=short))
     assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
-    fast = JointSample.of(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
-    state = rig.servo.see(replace(seen, stamp=rig.now + 0.01, joints=fast))
+    fast = JointSample.from_values(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
+    state = rig.servo.process_image(replace(seen, stamp=rig.now + 0.01, joints=fast))
     assert state.phase == HOLDING and state.reason.startswith("J2 ")
 
 
@@ -253,9 +255,9 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
     rig = Rig(the_servo("2016", Spoiled(FAULTS["value error"][0])), STARTS["2016"])
     told = []
     for _ in range(2):
-        joints = JointSample.of(GOOD_FROM, rig.servo.arm.names, rig.q)
-        rig.servo.tick(GOOD_FROM, joints)
-        told.append(rig.servo.see(rig.exact(rig.observer, GOOD_FROM, joints)))
+        joints = JointSample.from_values(GOOD_FROM, rig.servo.arm.names, rig.q)
+        rig.servo.update(GOOD_FROM, joints)
+        told.append(rig.servo.process_image(rig.exact(rig.observer, GOOD_FROM, joints)))
         rig.servo.reset()
     assert all("no such thing" in state.fault for state in told)
     assert {(s.outcome, s.remedy) for s in told} == {("scheme_fault", REMEDIES["scheme_fault"])}
@@ -264,8 +266,8 @@ def test_a_fault_is_told_once_more_after_the_clock_went_back():
 def test_joint_velocities_that_are_not_finite_are_not_commanded():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.1)
-    resolve = rig.servo.resolver.resolve
-    rig.servo.resolver.resolve = lambda *given: replace(
+    resolve = rig.servo.differential_ik.solve
+    rig.servo.differential_ik.solve = lambda *given: replace(
         resolve(*given), velocities=np.array([0.1, 0.0, np.nan, 0.0, 0.0, 0.0]))
     rig.run(0.2)
     assert rig.servo.phase == HOLDING
@@ -304,7 +306,7 @@ def test_keyboard_interrupts_are_not_swallowed():
 class Tired(Law):
     """A user's law that answers a wrong shape."""
 
-    def rate(self, error, L, rotated_error, t, dt):
+    def desired_error_rate(self, error, L, pseudo_inverse_error, t, dt):
         self.tired = t > GOOD_FROM or getattr(self, "tired", False)
         return np.zeros(2) if self.tired else -error
 
@@ -313,7 +315,7 @@ def test_a_fault_of_a_users_law_is_the_schemes():
     states = Rig(the_servo("2016", law=Tired()), STARTS["2016"]).run(0.6)
     assert states[-1].phase == HOLDING
     assert states[-1].outcome == "scheme_fault"
-    assert "Tired.rate returned ndarray of shape (2,)" in states[-1].reason
+    assert "Tired.desired_error_rate returned ndarray of shape (2,)" in states[-1].reason
 
 
 class Forgetful(Spoiled):
@@ -345,12 +347,12 @@ def test_a_compute_longer_than_the_image_period_is_named_with_its_time(seconds, 
     rig = Rig(servo, STARTS["2016"])
     first, *_, state = rig.run(0.3)
     assert "took" not in first.reason  # nobody knows the image period yet
-    assert state.computing == pytest.approx(seconds)
+    assert state.computation_time == pytest.approx(seconds)
     text = f"took {seconds:.3f} s, longer than the image period of {IMAGE_PERIOD:.3f} s"
     assert (text in state.reason) is slow
     assert state.phase == SERVOING
     rig.servo.stop("enough")
-    assert rig.run(0.1)[-1].computing == 0.0
+    assert rig.run(0.1)[-1].computation_time == 0.0
 
 
 class OwnJoints(JointController):
@@ -359,11 +361,11 @@ class OwnJoints(JointController):
     names, tolerances = ("x",), (0.1,)
     answer = staticmethod(lambda controller, t, dt, joints: np.zeros(6))
 
-    def see(self, observation, goal, t):
+    def process_image(self, observation, goal, t):
         zero = np.zeros(1)
-        return Decision(("x",), zero + 1.0, zero, zero + 1.0)
+        return SchemeOutput(("x",), zero + 1.0, zero, zero + 1.0)
 
-    def tick(self, t, dt, joints):
+    def update(self, t, dt, joints):
         return self.answer(self, t, dt, joints)
 
 
@@ -382,10 +384,10 @@ def test_a_controllers_time_begins_with_servoing():
 
     rig = controlled(answer, "velocity")
     for t in (2.0, 2.125):
-        joints = JointSample.of(t, rig.servo.arm.names, rig.q)
-        rig.servo.tick(t, joints)
-        rig.servo.see(rig.exact(rig.observer, t, joints))
-    rig.servo.tick(2.1875, joints)
+        joints = JointSample.from_values(t, rig.servo.arm.names, rig.q)
+        rig.servo.update(t, joints)
+        rig.servo.process_image(rig.exact(rig.observer, t, joints))
+    rig.servo.update(2.1875, joints)
     assert asked == [(0.125, 0.1), (0.1875, 0.0625)]  # no step is longer than 0.1 s
 
 
@@ -425,7 +427,7 @@ def test_controllers_of_joints_are_under_the_same_limits_and_watchdog(output):
 
     limits = the_limits(velocity=0.5, acceleration=3.0, upper={"J1": 0.1})
     rig = controlled(answer, output, limits=limits, lead=10.0)
-    rig.look = lambda observer, t, joints: observer.of_moments(
+    rig.look = lambda observer, t, joints: observer.observe_moments(
         t, None, True, "", rig_camera(), joints
     )
     rig.observer.needs = frozenset()
@@ -468,7 +470,7 @@ class Picky(Feature):
     names, tolerances = ("x",), (1.0,)
 
     def measure(self, observation, goal):
-        return Measured(np.zeros(1), np.zeros(1), np.zeros(1), np.ones((1, 6)))
+        return FeatureMeasurement(np.zeros(1), np.zeros(1), np.zeros(1), np.ones((1, 6)))
 
     def check(self, goal):
         raise KeyError("desired")
@@ -476,7 +478,7 @@ class Picky(Feature):
 
 def test_a_scheme_that_fails_on_its_goal_is_one_line():
     with pytest.raises(ConfigurationError, match=r"cannot use goal_2016.yaml: KeyError: 'desired'"):
-        the_servo("2016", Composed(Picky()))
+        the_servo("2016", FeatureScheme(Picky()))
 
 
 class Exits(Feature):
@@ -518,7 +520,7 @@ HERE = __name__
         ("test_faults:Unnamed", "Unnamed has no names"),
         ("test_faults:Loose", "2 names but tolerances"),
         ("test_faults:Never", "one number above 0 for each feature is needed"),
-        ("moments+moments_2016", "'moments_2016' is no feature"),
+        ("moments+moments_2016", "'moments_2016' is not a feature"),
         ("", "unknown scheme ''"),
         ("moments:", "unknown scheme"),
     ],
@@ -559,16 +561,16 @@ def test_tasks_are_checked():
         (np.full((1, 6), np.inf), [1.0], "not finite"),
     ):
         with pytest.raises(TaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
-            Task.of(L, rate)
+            Task.from_interaction(L, rate)
     with pytest.raises(TaskError, match=r"a twist has shape \(6,\), got \(5,\)"):
-        Task.of_twist(np.zeros(5))
+        Task.from_twist(np.zeros(5))
     with pytest.raises(TaskError, match=r"directions: six are needed, got \(5,\)"):
-        Task.of_twist(np.zeros(6), np.ones(5, bool))
-    task = Task.of_twist(np.ones(6))
-    for array in (task.L, task.rate, task.modelled):
+        Task.from_twist(np.zeros(6), np.ones(5, bool))
+    task = Task.from_twist(np.ones(6))
+    for array in (task.L, task.desired_rate, task.modelled):
         assert not array.flags.writeable
     with pytest.raises(TaskError, match="weights"):
-        Task.of(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
+        Task.from_interaction(np.ones((2, 6)), np.ones(2), weights=[1.0, -1.0])
 
 
 @pytest.mark.parametrize("rows", [7, 60, 3000])
@@ -577,13 +579,13 @@ def test_tall_tasks_are_reduced_to_the_same_solution(rows, rank):
     random = np.random.default_rng(rows + rank)
     L = random.normal(size=(rows, rank)) @ random.normal(size=(rank, 6))
     rate, weights = random.normal(size=rows), random.uniform(0.1, 2.0, rows)
-    task = Task.of(L, rate, weights=weights)
+    task = Task.from_interaction(L, rate, weights=weights)
     assert task.L.shape == (6, 6)
     W = np.diag(weights) if rows < 100 else None
     scaled = weights[:, None] * L if W is None else W @ L
     wanted = np.linalg.lstsq(scaled, weights * rate, rcond=1e-9)[0]
     np.testing.assert_allclose(
-        np.linalg.lstsq(task.L, task.rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8
+        np.linalg.lstsq(task.L, task.desired_rate, rcond=1e-5)[0], wanted, rtol=1e-6, atol=1e-8
     )
     np.testing.assert_allclose(
         task.singular_values[:rank], np.linalg.svd(scaled, compute_uv=False)[:rank], rtol=1e-6

@@ -6,7 +6,6 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.task import DIRECTIONS
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features import (
     FEATURES,
@@ -21,13 +20,14 @@ from aras_visual_servo_controller.features import (
     pose,
     stereo,
 )
+from aras_visual_servo_controller.kinematics.task import DIRECTIONS
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import base as schemes
 from aras_visual_servo_controller.schemes import create_scheme
 from aras_visual_servo_controller.schemes.broyden import Broyden
-from aras_visual_servo_controller.schemes.composed import Composed
-from aras_visual_servo_controller.schemes.laboratory import Laboratory2016
+from aras_visual_servo_controller.schemes.feature_scheme import FeatureScheme
+from aras_visual_servo_controller.schemes.laboratory_2016 import Laboratory2016
 from aras_visual_servo_controller.schemes.predictive import Predictive
-from aras_visual_servo_controller.seeing.observation import Need
 
 MODULES = (
     corners, kernel, luminance, matches, moment_features, moments, points, pose, stereo,
@@ -110,11 +110,11 @@ def test_the_directions_that_each_models_and_what_it_needs():
         moments_of = issubclass(made, moments.MomentFeature)
         need = IMAGES.get(name, Need.MOMENTS if moments_of else Need.CORNERS)
         assert (name, feature.needs) == (name, {need})
-        assert feature.reads == (2 if name.startswith("stereo") else 1)
-        assert feature.stackable is (feature.names != ("rms",))
+        assert feature.camera_count == (2 if name.startswith("stereo") else 1)
+        assert feature.is_stackable is (feature.names != ("rms",))
     assert kernel.Kernel.ratio == (1.0, 1.0, 1.0, 0.3)
     np.testing.assert_allclose(Laboratory2016.ratio, np.array([140, 120, 60, 30]) / 140)
-    assert (matches.Matches.widest, matches.MatchesORB.widest) == (320, 640)
+    assert (matches.Matches.max_width, matches.MatchesORB.max_width) == (320, 640)
     assert (matches.Matches.count, matches.MatchesORB.detector) == (500, "orb")
     assert (luminance.LuminanceDCT.count, luminance.LuminanceMap.count) == (20, 10)
     components = luminance.LuminancePCA
@@ -129,32 +129,32 @@ def test_what_schemes_are_made_with_where_nothing_is_said():
     planned = Predictive
     assert (planned.horizon, planned.steps, planned.effort) == (0.4, 4, 1e-4)
     assert planned.speed == (1.0, 1.0, 1.0, 1.5, 1.5, 1.5) and planned.margin == 12.0
-    assert not planned()._last.any() and planned()._last.shape == (6,)
+    assert not planned()._last_twist.any() and planned()._last_twist.shape == (6,)
     assert (Broyden().gain, Broyden().floor, Broyden().start) == (0.5, None, None)
     plain = create_scheme("moments")
     assert (plain.interaction, plain.smoothing, plain.ratio) == ("current", 0.0, None)
-    assert plain.estimator is None and plain.judges_camera
+    assert plain.estimator is None and plain.can_check_camera
     for interaction in ("desired", "mean", "estimated"):
         other = create_scheme("moments", interaction=interaction)
-        assert not other.judges_camera
+        assert not other.can_check_camera
         assert (type(other.estimator) is Broyden) is (interaction == "estimated")
     assert create_scheme("kernel").ratio.tolist() == [1.0, 1.0, 1.0, 0.3]
     assert create_scheme("kernel", weights=[2.0]).ratio is None
     assert create_scheme("kernel", ratio=[2.0] * 4).ratio.tolist() == [2.0] * 4
     assert create_scheme("kernel+points").ratio is None
-    assert Composed([kernel.Kernel()]).feature.name == "kernel"
+    assert FeatureScheme([kernel.Kernel()]).feature.name == "kernel"
     said = {"interaction": "current", "smoothing": 0.0, "ratio": None, "estimator": ""}
     for name in ("partitioned", "predictive", "moments_2016"):
         law = schemes.Proportional(3.0)
         assert create_scheme(name, law, **said).law is law
         for option in ({"smoothing": 1.0}, {"interaction": "mean"}, {"weights": [1.0]}):
-            words = f"scheme '{name}' takes no {next(iter(option))}: it is no composition"
+            words = f"scheme '{name}' takes no {next(iter(option))}: only features do"
             with pytest.raises(ConfigurationError, match=words):
                 create_scheme(name, **option)
     blind = points.Points()
-    blind.geometric = False
-    assert not Composed(blind).judges_camera
-    assert not Composed([points.Points(), blind]).judges_camera
+    blind.is_geometric = False
+    assert not FeatureScheme(blind).can_check_camera
+    assert not FeatureScheme([points.Points(), blind]).can_check_camera
     for one in (plain, create_scheme("area+points")):
         assert one.needs == one.feature.needs and one.names == one.feature.names
         assert one.units == tuple(one.feature.units)
@@ -170,22 +170,28 @@ def test_what_a_user_s_own_need_not_say():
             raise NotImplementedError
 
     class Joints(schemes.JointController):
-        def see(self, observation, goal, t):
+        def process_image(self, observation, goal, t):
             raise NotImplementedError
 
-        def tick(self, t, dt, joints):
+        def update(self, t, dt, joints):
             raise NotImplementedError
 
     own, scheme, controller = Own(), Theirs(), Joints()
-    assert (own.name, own.units, own.cameras, own.weights, own.reads) == ("Own", (), (), None, 1)
-    assert own.geometric and own.stackable and tuple(own.directions) == (True,) * 6
+    assert (own.name, own.units, own.cameras, own.weights, own.camera_count) == (
+        "Own",
+        (),
+        (),
+        None,
+        1,
+    )
+    assert own.is_geometric and own.is_stackable and tuple(own.directions) == (True,) * 6
     assert own.reset() is None
     for one in (own, scheme, controller):
-        assert one.needs == one.needs_of("") == one.needs_of("left", "") == {Need.MOMENTS}
+        assert one.needs == one.get_needs("") == one.get_needs("left", "") == {Need.MOMENTS}
         assert one.units == () and one.cameras == ()
         assert one.check(None) is None and one.accuracy(None, None) is None
         assert one.teach(None) == {}
-    assert scheme.judges_camera and controller.output == "velocity"
+    assert scheme.can_check_camera and controller.output == "velocity"
     law = schemes.Proportional(7.0)
     assert Theirs(law).law is law and type(scheme.law) is schemes.Proportional
     law.reset, told = lambda: told.append(law), []
@@ -197,11 +203,11 @@ def test_what_a_user_s_own_need_not_say():
 
 def test_what_is_measured_and_decided_says_no_more_than_it_is_given():
     one = np.ones(1)
-    measured = base.Measured(one, one, one, np.ones((1, 6)))
-    decision = schemes.Decision(("x",), one, one, one)
+    measured = base.FeatureMeasurement(one, one, one, np.ones((1, 6)))
+    decision = schemes.SchemeOutput(("x",), one, one, one)
     for made in (measured, decision):
-        assert (made.rate, made.up_to, made.notes) == (0.0, "", ())
-    assert measured.judged is decision.task is decision.L is decision.residual is None
+        assert (made.error_drift, made.ambiguity, made.notes) == (0.0, "", ())
+    assert measured.error_summary is decision.task is decision.L is decision.residual is None
     assert decision.filtered_error is None
 
 
@@ -213,9 +219,9 @@ def test_a_camera_is_the_same_one_to_a_thousandth_of_its_numbers_and_half_a_pixe
         (np.outer([1, 0, 0], [0, 0, -1.0]), False), (np.outer([0, 1, 0], [0, 0, 0.85]), False),
     ):  # fmt: skip
         lens = CameraModel(640, 480, tuple((K + change).ravel()))
-        assert (base.other_camera(640, 480, K, lens) == "") is same
+        assert (base.compare_cameras(640, 480, K, lens) == "") is same
         for size in ((641, 480), (640, 479)):
-            assert base.other_camera(*size, K, lens) == (
+            assert base.compare_cameras(*size, K, lens) == (
                 f"{size[0]}x{size[1]}, fx 2000.00; this one is 640x480, fx {lens.K[0]:.2f}"
             )
 

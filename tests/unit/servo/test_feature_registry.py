@@ -14,28 +14,28 @@ from aras_visual_servo_controller.errors import ConfigurationError, MeasurementE
 from aras_visual_servo_controller.features import FEATURES, Feature
 from aras_visual_servo_controller.features.points import Points
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 STEP = 1e-6
 # They model a camera that looks square on, or pixels: test_kernel_scheme, test_features and, for
 # every feature that needs pictures, test_luminance hold them to account.
 ELSEWHERE = {"kernel", "moments"}
 PICTURED = {name for name, feature in FEATURES.items() if Need.IMAGE in feature.needs}
-OF_SEVERAL = {name for name, feature in FEATURES.items() if feature.reads > 1}  # test_rig
+OF_SEVERAL = {name for name, feature in FEATURES.items() if feature.camera_count > 1}  # test_rig
 NAMES = sorted(set(FEATURES) - ELSEWHERE - PICTURED - OF_SEVERAL)
 # The corners of an outline are matched by their turn, which beyond a quarter is ambiguous.
 SEEN = [(name, i) for name in NAMES for i in range(len(VIEWS)) if (name, i) != ("points", 2)]
 
 
 def shown(name, feature, place):
-    return look(Observer(None, feature.needs), place, corners=TARGETS.get(name, CORNERS))
+    return look(FeatureObserver(None, feature.needs), place, corners=TARGETS.get(name, CORNERS))
 
 
 def at_goal(name, place=GOAL):
     feature = FEATURES.create(name)
-    goal = Goal.teach(Composed(feature), shown(name, feature, place))
+    goal = Goal.teach(FeatureScheme(feature), shown(name, feature, place))
     feature.check(goal)
     return feature, goal
 
@@ -117,7 +117,9 @@ def test_vanishing_points_see_no_translation():
 @pytest.mark.parametrize("name", NAMES)
 def test_without_its_target_it_says_so(name):
     feature, goal = at_goal(name)
-    nothing = Observer(None, feature.needs).of_exact(0.0, look(Observer(None), GOAL).camera)
+    nothing = FeatureObserver(None, feature.needs).observe_exact_features(
+        0.0, look(FeatureObserver(None), GOAL).camera
+    )
     with pytest.raises(MeasurementError) as told:
         feature.measure(nothing, goal)
     assert "finite" not in str(told.value)
@@ -126,8 +128,8 @@ def test_without_its_target_it_says_so(name):
 def test_vanishing_points_refuse_a_triangle():
     feature = FEATURES.create("vanishing_points")
     triangle = np.array([[-0.1, -0.1, 0], [0.1, -0.1, 0], [0.0, 0.1, 0]])
-    view = look(Observer(None, feature.needs), GOAL, corners=triangle)
-    goal = Goal.teach(Composed(feature), view)
+    view = look(FeatureObserver(None, feature.needs), GOAL, corners=triangle)
+    goal = Goal.teach(FeatureScheme(feature), view)
     with pytest.raises(ConfigurationError, match="four corners"):
         feature.check(goal)
 
@@ -138,7 +140,7 @@ def test_vanishing_points_may_lie_along_either_side_of_the_picture():
     rectangle = np.array([[-0.1, -0.05, 0], [0.1, -0.05, 0], [0.1, 0.05, 0], [-0.1, 0.05, 0.0]])
     for turn in (np.zeros(6), 0.3 * np.eye(6)[3], 0.3 * np.eye(6)[4]):
         place = moved(np.array([[1.0, 0, 0, 0], [0, 1, 0, 0], [0, 0, 1, 0.7], [0, 0, 0, 1]]), turn)
-        seen = look(Observer(None, feature.needs), place, corners=rectangle)
+        seen = look(FeatureObserver(None, feature.needs), place, corners=rectangle)
         expected = [place[:3, 0], place[:3, 1]]
         found = feature.measure(seen, goal).s.reshape(2, 2)
         np.testing.assert_allclose(
@@ -166,8 +168,8 @@ def test_a_feature_that_knows_no_desired_l_names_the_remedy():
         Own().desired_interaction(Goal(depth=0.2))
     for interaction in ("desired", "mean"):  # before anything moves
         with pytest.raises(ConfigurationError, match="Own has no interaction"):
-            Composed(Own(), interaction=interaction).check(Goal(depth=0.2))
-    Composed(Own()).check(Goal(depth=0.2))
+            FeatureScheme(Own(), interaction=interaction).check(Goal(depth=0.2))
+    FeatureScheme(Own()).check(Goal(depth=0.2))
 
 
 class Broken(Points):

@@ -8,20 +8,25 @@ import pytest
 from free_camera import exponential, pose
 
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y, kernel_features, kernel_of_outline
+from aras_visual_servo_camera.kernel import (
+    DELTA_X,
+    DELTA_Y,
+    compute_kernel_features,
+    compute_outline_kernel_features,
+)
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError, SchemeError
-from aras_visual_servo_controller.features import FEATURES, Feature, Measured, Stack
+from aras_visual_servo_controller.features import FEATURES, Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.features.base import wrap
-from aras_visual_servo_controller.features.moments import displaced
-from aras_visual_servo_controller.features.of_camera import OfCamera
-from aras_visual_servo_controller.features.points import PointFeature, at_plane
+from aras_visual_servo_controller.features.moments import compute_displacement_moments
+from aras_visual_servo_controller.features.points import PointFeature, compute_inverse_depth
+from aras_visual_servo_controller.features.remote_camera_feature import RemoteCameraFeature
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Proportional
-from aras_visual_servo_controller.schemes import Composed, create_scheme
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 
 CAMERA = CameraModel(320, 240, (200.0, 0, 158.3, 0, 201.0, 121.6, 0, 0, 1))
 # A square with a patch that gives it a direction, m.
@@ -41,14 +46,14 @@ def look(needs, camera_T_object, shape=OUTLINE, stamp=0.0, plane=True, observer=
     flat = np.c_[shape, np.zeros(len(shape))]
     seen = flat @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
     known = Plane.from_pose(camera_T_object[:3, :3], camera_T_object[:3, 3]) if plane else None
-    return (observer or Observer(None, needs)).of_exact(
+    return (observer or FeatureObserver(None, needs)).observe_exact_features(
         stamp, CAMERA, contour=seen[:, :2] / seen[:, 2:], plane=known,
         world_T_camera=np.linalg.inv(camera_T_object),
     )  # fmt: skip
 
 
 def taught(feature, shape=OUTLINE, view=GOAL, **options):
-    return Goal.teach(Composed(feature), look(feature.needs, view, shape, **options))
+    return Goal.teach(FeatureScheme(feature), look(feature.needs, view, shape, **options))
 
 
 def dense(shape, parts=12):
@@ -60,16 +65,16 @@ def dense(shape, parts=12):
 @pytest.mark.parametrize("name", ["points", "numbered_points"])
 @pytest.mark.parametrize("extra", [-1, 1, 2])
 def test_corners_that_become_more_or_fewer_are_looked_for_where_the_goals_are(name, extra):
-    """The scheme lost a target that it saw: 9 points are seen, the goal has 8."""
+    """The scheme lost a target that it saw: 9 points are visible, the goal has 8."""
     feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
     wanted = feature.measure(look(feature.needs, VIEWS["near"]), goal)
     seen = look(feature.needs, VIEWS["near"], dense(OUTLINE))
     some = seen.contour[:: len(seen.contour) // (8 + extra)][: 8 + extra]
-    found = feature.measure(replace(seen, corners=some, numbered=False), goal)
+    found = feature.measure(replace(seen, corners=some, is_numbered=False), goal)
     np.testing.assert_allclose(found.error, wanted.error, atol=1e-6)
-    with pytest.raises(MeasurementError, match=f"{8 + extra} points are seen, the goal has 8$"):
+    with pytest.raises(MeasurementError, match=f"{8 + extra} points are visible, the goal has 8$"):
         feature.measure(replace(seen, corners=some, contour=None), goal)
 
 
@@ -111,7 +116,7 @@ def test_moments_know_the_whole_turn_of_a_target_with_a_direction(turn):
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(turn))))
     measured = feature.measure(seen, goal)
     assert measured.error[3] == pytest.approx(np.radians(turn), abs=1e-6)
-    assert measured.up_to == ""
+    assert measured.ambiguity == ""
     for order, count in ((4, 15), (3, 10)):  # the least that tells it, and one less
         m, mu = seen.moments.m_array[:count], seen.moments.mu_array[:count]
         lower = Moments.from_arrays(m, mu, order, seen.moments.kind)
@@ -127,7 +132,7 @@ def test_moments_say_that_half_a_turn_of_a_symmetric_target_stays_open():
     turned = look(feature.needs, pose((0, 0, 0.2), (0, 0, np.radians(170.0))), rectangle)
     measured = feature.measure(turned, goal)
     assert measured.error[3] == pytest.approx(np.radians(-10.0), abs=1e-9)
-    assert measured.up_to == "180°"
+    assert measured.ambiguity == "180°"
 
 
 def test_the_shorter_way_of_a_symmetric_target_goes_through_the_wrap():
@@ -146,18 +151,25 @@ class Moving(Feature):
 
     def measure(self, observation, goal):
         L = np.eye(6)[:2]
-        return Measured(np.ones(2), np.zeros(2), np.ones(2), L, rate=np.array([0.3, -0.1]))
+        return FeatureMeasurement(
+            np.ones(2), np.zeros(2), np.ones(2), L, error_drift=np.array([0.3, -0.1])
+        )
 
 
 def test_the_motion_of_the_target_is_fed_forward():
-    scheme = Composed(Moving(), Proportional(2.0))
+    scheme = FeatureScheme(Moving(), Proportional(2.0))
     decision = scheme.compute(look(frozenset(), GOAL), Goal(), 0.0)
-    np.testing.assert_allclose(decision.task.rate, [-2.0 - 0.3, -2.0 + 0.1])
-    np.testing.assert_allclose(decision.rate, [0.3, -0.1])
+    np.testing.assert_allclose(decision.task.desired_rate, [-2.0 - 0.3, -2.0 + 0.1])
+    np.testing.assert_allclose(decision.error_drift, [0.3, -0.1])
     assert decision.residual is None
-    judged = Composed(Photo()).compute(look(frozenset(), GOAL), Goal(), 0.0)
+    judged = FeatureScheme(Photo()).compute(look(frozenset(), GOAL), Goal(), 0.0)
     np.testing.assert_array_equal(judged.residual, 2.0 * np.ones(6))
-    assert (judged.error, judged.features, judged.desired, judged.rate) == (1.0, 1.0, 0.0, 0.0)
+    assert (judged.error, judged.features, judged.desired, judged.error_drift) == (
+        1.0,
+        1.0,
+        0.0,
+        0.0,
+    )
 
 
 class Tall(Feature):
@@ -172,13 +184,13 @@ class Tall(Feature):
 
     def measure(self, observation, goal):
         e = np.sin(np.arange(float(len(self.L))))
-        return Measured(e, np.zeros_like(e), e, self.L)
+        return FeatureMeasurement(e, np.zeros_like(e), e, self.L)
 
 
 class Told(Proportional):
     """Keeps what the error is as a motion of the camera."""
 
-    def rate(self, error, L, rotated, t, dt):
+    def desired_error_rate(self, error, L, rotated, t, dt):
         self.rotated = rotated
         return -error
 
@@ -197,7 +209,7 @@ def test_the_law_is_told_what_the_error_is_as_a_motion_of_the_camera(count, weig
     error = np.sin(np.arange(float(count)))
     for least in (1.0, 1e-6) if 6 <= count <= 64 else (1.0,):  # its square is 1e-12
         feature.L = feature.L * (1, 1, 1, 1, 1, least)
-        Composed(feature, law).compute(look(frozenset(), GOAL), Goal(), 0.0)
+        FeatureScheme(feature, law).compute(look(frozenset(), GOAL), Goal(), 0.0)
         depths = np.repeat((Goal().distance, 1.0), 3)  # lengths count in depths
         expected = depths * (np.linalg.pinv(W @ feature.L * directions * depths) @ W @ error)
         np.testing.assert_allclose(law.rotated, expected, rtol=1e-6, atol=1e-5)
@@ -205,7 +217,7 @@ def test_the_law_is_told_what_the_error_is_as_a_motion_of_the_camera(count, weig
 
 def test_of_an_l_that_is_none_the_law_is_not_asked():
     feature, law = Tall(np.eye(6)[:4]), Told()
-    scheme = Composed(feature, law)
+    scheme = FeatureScheme(feature, law)
     measured = feature.measure(None, None)
     nan = np.where(np.eye(4, 6, 1) > 0.0, np.nan, 1.0)
     for L in (nan, np.ones((3, 6))):
@@ -221,14 +233,14 @@ def test_of_an_l_that_is_none_the_law_is_not_asked():
 def test_what_no_camera_makes_is_not_smoothed(jump, anew):
     """Of one of two errors, up or down: an angle that wrapped."""
     feature = Tall(np.eye(6)[:2])
-    scheme = Composed(feature, Proportional(1.0), smoothing=0.5)
+    scheme = FeatureScheme(feature, Proportional(1.0), smoothing=0.5)
     first = np.array([0.3, -0.2])
     for stamp, error in ((1.0, first), (1.1, first + jump)):
-        feature.measure = lambda *_, e=error: Measured(e, np.zeros(2), e, feature.L)
+        feature.measure = lambda *_, e=error: FeatureMeasurement(e, np.zeros(2), e, feature.L)
         found = scheme.compute(look(frozenset(), GOAL, stamp=stamp), Goal(), stamp)
     new = 1.0 if anew else 1.0 - np.exp(-0.2)
     np.testing.assert_allclose(found.filtered_error, first + new * np.array(jump))
-    np.testing.assert_allclose(found.task.rate, -found.filtered_error)
+    np.testing.assert_allclose(found.task.desired_rate, -found.filtered_error)
     np.testing.assert_allclose(found.error, first + jump)
     scheme.reset()
     found = scheme.compute(look(frozenset(), GOAL, stamp=1.2), Goal(), 1.2)
@@ -237,7 +249,7 @@ def test_what_no_camera_makes_is_not_smoothed(jump, anew):
 
 def test_the_motion_of_the_target_is_that_of_each_part_of_a_stack():
     found = Stack([Moving(), Moving()]).measure(look(frozenset(), GOAL), Goal())
-    np.testing.assert_allclose(found.rate, [0.3, -0.1, 0.3, -0.1])
+    np.testing.assert_allclose(found.error_drift, [0.3, -0.1, 0.3, -0.1])
 
 
 def test_moments_of_too_low_an_order_are_refused():
@@ -250,7 +262,7 @@ def test_moments_of_too_low_an_order_are_refused():
     goal = replace(taught(feature), moments=low.moments)
     with pytest.raises(ConfigurationError, match=r"^goal: .*Sx, Sy need moments up to order 4"):
         feature.check(goal)
-    with pytest.raises(ConfigurationError, match="^goal holds no moments: teach it anew"):
+    with pytest.raises(ConfigurationError, match="^goal holds no moments: teach it again"):
         feature.check(replace(goal, moments=None))
 
 
@@ -320,9 +332,9 @@ def test_corners_are_matched_whichever_comes_first(turn):
         shifted = np.roll(OUTLINE, shift, axis=0)[::way]
         measured = feature.measure(look(feature.needs, view, shifted), goal)
         np.testing.assert_allclose(measured.s, straight.s, atol=1e-12)
-        assert measured.up_to == ""
+        assert measured.ambiguity == ""
     exact = FEATURES.create("points")
-    exact.ordered = True
+    exact.is_ordered = True
     np.testing.assert_allclose(
         straight.s, exact.measure(look(exact.needs, view), goal).s, atol=1e-12
     )
@@ -337,7 +349,7 @@ def test_a_square_is_followed_corner_by_corner():
         measured = feature.measure(view, goal)
         s, g = (v[::2] + 1j * v[1::2] for v in (measured.s, measured.desired))
         turns.append(np.angle(np.vdot(g, s)))
-        assert measured.up_to == "90°"
+        assert measured.ambiguity == "90°"
     np.testing.assert_allclose(turns, np.radians([0, 30, 60, 90, 120, 95, 60, 25, -15]), atol=1e-9)
 
 
@@ -347,7 +359,7 @@ def test_a_rectangle_far_aside_leaves_half_a_turn_open_and_no_quarter():
         goal = taught(feature, shape, pose((at, 0, 0.2), (0, 0, 0)))
         feature.check(goal)
         seen = look(feature.needs, pose((there, -0.2, 0.2), (0, 0, 0.2)), shape)
-        assert feature.measure(seen, goal).up_to == "180°"
+        assert feature.measure(seen, goal).ambiguity == "180°"
 
 
 @pytest.mark.parametrize("size", [0.1, 1.0, 10.0])
@@ -358,8 +370,8 @@ def test_what_stays_open_does_not_depend_on_how_large_the_target_is_seen(shape, 
     feature = FEATURES.create("points")
     goal = taught(feature, shape, pose((0, 0, 0.2), (0, 0, 0)))
     seen = look(feature.needs, pose((0, 0, 0.2), (0, 0, 0.3)), shape)
-    found = feature.measure(replace(seen, corners=size * seen.corners, numbered=False), goal)
-    assert found.up_to == open_
+    found = feature.measure(replace(seen, corners=size * seen.corners, is_numbered=False), goal)
+    assert found.ambiguity == open_
     np.testing.assert_array_equal(found.s, size * seen.corners.ravel())
 
 
@@ -374,7 +386,7 @@ def test_accuracy_of_corners_goes_through_the_feature(name):
     assert feature.accuracy(view, goal) is None  # exact
     size = 1e-5
     found = feature.accuracy(replace(view, corner_accuracy=size), goal)
-    corners = feature.desired_points(goal)
+    corners = feature.read_desired_points(goal)
     for k in range(corners.size):
         off = np.zeros(corners.size)
         off[k] = size
@@ -412,11 +424,11 @@ def test_a_goal_that_this_camera_has_shown_has_the_errors_of_the_same_view():
             seen = replace(
                 view, corners=np.roll(moved, first, axis=0), corner_accuracy=pixel,
                 corner_spread=np.roll(deviation * pixel * pattern, 2 * first, axis=0),
-                numbered=False,
+                is_numbered=False,
             )  # fmt: skip
             shown = feature.accuracy(seen, goal)
             np.testing.assert_allclose(shown, common * pixel * pattern, rtol=1e-6)
-    own = replace(view, corner_accuracy=pixel, corner_unshared=0.3 * pixel)
+    own = replace(view, corner_accuracy=pixel, corner_repeatability=0.3 * pixel)
     np.testing.assert_allclose(feature.accuracy(own, goal), 0.3 * pixel * np.eye(8), rtol=1e-6)
 
 
@@ -430,7 +442,7 @@ def test_accuracy_of_moments_is_that_of_the_outline(name):
     assert feature.accuracy(view, goal) is None
     found = feature.accuracy(replace(view, pixel_count=900), goal)
     assert found.shape == (len(feature.names), 9)
-    wider = goal.outline()
+    wider = goal.compute_outline()
     middle, d = wider.mean(axis=0), 0.03 / 30.0 / view.camera.K[0]
     area = goal.moments.m00
     length = np.linalg.norm(wider - np.roll(wider, -1, axis=0), axis=1).sum()
@@ -501,7 +513,7 @@ def test_accuracy_of_moments_is_what_the_waves_of_an_outline_make_of_each(shape)
         return np.array([an * xg, an * yg, an, 0.5 * np.arctan2(2.0 * mu11, mu20 - mu02)])
 
     slopes = [(values(raw + 1e-6 * d) - values(raw - 1e-6 * d)) / 2e-6
-              for d in displaced(goal.outline(), 2)]  # fmt: skip
+              for d in compute_displacement_moments(goal.compute_outline(), 2)]  # fmt: skip
     expected = 0.03 / 25.0 / view.camera.K[0] * np.transpose(slopes)
     found = feature.accuracy(view, goal)
     scale = np.abs(expected).max(axis=1, keepdims=True)
@@ -512,7 +524,7 @@ def test_what_an_outline_gains_where_it_is_displaced_by_waves():
     """Against moments of the displaced outline itself, of many sides."""
     t = np.linspace(0.0, 2.0 * np.pi, 1200, endpoint=False)
     outline = np.column_stack([0.2 + 0.09 * np.cos(t), -0.1 + 0.05 * np.sin(t + 0.4)])
-    found = displaced(outline[::40], 3)  # of 30 sides
+    found = compute_displacement_moments(outline[::40], 3)  # of 30 sides
     ahead = np.roll(outline, -1, axis=0) - np.roll(outline, 1, axis=0)
     outward = np.column_stack([ahead[:, 1], -ahead[:, 0]])
     outward /= np.linalg.norm(outward, axis=1)[:, None]
@@ -538,7 +550,7 @@ def test_what_an_outline_of_few_unequal_sides_gains():
     waves = [np.ones_like(phi), *(f(m * phi) for m in range(1, 5) for f in (np.cos, np.sin))]
     expected = np.einsum("hsn,isn,jsn->hij", waves * length, [x**i for i in powers],
                          [y**j for j in powers])  # fmt: skip
-    off = np.abs(displaced(outline, 3) - expected).max()
+    off = np.abs(compute_displacement_moments(outline, 3) - expected).max()
     assert off < 1e-3 * np.abs(expected).max()
 
 
@@ -554,7 +566,7 @@ def test_corners_of_any_polygon_are_matched_whichever_way_round_they_are_found(c
         for way in (1, -1):
             feature.reset()
             found = replace(expected, corners=np.roll(expected.corners, 2, axis=0)[::way],
-                            numbered=False)  # fmt: skip
+                            is_numbered=False)  # fmt: skip
             np.testing.assert_array_equal(feature.measure(found, goal).s, expected.corners.ravel())
 
 
@@ -567,19 +579,19 @@ def test_a_point_of_a_goal_that_is_not_finite_is_refused():
     # those on one line turn neither way round
     line = np.array([[-0.1, 0.0], [0.02, 0.0], [0.1, 0.0], [0.16, 0.0]])
     goal = replace(goal, features={"points": {"points": line}})
-    seen = replace(look(feature.needs, GOAL, SQUARE), corners=line + 0.01, numbered=False)
+    seen = replace(look(feature.needs, GOAL, SQUARE), corners=line + 0.01, is_numbered=False)
     np.testing.assert_allclose(feature.measure(seen, goal).error, 0.01)
 
 
 @pytest.mark.parametrize("ratio", [(1.0, 1.0, 1.0), (1.0, 0.0, 1.0, 1.0), (1.0, -1.0, 1.0, 1.0)])
 def test_a_ratio_is_a_number_above_0_for_each_feature(ratio):
     with pytest.raises(ConfigurationError, match="one number above 0 for each of xn, yn"):
-        Composed(FEATURES.create("moments"), ratio=ratio)
+        FeatureScheme(FEATURES.create("moments"), ratio=ratio)
     feature, rates = FEATURES.create("moments"), []
     for ratio in (None, (1.0, 0.5, 1e-3, 7.0)):
-        scheme = Composed(feature, Proportional(0.8), ratio=ratio)
+        scheme = FeatureScheme(feature, Proportional(0.8), ratio=ratio)
         seen = look(feature.needs, VIEWS["near"])
-        rates.append(scheme.compute(seen, taught(feature), 0.0).task.rate)
+        rates.append(scheme.compute(seen, taught(feature), 0.0).task.desired_rate)
     np.testing.assert_allclose(rates[1], rates[0] * ratio, rtol=1e-12)
 
 
@@ -600,11 +612,11 @@ def test_the_plane_is_that_of_goal_and_kinematics(name):
     feature = FEATURES.create(name)
     goal = taught(feature)
     feature.check(goal)
-    observer = Observer(None, feature.needs, plane_from=goal.plane_from)
+    observer = FeatureObserver(None, feature.needs, compute_plane=goal.compute_plane)
     known = look(feature.needs, TILTED)
     found = look(feature.needs, TILTED, plane=False, observer=observer)
     np.testing.assert_allclose(found.plane, known.plane, rtol=1e-9)
-    assert not found.plane_measured
+    assert not found.is_plane_measured
     np.testing.assert_allclose(
         feature.measure(found, goal).L, feature.measure(known, goal).L, rtol=1e-7, atol=1e-9
     )
@@ -613,11 +625,11 @@ def test_the_plane_is_that_of_goal_and_kinematics(name):
 def test_the_plane_is_known_from_both_its_sides_and_not_in_it():
     goal = Goal(plane=Plane(0.0, 0.0, 5.0), world_T_camera=np.eye(4))
     for depth in (0.19, 0.21):
-        seen = goal.plane_from(pose((0.0, 0.0, depth), (0.1, 0, 0)))
+        seen = goal.compute_plane(pose((0.0, 0.0, depth), (0.1, 0, 0)))
         np.testing.assert_allclose(seen, np.array([0.0, np.sin(0.1), np.cos(0.1)]) / (0.2 - depth))
-    assert goal.plane_from(pose((0.1, 0.3, 0.2), (0.1, 0, 0))) is None
-    assert replace(goal, plane=None).plane_from(np.eye(4)) is None
-    assert replace(goal, world_T_camera=None).plane_from(np.eye(4)) is None
+    assert goal.compute_plane(pose((0.1, 0.3, 0.2), (0.1, 0, 0))) is None
+    assert replace(goal, plane=None).compute_plane(np.eye(4)) is None
+    assert replace(goal, world_T_camera=None).compute_plane(np.eye(4)) is None
 
 
 @pytest.mark.parametrize("name", ["points", "lines"])
@@ -627,7 +639,7 @@ def test_a_plane_behind_the_camera_is_refused_where_points_are_to_lie_in_it(name
     with pytest.raises(MeasurementError, match="behind the camera"):
         feature.measure(replace(look(feature.needs, GOAL), plane=Plane(0.0, 0.0, -5.0)), goal)
     with pytest.raises(MeasurementError, match="behind the camera"):  # infinitely far away
-        at_plane(Plane(2.0, 0.0, 1.0), np.array([[0.3, 0.1], [-0.5, 0.1]]))
+        compute_inverse_depth(Plane(2.0, 0.0, 1.0), np.array([[0.3, 0.1], [-0.5, 0.1]]))
 
 
 def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
@@ -635,10 +647,10 @@ def test_moments_take_the_depth_from_the_area_where_no_plane_is_measured():
     feature = FEATURES.create("moments")
     goal = taught(feature)
     seen = look(feature.needs, TILTED)
-    assert seen.plane_measured
-    by_area = feature.measure(replace(seen, plane=None, plane_measured=False), goal).L
+    assert seen.is_plane_measured
+    by_area = feature.measure(replace(seen, plane=None, is_plane_measured=False), goal).L
     for plane, measured in ((Plane(0.0, 0.0, -5.0), True), (Plane(0.1, 0.2, 9.0), False)):
-        told = replace(seen, plane=plane, plane_measured=measured)
+        told = replace(seen, plane=plane, is_plane_measured=measured)
         np.testing.assert_array_equal(feature.measure(told, goal).L, by_area)
     assert not np.allclose(feature.measure(seen, goal).L, by_area)
 
@@ -667,7 +679,7 @@ def test_the_depth_of_the_area_is_the_goals_own_at_the_goal(posed):
 def test_without_a_plane_nothing_of_points_is_measured(name):
     feature = FEATURES.create(name)
     goal = taught(feature)
-    with pytest.raises(MeasurementError, match="nothing tells the target's plane"):
+    with pytest.raises(MeasurementError, match="the target's plane is not known"):
         feature.measure(look(feature.needs, TILTED, plane=False), goal)
 
 
@@ -677,7 +689,9 @@ def seen_with_depth(depth, needs=frozenset((Need.CORNERS, Need.DEPTH)), **option
     pixels = np.column_stack(CAMERA.project(*dense(known.contour).T))
     image = np.full((240, 320), 255, np.uint8)
     cv2.fillPoly(image, [np.round(pixels).astype(np.int32)], 0)
-    return Observer(None, needs, **options).of_image(0.0, image, CAMERA, depth=depth), known
+    return FeatureObserver(None, needs, **options).observe_image(
+        0.0, image, CAMERA, depth=depth
+    ), known
 
 
 def test_the_plane_is_that_of_the_depth_image_where_it_is_asked_for():
@@ -690,7 +704,9 @@ def test_the_plane_is_that_of_the_depth_image_where_it_is_asked_for():
     for needs in ((Need.CORNERS,), (Need.MOMENTS,), (Need.CONTOUR, Need.MOMENTS)):
         # The goal's plane would be wrong: it is nearer, and the camera's pose is not known.
         seen, known = seen_with_depth(
-            depth_image(TILTED, target), frozenset((*needs, Need.DEPTH)), plane_from=goal.plane_from
+            depth_image(TILTED, target),
+            frozenset((*needs, Need.DEPTH)),
+            compute_plane=goal.compute_plane,
         )
         assert seen.valid, seen.reason
         np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
@@ -705,14 +721,14 @@ def test_pixels_without_depth_do_not_count():
     np.testing.assert_allclose(seen.plane, known.plane, rtol=1e-4, atol=1e-4)
     feature = FEATURES.create("points")
     seen, _ = seen_with_depth(np.full((240, 320), np.inf, np.float32))
-    with pytest.raises(MeasurementError, match="the depth image knows no depth at the target"):
+    with pytest.raises(MeasurementError, match="the depth image has no depth at the target"):
         feature.measure(replace(seen, world_T_camera=np.eye(4)), taught(feature))
 
 
 def test_points_that_do_not_fit_the_goal_are_refused():
     feature = FEATURES.create("points")
     goal = taught(feature)
-    with pytest.raises(MeasurementError, match="4 points are seen, the goal has 8"):
+    with pytest.raises(MeasurementError, match="4 points are visible, the goal has 8"):
         feature.measure(look(feature.needs, GOAL, SQUARE), goal)
     with pytest.raises(ConfigurationError, match="no points of the feature 'points'"):
         feature.check(Goal(depth=0.2))
@@ -766,7 +782,7 @@ def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="goal does not say the target's depth"):
+    with pytest.raises(ConfigurationError, match="goal contains no depth of the target"):
         feature.check(replace(goal, depth=None, plane=None))
     nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":
@@ -793,7 +809,7 @@ def test_a_users_points_that_are_not_finite_are_refused():
 def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     parts = [FEATURES.create("moments"), FEATURES.create("points")]
     stack = Stack(parts, [2.0, 0.5])
-    scheme = Composed(stack)
+    scheme = FeatureScheme(stack)
     goal = Goal.teach(scheme, look(stack.needs, GOAL))
     scheme.check(goal)
     view = look(stack.needs, VIEWS["near"])
@@ -809,9 +825,9 @@ def test_a_stack_has_the_parts_one_under_the_other_with_their_weights():
     assert len(scheme.tolerances) == len(scheme.names) == 20
     assert stack.needs == {Need.MOMENTS, Need.CORNERS}
     assert stack.directions == (True,) * 6
-    parts[1]._turn = 1.0
+    parts[1]._match_rotation = 1.0
     stack.reset()
-    assert parts[1]._turn == 0.0
+    assert parts[1]._match_rotation == 0.0
     decision = scheme.compute(view, goal, 0.0)
     # weighted least squares: the same as rows scaled by the weights
     W = np.diag(stack.weights)
@@ -825,10 +841,10 @@ def test_a_part_that_sees_the_whole_turn_is_enough():
     scheme = create_scheme("moments+points")
     goal = Goal.teach(scheme, look(scheme.needs, GOAL, rectangle))
     scheme.check(goal)
-    assert scheme.compute(look(scheme.needs, GOAL, rectangle), goal, 0.0).up_to == "180°"
+    assert scheme.compute(look(scheme.needs, GOAL, rectangle), goal, 0.0).ambiguity == "180°"
     with_direction = Goal.teach(scheme, look(scheme.needs, GOAL))
     scheme.check(with_direction)
-    assert scheme.compute(look(scheme.needs, GOAL), with_direction, 0.0).up_to == ""
+    assert scheme.compute(look(scheme.needs, GOAL), with_direction, 0.0).ambiguity == ""
 
 
 @pytest.mark.parametrize("weights", [[1.0], [1.0, -1.0], [1.0, np.nan], [0, 0]])
@@ -844,20 +860,24 @@ class Photo(Feature):
 
     def measure(self, observation, goal):
         s = 3.0 * np.ones(6)
-        return Measured(s, s / 3.0, s / 1.5, np.eye(6), rate=0.1, judged=np.ones(1))
+        return FeatureMeasurement(
+            s, s / 3.0, s / 1.5, np.eye(6), error_drift=0.1, error_summary=np.ones(1)
+        )
 
 
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
-    words = "luminance@left is judged by other numbers than those the law gets"
+    words = "luminance@left has other published errors than those the law gets"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
         with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
             Stack([FEATURES.create(name) for name in parts])
         assert "\n" not in str(told.value)
     with pytest.raises(ConfigurationError, match=words):
-        Stack([OfCamera(FEATURES.create("luminance"), "left"), FEATURES.create("points")])
+        Stack(
+            [RemoteCameraFeature(FEATURES.create("luminance"), "left"), FEATURES.create("points")]
+        )
     assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
     stack = Stack([Photo(), FEATURES.create("points")])
-    with pytest.raises(ConfigurationError, match="Photo is judged by other numbers"):
+    with pytest.raises(ConfigurationError, match="Photo has other published errors"):
         stack.measure(look(stack.needs, GOAL), taught(stack))
 
 
@@ -868,8 +888,10 @@ def kernel_view(camera, camera_T_object, stamp=0.0):
     flat = np.c_[OUTLINE, np.zeros(len(OUTLINE))]
     seen = flat @ camera_T_object[:3, :3].T + camera_T_object[:3, 3]
     outline = seen[:, :2] / seen[:, 2:]
-    numbers = kernel_of_outline(outline, camera.pinhole, camera.width, camera.height).layout()
-    return Observer(None, frozenset((Need.KERNEL,))).of_moments(
+    numbers = compute_outline_kernel_features(
+        outline, camera.pinhole, camera.width, camera.height
+    ).to_message_data()
+    return FeatureObserver(None, frozenset((Need.KERNEL,))).observe_moments(
         stamp, None, True, "", camera, kernel=numbers
     )
 
@@ -954,7 +976,7 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
     off = (turned.kernel - view.kernel)[16:]
     expected = [*(off[:3] / view.kernel[16:19]), off[3]]  # the angle's is not of a part
     np.testing.assert_allclose(found.error, expected)
-    assert found.up_to == "180°"
+    assert found.ambiguity == "180°"
     accuracy = feature.accuracy(turned, goal)
     np.testing.assert_array_equal(accuracy, np.diag((0.01, 0.01, 0.02, 0.04)))
     flat = np.r_[np.zeros(16), view.kernel[16:]]
@@ -972,4 +994,4 @@ def test_kernel_features_refuse_another_camera_a_dirty_ground_and_emptiness():
             feature.measure(replace(view, **change), goal)
     with pytest.raises(ConfigurationError, match="no kernel features"):
         feature.check(Goal(depth=0.2))
-    assert kernel_features(np.ones((240, 320), np.uint8)).values[2] > 0.0
+    assert compute_kernel_features(np.ones((240, 320), np.uint8)).values[2] > 0.0

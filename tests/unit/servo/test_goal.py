@@ -10,23 +10,23 @@ import yaml
 from loop_rig import CAMERA, CONFIG, the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import pose_difference, to_xyz_rpy, transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, pose_difference, xyz_rpy_from_matrix
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.kernel import kernel_of_outline
+from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 from aras_visual_servo_camera.moments import Moments, Pinhole
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.goals.goal_file import GoalKernel
-from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observer import Observer
-from aras_visual_servo_controller.seeing.target_geometry import (
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.target_geometry import (
     TargetGeometry,
     convex_hull,
-    star_union,
+    unite_star_shapes,
 )
+from aras_visual_servo_controller.schemes import create_scheme
 
 
 def mapping(**changes):
@@ -45,7 +45,7 @@ def test_the_shipped_goals_are_what_an_exact_camera_sees(year):
     assert goal.moments.order == 6
     assert not (goal.kernel.K.flags.writeable or goal.kernel.features.flags.writeable)  # shared
     fitted = goal.for_arm(the_arm())
-    again = fitted.seen_from(fitted.world_T_camera)
+    again = fitted.predict_from_pose(fitted.world_T_camera)
     np.testing.assert_allclose(again.moments.m_array, goal.moments.m_array, rtol=1e-6, atol=1e-12)
     assert again.depth == pytest.approx(goal.depth, rel=1e-6)
     np.testing.assert_allclose(again.plane, goal.plane, atol=1e-6)
@@ -56,10 +56,10 @@ def taught():
     scheme = create_scheme("points+moments")
     goal = the_goal("2016")
     names = the_arm().names
-    joints = JointSample.of(1.0, names, goal.joint_values(names) + 0.01)
-    observer = Observer(the_arm(), scheme.needs)
-    outline = goal.target.outline(the_arm().pose(joints.positions))
-    seen = observer.of_exact(1.0, CAMERA, joints, contour=outline)
+    joints = JointSample.from_values(1.0, names, goal.get_joints(names) + 0.01)
+    observer = FeatureObserver(the_arm(), scheme.needs)
+    outline = goal.target.compute_outline(the_arm().pose(joints.positions))
+    seen = observer.observe_exact_features(1.0, CAMERA, joints, contour=outline)
     return scheme, seen, Goal.teach(scheme, seen, "mine", depth=0.2, target=goal.target)
 
 
@@ -81,22 +81,26 @@ def test_what_was_seen_is_what_is_taught_and_survives_a_file():
 def test_every_number_of_a_goal_is_in_its_file():
     """All of them unlike each other."""
     K = (301.5, 0.25, 160.5, 0.0, 202.5, 121.5, 0.0, 0.0, 1.0)
-    other = Goal("goal: cameras.right", depth=0.7, plane=Plane(0.1, -0.2, 1.5), seen_by="right",
-                 world_T_camera=transform((0.4, 0.5, -0.6), (0.1, 0.2, 0.3)))  # fmt: skip
+    other = Goal("goal: cameras.right", depth=0.7, plane=Plane(0.1, -0.2, 1.5), camera_name="right",
+                 world_T_camera=matrix_from_xyz_rpy((0.4, 0.5, -0.6), (0.1, 0.2, 0.3)))  # fmt: skip
     goal = Goal(
-        "goal", {"a": 0.1, "b": -0.2}, transform((0.1, -0.2, 0.3), (0.4, 0.5, -0.6)), 0.8,
+        "goal", {"a": 0.1, "b": -0.2}, matrix_from_xyz_rpy((0.1, -0.2, 0.3), (0.4, 0.5, -0.6)), 0.8,
         Plane(0.2, 0.3, 1.25), Moments.from_polygon(np.array([[0.0, 0], [2, 0], [1, 3]]) / 9, 5),
         GoalKernel(320, 240, np.reshape(K, (3, 3)), np.array([1.5, 2.5, 3.5, -0.4])),
         replace(CAMERA, K=(30.5, 0, 31.5, 0, 40.5, 23.5, 0, 0, 1), D=(0.1, -0.2, 0.01, 0.02)),
         {"own": {"text": "x", "points": [[1.0, 2.0]], "n": 3}},
-        TargetGeometry.checked(BOX.copy(), 0.001, 0.012),
-        transform((0.7, 0.8, 0.9), (-0.1, -0.2, -0.3)), "left", {"right": other},
+        TargetGeometry.from_values(BOX.copy(), 0.001, 0.012),
+        matrix_from_xyz_rpy((0.7, 0.8, 0.9), (-0.1, -0.2, -0.3)), "left", {"right": other},
     )  # fmt: skip
     text = goal.to_yaml()
     assert text.startswith("joints:")
     back = Goal.from_mapping(yaml.safe_load(text))
-    for made, kept in ((goal, back), (other, back.others["right"])):
-        assert (kept.name, kept.seen_by, kept.joints) == (made.name, made.seen_by, made.joints)
+    for made, kept in ((goal, back), (other, back.other_cameras["right"])):
+        assert (kept.name, kept.camera_name, kept.joints) == (
+            made.name,
+            made.camera_name,
+            made.joints,
+        )
         assert (kept.depth, kept.plane, kept.camera) == (made.depth, made.plane, made.camera)
         assert kept.features == made.features
         np.testing.assert_allclose(kept.world_T_camera, made.world_T_camera, atol=1e-12)
@@ -113,15 +117,20 @@ def test_every_number_of_a_goal_is_in_its_file():
     nothing = Goal.from_mapping({})
     assert Goal().to_yaml("two\nlines") == "# two\n# lines\n{}\n"
     for made in (nothing, Goal()):
-        assert (made.name, made.seen_by, made.joints, made.features) == ("goal", "camera", {}, {})
-        assert made.others == {} and list(made.cameras) == ["camera"]
+        assert (made.name, made.camera_name, made.joints, made.features) == (
+            "goal",
+            "camera",
+            {},
+            {},
+        )
+        assert made.other_cameras == {} and list(made.cameras) == ["camera"]
         rest = ("world_T_camera", "depth", "plane", "moments", "kernel", "camera", "target")
         assert all(getattr(made, name) is None for name in (*rest, "mounting"))
 
 
 def test_teaching_what_is_not_seen_or_at_no_depth():
     scheme, seen, _ = taught()
-    with pytest.raises(ConfigurationError, match="not seen: gone"):
+    with pytest.raises(ConfigurationError, match="not detected: gone"):
         Goal.teach(scheme, replace(seen, valid=False, reason="gone"), depth=0.2)
     with pytest.raises(ConfigurationError, match="give the depth"):
         Goal.teach(scheme, seen)
@@ -145,8 +154,8 @@ WRONG = {
     "plane 0": ({"plane": [0.0, 0.0, 0.0]}, "plane ends with 0, which must be 1/Z"),
     "plane behind": ({"plane": [0.0, 0.0, -5.0]}, "plane ends with -5"),
     "plane in mm": ({"plane": [0.0, 0.0, 0.0052]}, "plane ends with 0.0052"),
-    "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks along it"),
-    "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks along it"),
+    "plane aslant": ({"plane": [0.0, 101.0, 5.0]}, "the camera looks parallel to it"),
+    "plane huge": ({"plane": [1e300, 0.0, 5.0]}, "the camera looks parallel to it"),
     "depth nan": ({"depth": float("nan")}, "depth is nan, must be"),
     "joint": ({"joints": {"J1": True}}, "joints.J1 is True, must be"),
     "joints list": ({"joints": [1, 2]}, "joints is .* must be keys with values"),
@@ -192,9 +201,9 @@ def test_what_is_no_goal(tmp_path, content):
 
 
 def test_a_file_that_never_ends_is_refused(tmp_path):
-    with pytest.raises(ConfigurationError, match="no ordinary file"):
+    with pytest.raises(ConfigurationError, match="not a regular file"):
         Goal.load("/dev/zero")
-    with pytest.raises(ConfigurationError, match="no ordinary file"):
+    with pytest.raises(ConfigurationError, match="not a regular file"):
         Goal.load(tmp_path)
     os.mkfifo(tmp_path / "fifo")
     done = []
@@ -226,65 +235,72 @@ def test_a_goal_for_a_camera_mounted_elsewhere():
     goal = Goal.load(CONFIG / "goal_2016.yaml")
     moved = goal.for_arm(arm)
     assert "camera moved" in moved.name
-    pose = arm.pose(goal.joint_values(arm.names))
+    pose = arm.pose(goal.get_joints(arm.names))
     np.testing.assert_allclose(moved.world_T_camera, pose)
     assert pose_difference(pose, goal.world_T_camera)[0] > 0.02
-    exact = goal.target.outline(pose)
+    exact = goal.target.compute_outline(pose)
     np.testing.assert_allclose(moved.moments.m_array, Moments.from_polygon(exact, 6).m_array)
-    there, back = moved.kernel.features, moved.seen_from(goal.world_T_camera).kernel.features
+    there, back = (
+        moved.kernel.features,
+        moved.predict_from_pose(goal.world_T_camera).kernel.features,
+    )
     assert np.abs(there / goal.kernel.features - 1.0).max() > 0.05
     np.testing.assert_allclose(back, goal.kernel.features, rtol=1e-3)
     short = replace(goal.kernel, width=300, height=110)  # a picture that cuts some of it off
-    cut = replace(goal, kernel=short).seen_from(goal.world_T_camera).kernel
-    whole = goal.target.outline(goal.world_T_camera)
-    seen = kernel_of_outline(whole, Pinhole.from_K(short.K), 300, 110).values
+    cut = replace(goal, kernel=short).predict_from_pose(goal.world_T_camera).kernel
+    whole = goal.target.compute_outline(goal.world_T_camera)
+    seen = compute_outline_kernel_features(whole, Pinhole.from_K(short.K), 300, 110).values
     np.testing.assert_array_equal(cut.features, seen)
     assert seen[2] < 0.95 * goal.kernel.features[2] and (cut.width, cut.height) == (300, 110)
     # what was taught is of the view it was taught from
     taught = replace(goal, mounting=np.eye(4), features={"points": {}}).for_arm(arm)
     assert taught.mounting is None and not taught.features
-    with pytest.raises(ConfigurationError, match="camera elsewhere.*teach it anew"):
+    with pytest.raises(ConfigurationError, match="another mounting.*teach the goal again"):
         replace(goal, target=None).for_arm(arm)
 
 
 def test_a_pose_that_is_the_joints_to_a_rounding_is_exactly_theirs():
     goal = the_goal("2016")
-    near = goal.world_T_camera @ transform((5e-5, -3e-5, 2e-5), (2e-4, -1e-4, 0.0))
+    near = goal.world_T_camera @ matrix_from_xyz_rpy((5e-5, -3e-5, 2e-5), (2e-4, -1e-4, 0.0))
     for known in (near, None):
         again = replace(goal, world_T_camera=known, target=None).for_arm(the_arm())
         np.testing.assert_array_equal(again.world_T_camera, goal.world_T_camera)
     for off, turn in ((1.2e-4, 0.0), (0.0, 1.2e-3)):  # more than a tenth of a millimetre, a mrad
-        moved = goal.world_T_camera @ transform((off, 0.0, 0.0), (0.0, turn, 0.0))
-        with pytest.raises(ConfigurationError, match="camera elsewhere"):
+        moved = goal.world_T_camera @ matrix_from_xyz_rpy((off, 0.0, 0.0), (0.0, turn, 0.0))
+        with pytest.raises(ConfigurationError, match="another mounting"):
             replace(goal, world_T_camera=moved, target=None).for_arm(the_arm())
 
 
 def test_the_posture_of_a_goal_is_its_joints_or_found_for_its_pose():
     arm, goal = the_arm(), the_goal("2016")
-    q = goal.joint_values(arm.names)
-    np.testing.assert_array_equal(goal.posture(arm), q)
+    q = goal.get_joints(arm.names)
+    np.testing.assert_array_equal(goal.find_posture(arm), q)
     by_pose = replace(goal, joints={})
-    found = by_pose.posture(arm)
+    found = by_pose.find_posture(arm)
     np.testing.assert_allclose(arm.pose(found), goal.world_T_camera, atol=3e-3)
-    away = transform((9.0, 0.0, 0.0), (0.0, 0.0, 0.0))
-    assert replace(by_pose, world_T_camera=away).posture(arm) is None
-    assert replace(by_pose, world_T_camera=None).posture(arm) is None
-    assert goal.beyond(arm) == by_pose.beyond(arm) == ""
-    assert replace(by_pose, world_T_camera=away, name="mine").beyond(arm).startswith("mine: ")
+    away = matrix_from_xyz_rpy((9.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    assert replace(by_pose, world_T_camera=away).find_posture(arm) is None
+    assert replace(by_pose, world_T_camera=None).find_posture(arm) is None
+    assert goal.find_unreachable_reason(arm) == by_pose.find_unreachable_reason(arm) == ""
+    assert (
+        replace(by_pose, world_T_camera=away, name="mine")
+        .find_unreachable_reason(arm)
+        .startswith("mine: ")
+    )
     for told in (replace(goal, world_T_camera=away), replace(by_pose, world_T_camera=None)):
-        assert told.beyond(arm) == ""
+        assert told.find_unreachable_reason(arm) == ""
 
 
 def test_the_posture_is_looked_for_from_zero_to_two_millimetres():
     class Arm:
         names, asked = ("a", "b"), []
 
-        def inverse(self, *given):
+        def inverse_kinematics(self, *given):
             self.asked.append(given)
             return np.array([0.1, 0.2])
 
-    goal, arm = Goal(world_T_camera=transform((0.1, 0.2, 0.3), (0, 0, 0))), Arm()
-    assert goal.posture(arm).tolist() == [0.1, 0.2] and goal.beyond(arm) == ""
+    goal, arm = Goal(world_T_camera=matrix_from_xyz_rpy((0.1, 0.2, 0.3), (0, 0, 0))), Arm()
+    assert goal.find_posture(arm).tolist() == [0.1, 0.2] and goal.find_unreachable_reason(arm) == ""
     for pose, near, reach in arm.asked:
         assert pose is goal.world_T_camera and near.tolist() == [0.0, 0.0] and reach == 2e-3
 
@@ -295,15 +311,15 @@ def test_goals_that_do_not_fit_the_arm():
         replace(goal, joints={k: v for k, v in goal.joints.items() if k != "J6"}).for_arm(the_arm())
     with pytest.raises(ConfigurationError, match="J2 at 9.0000, outside its limits"):
         replace(goal, joints={**goal.joints, "J2": 9.0}).for_arm(the_arm())
-    level = transform((0, 0, 1.0), (np.pi / 2, 0, 0))
-    with pytest.raises(ConfigurationError, match="along the table"):
-        Goal(world_T_camera=level, depth=0.2).level_plane()
-    with pytest.raises(ConfigurationError, match="does not say what the target's geometry"):
-        Goal().seen_from(np.eye(4))
-    with pytest.raises(ConfigurationError, match="not visible from there"):
-        goal.seen_from(transform((0, 0, 1.0), (0, 0, 0)))  # looks up
-    with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounted"):
-        goal.seen_from(transform((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
+    level = matrix_from_xyz_rpy((0, 0, 1.0), (np.pi / 2, 0, 0))
+    with pytest.raises(ConfigurationError, match="parallel to the table"):
+        Goal(world_T_camera=level, depth=0.2).make_level_plane()
+    with pytest.raises(ConfigurationError, match="does not contain the target's geometry"):
+        Goal().predict_from_pose(np.eye(4))
+    with pytest.raises(ConfigurationError, match="not visible from this pose"):
+        goal.predict_from_pose(matrix_from_xyz_rpy((0, 0, 1.0), (0, 0, 0)))  # looks up
+    with pytest.raises(ConfigurationError, match="not visible .*there is no target.*mounting"):
+        goal.predict_from_pose(matrix_from_xyz_rpy((3.0, 0, 0), (0, 0, 0)) @ goal.world_T_camera)
 
 
 @pytest.mark.parametrize("seed", range(5))
@@ -312,34 +328,34 @@ def test_poses_are_written_and_read(seed):
     xyz, rpy = random.uniform(-1, 1, 3), random.uniform(-1.5, 1.5, 3)
     if seed == 0:
         rpy[1] = np.pi / 2
-    a_T_b = transform(xyz, rpy)
-    np.testing.assert_allclose(transform(*to_xyz_rpy(a_T_b)), a_T_b, atol=1e-9)
+    a_T_b = matrix_from_xyz_rpy(xyz, rpy)
+    np.testing.assert_allclose(matrix_from_xyz_rpy(*xyz_rpy_from_matrix(a_T_b)), a_T_b, atol=1e-9)
 
 
 def test_targets_geometry():
     box = TargetGeometry.from_mapping({"boxes": [[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]]})
     assert box.surface == 0.01
-    above = transform((0.0, 0.0, 1.01), (np.pi, 0.0, 0.0))
-    assert box.depth(above) == pytest.approx(1.0)
-    np.testing.assert_allclose(box.plane(above), (0.0, 0.0, 1.0), atol=1e-12)
-    outline = box.outline(above)
+    above = matrix_from_xyz_rpy((0.0, 0.0, 1.01), (np.pi, 0.0, 0.0))
+    assert box.compute_depth(above) == pytest.approx(1.0)
+    np.testing.assert_allclose(box.compute_plane(above), (0.0, 0.0, 1.0), atol=1e-12)
+    outline = box.compute_outline(above)
     assert np.abs(outline).max(axis=0) == pytest.approx([0.1, 0.05], rel=1e-9)
     again = TargetGeometry.from_mapping(yaml.safe_load(yaml.safe_dump(box.to_mapping())))
     assert again.to_mapping() == box.to_mapping() and again.ground == -np.inf
     with pytest.raises(ServoError, match="behind the camera"):
-        box.outline(transform((0.0, 0.0, -1.0), (np.pi, 0.0, 0.0)))
+        box.compute_outline(matrix_from_xyz_rpy((0.0, 0.0, -1.0), (np.pi, 0.0, 0.0)))
     with pytest.raises(ServoError, match="behind the camera"):  # half of it
-        box.outline(transform((0.0, 0.0, 0.2), (0.5 * np.pi, 0.0, 0.0)))
+        box.compute_outline(matrix_from_xyz_rpy((0.0, 0.0, 0.2), (0.5 * np.pi, 0.0, 0.0)))
     with pytest.raises(ServoError, match="behind the camera"):  # its bottom in the camera's centre
-        box.outline(np.eye(4))
+        box.compute_outline(np.eye(4))
     with pytest.raises(ServoError, match="does not look"):
-        box.depth(transform((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
+        box.compute_depth(matrix_from_xyz_rpy((0.0, 0.0, 1.0), (0.0, 0.0, 0.0)))
     apart = {"boxes": [[[0, 0, 0], [0.1, 0.1, 0.01]], [[0.5, 0.5, 0], [0.6, 0.6, 0.01]]]}
     with pytest.raises(ServoError, match="do not overlap"):
-        TargetGeometry.from_mapping(apart).outline(above)
+        TargetGeometry.from_mapping(apart).compute_outline(above)
     for shape in ((1, 3, 3), (2, 3), (3, 2, 3), (0, 2, 3)):
         with pytest.raises(ConfigurationError, match="one or two pairs of corners"):
-            TargetGeometry.checked(np.zeros(shape), 0.0, 0.0)
+            TargetGeometry.from_values(np.zeros(shape), 0.0, 0.0)
 
 
 @pytest.mark.parametrize("data", [
@@ -354,7 +370,9 @@ def test_a_targets_geometry_with_other_keys_is_refused(data):
 
 def test_the_outline_to_be_seen_is_the_targets_where_its_geometry_is_known():
     goal = the_goal("2016").for_arm(the_arm())
-    np.testing.assert_array_equal(goal.outline(), goal.target.outline(goal.world_T_camera))
+    np.testing.assert_array_equal(
+        goal.compute_outline(), goal.target.compute_outline(goal.world_T_camera)
+    )
 
 
 def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them():
@@ -362,14 +380,14 @@ def test_where_only_moments_are_known_the_outline_is_the_ellipse_that_has_them()
     R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
     box = np.array([[-0.3, -0.1], [0.3, -0.1], [0.3, 0.1], [-0.3, 0.1]]) @ R.T + [0.05, -0.02]
     goal = replace(the_goal("2016"), target=None, moments=Moments.from_polygon(box, 4))
-    seen = Moments.from_polygon(goal.outline(), 2)
+    seen = Moments.from_polygon(goal.compute_outline(), 2)
     assert (seen.xg, seen.yg) == pytest.approx((0.05, -0.02))
     spread = [seen.mu(i, 2 - i) / seen.m00 for i in range(3)]
     # a polygon of 32 corners is a little smaller than its ellipse
     assert spread == pytest.approx(
         [goal.moments.mu(i, 2 - i) / goal.moments.m00 for i in range(3)], rel=0.03
     )
-    assert replace(goal, moments=None).outline().shape == (0, 2)
+    assert replace(goal, moments=None).compute_outline().shape == (0, 2)
 
 
 BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])
@@ -378,42 +396,42 @@ BOX = np.array([[[-0.1, -0.05, 0.0], [0.1, 0.05, 0.01]]])
 @pytest.mark.parametrize(("corner", "ground", "surface", "words"), [
     ([np.inf, 0.1, 0.1], 0.0, 0.0, "not finite"), ([0.1, 0.1, 0.1], np.nan, 0.0, "not finite"),
     ([0.1, 0.1, 0.1], 0.0, np.nan, "not finite"), ([0.1, 0.1, 0.1], 0.0, np.inf, "not finite"),
-    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box is its lowest"),
-    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box is its lowest"),
+    ([0.1, -0.05, 0.1], 0.0, 0.0, "first corner of a box must be its lowest"),
+    ([0.1, 0.1, -0.1], 0.0, 0.0, "first corner of a box must be its lowest"),
 ])  # fmt: skip
 def test_a_box_has_a_size_and_finite_numbers(corner, ground, surface, words):
     boxes = BOX.copy()
     boxes[0, 1] = corner
     with pytest.raises(ConfigurationError, match=f"mine: .*{words}"):
-        TargetGeometry.checked(boxes, ground, surface, "mine")
+        TargetGeometry.from_values(boxes, ground, surface, "mine")
 
 
 def test_the_depth_is_that_along_a_leaning_axis():
-    box = TargetGeometry.checked(BOX.copy(), -np.inf, 0.02)
-    pose = transform((0.1, -0.2, 0.7), (np.pi - 0.5, 0.3, 0.2))
+    box = TargetGeometry.from_values(BOX.copy(), -np.inf, 0.02)
+    pose = matrix_from_xyz_rpy((0.1, -0.2, 0.7), (np.pi - 0.5, 0.3, 0.2))
     axis = Rotation.from_euler("xyz", (np.pi - 0.5, 0.3, 0.2)).apply((0.0, 0.0, 1.0))
-    depth = box.depth(pose)
+    depth = box.compute_depth(pose)
     assert 0.7 + depth * axis[2] == pytest.approx(0.02) and depth > 0.75
-    across, down, ahead = box.plane(pose)
+    across, down, ahead = box.compute_plane(pose)
     assert ahead == pytest.approx(1.0 / depth) and min(abs(across), abs(down)) > 0.1
 
 
 def test_a_camera_along_or_in_the_target_s_plane_has_no_depth():
-    box = TargetGeometry.checked(BOX.copy(), -np.inf, 0.02)
+    box = TargetGeometry.from_values(BOX.copy(), -np.inf, 0.02)
     along = np.array([[0.0, 0, 1, -1], [0, 1, 0, 0], [-1, 0, 0, 0.3], [0, 0, 0, 1]])
-    inside = transform((0.1, 0.2, 0.02), (np.pi, 0.0, 0.0))
+    inside = matrix_from_xyz_rpy((0.1, 0.2, 0.02), (np.pi, 0.0, 0.0))
     for pose in (along, inside):
         with pytest.raises(ServoError, match="does not look at the target's plane"):
-            box.depth(pose)
-    with pytest.raises(ServoError, match="stands in the target's plane"):
-        box.plane(inside)
+            box.compute_depth(pose)
+    with pytest.raises(ServoError, match="lies in the target's plane"):
+        box.compute_plane(inside)
 
 
 def test_what_stands_in_the_ground_is_not_seen():
     """From the side: 0.5 m off, the front is seen from the ground on."""
-    box = TargetGeometry.checked(np.array([[[-0.1, -0.05, -0.2], [0.1, 0.05, 0.3]]]), 0.1, 0.3)
+    box = TargetGeometry.from_values(np.array([[[-0.1, -0.05, -0.2], [0.1, 0.05, 0.3]]]), 0.1, 0.3)
     to_x = np.array([[0.0, 0, 1, -0.6], [-1, 0, 0, 0], [0, -1, 0, 0.1], [0, 0, 0, 1]])
-    low, high = np.sort(box.outline(to_x)[:, 1])[[0, -1]]
+    low, high = np.sort(box.compute_outline(to_x)[:, 1])[[0, -1]]
     assert (low, high) == pytest.approx((-0.2 / 0.5, 0.0), abs=1e-12)
 
 
@@ -433,12 +451,12 @@ def test_the_outline_of_two_that_overlap():
     """A cross, whose edges cross eight times, and a corner that sticks into a rectangle."""
     wide = np.array([[-3.0, -1], [3, -1], [3, 1], [-3, 1]])
     tall = np.array([[-0.5, -2.0], [1, -2], [1, 2.5], [-0.5, 2.5]])
-    cross = star_union(wide, tall)
+    cross = unite_star_shapes(wide, tall)
     assert len(cross) == 12 and area(cross) == pytest.approx(12.0 + 1.5 * 4.5 - 1.5 * 2.0)
     inner = {(x, y) for x in (-0.5, 1.0) for y in (-1.0, 1.0)}
     assert {tuple(p) for p in cross.round(9)} == inner | {
         tuple(p) for p in np.vstack([wide, tall])}
-    corner = star_union(wide, np.array([[2.0, 0], [4, 0], [4, 3], [2, 3]]))
+    corner = unite_star_shapes(wide, np.array([[2.0, 0], [4, 0], [4, 3], [2, 3]]))
     assert len(corner) == 8 and area(corner) == pytest.approx(12.0 + 6.0 - 1.0)
     with pytest.raises(ServoError, match="do not overlap"):
-        star_union(wide, tall + [9.0, 0.0])
+        unite_star_shapes(wide, tall + [9.0, 0.0])

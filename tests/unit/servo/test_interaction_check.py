@@ -12,8 +12,8 @@ from aras_visual_servo_controller import (
     FEATURES,
     ConfigurationError,
     Feature,
+    FeatureObserver,
     Need,
-    Observer,
     ServoError,
     check_interaction_matrix,
 )
@@ -23,7 +23,7 @@ EXACT = {Need.MOMENTS, Need.CONTOUR, Need.CORNERS}
 
 def of_exact_views() -> list[str]:
     """Names of the features that one camera measures without images, of a target of any shape."""
-    features = {name: FEATURES[name] for name in FEATURES if FEATURES[name].reads == 1}
+    features = {name: FEATURES[name] for name in FEATURES if FEATURES[name].camera_count == 1}
     names = [name for name, cls in features.items() if cls.needs <= EXACT]
     return [name for name in names if name != "vanishing_points"]  # of a parallelogram alone
 
@@ -62,7 +62,7 @@ def test_a_wrong_column_is_named(column: int) -> None:
     assert check_interaction_matrix(Wrong(1, column, 1.0)).max() < 1e-6
     axis = ("vx", "vy", "vz", "wx", "wy", "wz")[column]
     row = 0 if column == 0 else 1  # dy/dt does not depend on vx
-    with pytest.raises(ServoError, match=f"row 'c{row}' .* most in column {axis}: L says"):
+    with pytest.raises(ServoError, match=f"row 'c{row}' .* most in column {axis}: L is "):
         check_interaction_matrix(Wrong(row, column, -1.0))
 
 
@@ -95,7 +95,7 @@ def test_a_function_of_the_users_observes() -> None:
         poses.append(pose)
         points = (np.column_stack([corners, np.zeros(4)]) - pose[:3, 3]) @ pose[:3, :3]
         plane = Plane(*(-pose[2, :3] / pose[2, 3]).tolist())
-        return Observer(None, frozenset((Need.CORNERS,))).of_exact(
+        return FeatureObserver(None, frozenset((Need.CORNERS,))).observe_exact_features(
             0.0, None, world_T_camera=pose, contour=points[:, :2] / points[:, 2:],
             plane=plane,
         )  # fmt: skip

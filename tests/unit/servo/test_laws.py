@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.registry import declared_parameters
+from aras_visual_servo_base.registry import list_parameters
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.laws import LAWS, Law, create_law
 from aras_visual_servo_controller.laws.adaptive import Adaptive
@@ -20,7 +20,7 @@ DT = 1 / 30
 
 
 def rate(law, error=E, t=0.0, dt=DT, rotated=ROTATED):
-    return law.rate(np.asarray(error, float), L, rotated, t, dt)
+    return law.desired_error_rate(np.asarray(error, float), L, rotated, t, dt)
 
 
 def test_proportional_and_diagonal():
@@ -44,7 +44,9 @@ def test_pi_takes_away_what_a_steady_drift_leaves():
     for law, left in ((Proportional(4.0), 0.0125), (ProportionalIntegral(4.0, 2.0), 0.0)):
         e = np.array([0.1])
         for i in range(600):
-            e = e + DT * (drift + law.rate(e, np.zeros((1, 6)), np.zeros(6), i * DT, DT))
+            e = e + DT * (
+                drift + law.desired_error_rate(e, np.zeros((1, 6)), np.zeros(6), i * DT, DT)
+            )
         assert e[0] == pytest.approx(left, abs=2e-4)
 
 
@@ -103,7 +105,7 @@ def test_wrappers_reset_the_law_inside(wrapper):
 @pytest.mark.parametrize("wrapper", [ContinuousStart, Ramp])
 def test_wrappers_hand_the_law_inside_what_they_got(wrapper):
     class Inside(Law):
-        def rate(self, *given):
+        def desired_error_rate(self, *given):
             self.given = given
             return given[0]
 
@@ -130,7 +132,9 @@ def test_the_bound_of_the_integral_grows_with_the_error_and_never_shrinks():
             last = rate(law, error, dt=0.1)
     np.testing.assert_allclose(last, -2.0 * 0.01 * E - 0.5 * 2.0 * E)
     other = np.ones(2)  # other features: it begins anew
-    np.testing.assert_allclose(law.rate(other, L[:2], ROTATED, 0.0, 0.0), -2.0 * other)
+    np.testing.assert_allclose(
+        law.desired_error_rate(other, L[:2], ROTATED, 0.0, 0.0), -2.0 * other
+    )
 
 
 @pytest.mark.parametrize(
@@ -177,7 +181,7 @@ def test_every_law_is_made_by_name_and_answers_its_shape(name):
 NUMBERS = [
     (law, parameter.name)
     for law in (Proportional, Adaptive, ProportionalIntegral, SlidingMode, ContinuousStart, Ramp)
-    for parameter in declared_parameters(law)
+    for parameter in list_parameters(law)
 ]
 
 
@@ -238,18 +242,18 @@ def test_laws_that_there_are_not(make, words):
     ],
 )
 def test_gains_that_cannot_be_are_refused_while_it_runs_and_the_old_ones_stay(law, gains, words):
-    before = {name: getattr(law, name) for name in law.numbers()}
+    before = {name: getattr(law, name) for name in law.list_tunable_parameters()}
     with pytest.raises(ConfigurationError, match=words):
-        law.change(**gains)
-    assert {name: getattr(law, name) for name in law.numbers()} == before
+        law.set_parameters(**gains)
+    assert {name: getattr(law, name) for name in law.list_tunable_parameters()} == before
 
 
 def test_the_named_gains_can_be_changed_while_it_runs():
     for name in LAWS:
         law = create_law(name, **({"values": [1.0]} if name == "diagonal" else {}))
-        assert law.numbers() or name == "diagonal"
+        assert law.list_tunable_parameters() or name == "diagonal"
     law = Proportional(2.0)
-    law.change(gain=4)
+    law.set_parameters(gain=4)
     assert isinstance(law.gain, float)
     np.testing.assert_allclose(rate(law), -4.0 * E)
     assert issubclass(Law, object)

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.geometry import Course
+from aras_visual_servo_bench.targets.geometry import PoseHistory
 
 PLANE = "<geometry><plane><normal>0 0 1</normal></plane></geometry>"
 BOX = "<geometry><box><size>{}</size></box></geometry>"
@@ -46,7 +46,7 @@ def world(tmp_path):
 def before(world, **more):
     return Experiment(**{
         "world": world, "target": {"model": "crate"}, "gain": 2.0, "duration": 10.0,
-        "scheme": "moments", "options": {"segmentation": {"method": "label"}},
+        "scheme": "moments", "controller_parameters": {"segmentation": {"method": "label"}},
         "goal": {"pose": [0.03, -0.02, 0.89, np.pi, 0.0, 0.0]}, "seed": 2,
         "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
     })  # fmt: skip
@@ -72,20 +72,20 @@ def test_its_pose_can_be_tracked(world):
 
 
 def test_a_course_tells_the_last_pose_before_a_time():
-    course, one, other = Course(), np.eye(4), 2.0 * np.eye(4)
-    assert course.at(1.0) is None
+    course, one, other = PoseHistory(), np.eye(4), 2.0 * np.eye(4)
+    assert course.find_pose(1.0) is None
     course.add(0.5, one)
     course.add(0.6, one.copy())
     course.add(0.7, other)
-    assert course.at(0.4) is None
-    assert course.at(0.5) is one and course.at(0.699) is one
-    assert course.at(0.7) is other and course.at(9.0) is other
+    assert course.find_pose(0.4) is None
+    assert course.find_pose(0.5) is one and course.find_pose(0.699) is one
+    assert course.find_pose(0.7) is other and course.find_pose(9.0) is other
 
 
 @pytest.mark.parametrize(("target", "more", "why"), [
-    ({"model": "crat"}, "", "no model 'crat' stands in world .*did you mean 'crate'"),
-    ({"model": "crate", "link": "bod"}, "", "shows no link 'bod': did you mean 'body'"),
-    ({"model": "crate"}, LID, "has 2 links that are seen: name one of body, lid"),
+    ({"model": "crat"}, "", "there is no model 'crat' in world .*did you mean 'crate'"),
+    ({"model": "crate", "link": "bod"}, "", "has no link 'bod' with visuals: did you mean 'body'"),
+    ({"model": "crate"}, LID, "has 2 links with visuals: set it to one of body, lid"),
     ({"model": "ground_plane"}, "", "target: ground_plane::link is open"),
 ])  # fmt: skip
 def test_a_link_that_is_not_there_is_named(world, target, more, why):
@@ -94,10 +94,10 @@ def test_a_link_that_is_not_there_is_named(world, target, more, why):
 
 
 @pytest.mark.parametrize(("changes", "why"), [
-    ({"world": ""}, "stands in a world file: give its path or name as world"),
-    ({"plant": "free", "world": ""}, "other plants have none"),
-    ({"target": {"model": "crate", "shape": "square"}}, "brings its shape"),
+    ({"world": ""}, "target.model needs a world file: set world to its path or name"),
+    ({"plant": "free", "world": ""}, "other plants have no world"),
+    ({"target": {"model": "crate", "shape": "square"}}, "has the link's shape"),
 ])  # fmt: skip
 def test_what_a_link_cannot_be_is_said(world, changes, why):
     with pytest.raises(ExperimentError, match=why):
-        before(world()).with_(**changes)
+        before(world()).with_changes(**changes)

@@ -19,14 +19,14 @@ from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features.luminance import (
     BORDER,
     LuminancePCA,
-    _Rays,
-    grey_of,
+    _PixelRays,
+    get_grey_image,
     square_root,
 )
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 PINHOLE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 180.0, 59.5, 0, 0, 1))
 WIDE = CameraModel(160, 120, (180.0, 0, 79.5, 0, 165.0, 59.5, 0, 0, 1), (-0.2, 0.05, 0, 0))
@@ -58,12 +58,12 @@ def picture(camera, camera_T_object):
 def look(camera, place, needs):
     plane = Plane.from_pose(place[:3, :3], place[:3, 3])
     image = np.round(picture(camera, place)).astype(np.uint8)
-    return Observer(None, needs).of_image(0.0, image, camera, plane=plane)
+    return FeatureObserver(None, needs).observe_image(0.0, image, camera, plane=plane)
 
 
 def at_goal(name, camera=PINHOLE):
     feature = FEATURES.create(name)
-    goal = Goal.teach(Composed(feature), look(camera, GOAL, feature.needs))
+    goal = Goal.teach(FeatureScheme(feature), look(camera, GOAL, feature.needs))
     feature.check(goal)
     return feature, goal
 
@@ -96,14 +96,14 @@ def test_the_normal_equations_are_those_of_every_pixel(name, damping, camera):
     )
     size = scale * np.linalg.norm(e)
     assert found.L.T @ found.error / size == pytest.approx(J.T @ e / size, abs=0.005)
-    assert found.judged == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
+    assert found.error_summary == pytest.approx(np.sqrt(np.mean(e**2)), rel=0.01)
 
 
 def test_pixels_move_with_rays_as_the_lens_projects_them():
     """Of one that leans: a pixel's column depends on y, its row on x."""
     K = (180.0, 0, 70.5, 0, 165.0, 66.5, 0, 0, 1)
     lens = CameraModel(160, 120, K, (-0.3, 0.1, 0.02, -0.03))
-    rays, step = _Rays(lens), 1e-6
+    rays, step = _PixelRays(lens), 1e-6
     v, u = (grid[BORDER:-BORDER, BORDER:-BORDER] for grid in np.indices((120, 160)))
     x, y, _ = lens.normalise(u.ravel().astype(float), v.ravel().astype(float))
     np.testing.assert_allclose(rays.x.ravel(), x, atol=1e-6)
@@ -216,7 +216,7 @@ def test_at_the_goal_nothing_is_left(name):
     feature, goal = at_goal(name)
     found = feature.measure(look(PINHOLE, GOAL, feature.needs), goal)
     assert found.error == pytest.approx(0.0, abs=1e-9)
-    assert found.judged == pytest.approx(0.0, abs=1e-6)
+    assert found.error_summary == pytest.approx(0.0, abs=1e-6)
 
 
 def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together():
@@ -246,7 +246,7 @@ def test_accuracy_is_that_of_grey_levels_and_of_neighbours_that_are_off_together
 @pytest.mark.parametrize("name", ALL)
 def test_the_camera_flies_to_where_the_picture_was_taken(name):
     feature, goal = at_goal(name)
-    scheme = Composed(feature)
+    scheme = FeatureScheme(feature)
     place = pose((0.01, -0.012, 0.82), (0.02, -0.015, 0.04))
     first = np.linalg.norm(place @ np.linalg.inv(GOAL) - np.eye(4))
     for k in range(30):
@@ -273,8 +273,8 @@ def test_a_picture_that_looks_the_same_when_turned_says_so(sides, told, monkeypa
         monkeypatch.setitem(globals(), "texture", rectangle)
     feature = FEATURES.create("luminance")
     seen = look(PINHOLE, VIEW, feature.needs)
-    goal = Goal.teach(Composed(feature), seen)
-    assert feature.measure(seen, goal).up_to == told
+    goal = Goal.teach(FeatureScheme(feature), seen)
+    assert feature.measure(seen, goal).ambiguity == told
 
 
 @pytest.mark.parametrize(("folds", "told"), [
@@ -288,8 +288,10 @@ def test_the_smallest_turn_of_an_eighth_or_more_is_told(folds, told):
     star = np.clip((away - 6.0) / 6.0, 0.0, 1.0) * np.clip((44.0 - away) / 6.0, 0.0, 1.0)
     star = np.round(128.0 + 60.0 * star * np.cos(folds * np.arctan2(v, u))).astype(np.uint8)
     feature = FEATURES.create("luminance")
-    seen = Observer(None, feature.needs).of_image(0.0, star, PINHOLE, plane=Plane(0, 0, 1.25))
-    assert feature.measure(seen, Goal.teach(Composed(feature), seen)).up_to == told
+    seen = FeatureObserver(None, feature.needs).observe_image(
+        0.0, star, PINHOLE, plane=Plane(0, 0, 1.25)
+    )
+    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).ambiguity == told
 
 
 @pytest.mark.parametrize(("column", "told"), [(27, "180°"), (25, "")])
@@ -298,8 +300,10 @@ def test_a_turn_is_judged_by_three_tenths_of_the_picture_at_least(column, told):
     image = np.full((120, 160), 250, np.uint8)
     image[45:75, column - 12 : column + 13] = 20
     feature = FEATURES.create("luminance")
-    seen = Observer(None, feature.needs).of_image(0.0, image, PINHOLE, plane=Plane(0, 0, 1.25))
-    assert feature.measure(seen, Goal.teach(Composed(feature), seen)).up_to == told
+    seen = FeatureObserver(None, feature.needs).observe_image(
+        0.0, image, PINHOLE, plane=Plane(0, 0, 1.25)
+    )
+    assert feature.measure(seen, Goal.teach(FeatureScheme(feature), seen)).ambiguity == told
 
 
 @pytest.mark.parametrize(("wide", "told"), [(9, "180°"), (13, "")])
@@ -312,11 +316,11 @@ def test_a_picture_looks_the_same_when_turned_to_its_tolerance_rms(wide, told):
     off = smooth(image.astype(np.float32)) - smooth(image[::-1, ::-1].astype(np.float32))
     assert (np.sqrt(np.mean(off**2)) < 1.5 < np.mean(off**2)) == bool(told)
     feature = FEATURES.create("luminance")
-    seen = Observer(None, feature.needs).of_image(
+    seen = FeatureObserver(None, feature.needs).observe_image(
         0.0, image, PINHOLE, plane=Plane(0.0, 0.0, 1.25)
     )  # fmt: skip
-    goal = Goal.teach(Composed(feature), seen)
-    assert feature.measure(seen, goal).up_to == told
+    goal = Goal.teach(FeatureScheme(feature), seen)
+    assert feature.measure(seen, goal).ambiguity == told
 
 
 @pytest.mark.parametrize("name", ALL)
@@ -329,7 +333,7 @@ def test_nothing_stays_of_the_camera_or_the_goal_before(name, before):
         feature.measure(look(PINHOLE, VIEW, feature.needs), anywhere)
     else:
         seen = look(WIDE, moved(VIEW, np.array([0.1, 0.05, 0, 0, 0, 0.3])), feature.needs)
-        feature.measure(seen, replace(Goal.teach(Composed(feature), seen), camera=None))
+        feature.measure(seen, replace(Goal.teach(FeatureScheme(feature), seen), camera=None))
     found = feature.measure(look(WIDE, VIEW, feature.needs), anywhere)
     anew = FEATURES.create(name).measure(look(WIDE, VIEW, feature.needs), anywhere)
     np.testing.assert_array_equal(found.L, anew.L)
@@ -358,12 +362,12 @@ def test_each_that_needs_pictures_is_here():
 def test_of_a_picture_in_colour_its_grey_levels_count():
     """As an eye weighs red, green and blue."""
     colours = np.random.default_rng(0).integers(0, 256, (60, 80, 3), dtype=np.uint8)
-    found = grey_of(SimpleNamespace(image=colours))
+    found = get_grey_image(SimpleNamespace(image=colours))
     assert found.shape == (60, 80) and found.dtype == np.uint8
     np.testing.assert_allclose(found, colours @ np.array([0.299, 0.587, 0.114]), atol=0.6)
-    assert grey_of(SimpleNamespace(image=found)) is found
-    with pytest.raises(MeasurementError, match="no picture in this observation"):
-        grey_of(SimpleNamespace(image=None))
+    assert get_grey_image(SimpleNamespace(image=found)) is found
+    with pytest.raises(MeasurementError, match="no image in this observation"):
+        get_grey_image(SimpleNamespace(image=None))
 
 
 def test_bad_pictures_are_one_line():
@@ -391,15 +395,15 @@ def test_bad_pictures_are_one_line():
     least = replace(small, height=40)
     few, shown = at_goal("luminance", least)
     assert few.measure(look(least, GOAL, few.needs), shown).error == pytest.approx(0.0)
-    exact = Observer(None, feature.needs).of_exact(0.0, PINHOLE)
-    with pytest.raises(MeasurementError, match="no picture"):
+    exact = FeatureObserver(None, feature.needs).observe_exact_features(0.0, PINHOLE)
+    with pytest.raises(MeasurementError, match="no image"):
         feature.measure(exact, goal)
-    plain = Observer(None, feature.needs).of_image(
+    plain = FeatureObserver(None, feature.needs).observe_image(
         0.0, np.full((120, 160), 90, np.uint8), PINHOLE, plane=goal.plane
     )
     with pytest.raises(MeasurementError, match="too little texture"):
         feature.measure(plain, goal)
     with pytest.raises(ConfigurationError, match="teach it"):
         feature.check(Goal("mine", depth=1.0))
-    with pytest.raises(ConfigurationError, match="damaged|no picture"):
+    with pytest.raises(ConfigurationError, match="damaged|no image"):
         feature.check(Goal("mine", depth=1.0, features={"luminance": {"png": "AAAA"}}))

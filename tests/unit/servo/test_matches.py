@@ -9,15 +9,15 @@ import pytest
 from free_camera import pose
 
 from aras_visual_servo_base.poses import inverse, rotation_vector
-from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_bench.targets.pictures import seen
+from aras_visual_servo_bench.targets.rendering import render_target
+from aras_visual_servo_bench.targets.target_factory import make_target
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.schemes import Composed
-from aras_visual_servo_controller.seeing.observer import Observer
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.schemes import FeatureScheme
 
 CAMERA = CameraModel(320, 240, (300.0, 0, 159.5, 0, 300.0, 119.5, 0, 0, 1))
 FACING = np.diag([1.0, -1.0, -1.0, 1.0])  # a poster's z is towards the camera
@@ -27,18 +27,18 @@ NOW = pose((0.06, 0.02, 0.8), (0.05, 0.1, 0.4))
 
 @pytest.fixture(scope="module")
 def picture():
-    return shape_of("poster", (0.8, 0.6))
+    return make_target("poster", (0.8, 0.6))
 
 
 def look(feature, picture, place, known=True):
-    image = seen(picture, CAMERA, FACING @ np.linalg.inv(place))
+    image = render_target(picture, CAMERA, FACING @ np.linalg.inv(place))
     plane = Plane.from_pose(place[:3, :3], place[:3, 3]) if known else None
-    return Observer(None, feature.needs).of_image(0.0, image, CAMERA, plane=plane)
+    return FeatureObserver(None, feature.needs).observe_image(0.0, image, CAMERA, plane=plane)
 
 
 def measured(name, picture, known=True):
     feature = FEATURES.create(name)
-    goal = Goal.teach(Composed(feature), look(feature, picture, GOAL))
+    goal = Goal.teach(FeatureScheme(feature), look(feature, picture, GOAL))
     feature.check(goal)
     return feature.measure(look(feature, picture, NOW, known), goal)
 
@@ -67,14 +67,14 @@ def test_points_their_error_and_their_rate_are_those_of_the_plane(name, most, pi
 
 
 def test_where_the_plane_is_not_known_nothing_is_measured(picture):
-    with pytest.raises(MeasurementError, match="nothing tells the target's plane"):
+    with pytest.raises(MeasurementError, match="the target's plane is not known"):
         measured("matches", picture, known=False)
 
 
 def test_judged_is_the_root_of_the_mean_squared_distance(picture):
     found = measured("matches", picture)
     away = np.linalg.norm((found.s - found.desired).reshape(-1, 2), axis=1)
-    assert found.judged == pytest.approx(np.sqrt(np.mean(away**2)))
+    assert found.error_summary == pytest.approx(np.sqrt(np.mean(away**2)))
     assert FEATURES.create("matches").tolerances == FEATURES.create("points").tolerances[:1]
 
 
@@ -91,7 +91,7 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
     """Read a quarter of a pixel aside, as SIFT does by default, they are not."""
     feature = FEATURES.create("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
-    upright, turned = (feature.keypoints(np.ascontiguousarray(one))[0]
+    upright, turned = (feature.detect_keypoints(np.ascontiguousarray(one))[0]
                        for one in (image, image[::-1, ::-1]))  # fmt: skip
     off = [159, 119] - upright[:, None] - turned
     nearest = off[np.arange(len(off)), np.linalg.norm(off, axis=2).argmin(axis=1)]
@@ -107,7 +107,7 @@ def test_keypoints_are_where_they_are_in_the_picture_that_is_turned_by_half(pict
 def test_of_a_picture_that_is_narrow_enough_keypoints_are_its_own(name, detector, aside, picture):
     feature = FEATURES.create(name)
     image = np.ascontiguousarray(look(feature, picture, GOAL).image[60:180, 80:240])
-    places, descriptors = feature.keypoints(image)
+    places, descriptors = feature.detect_keypoints(image)
     keypoints, expected = detector.detectAndCompute(image, None)
     np.testing.assert_allclose(places, np.array([k.pt for k in keypoints]) - aside, atol=1e-9)
     np.testing.assert_array_equal(descriptors, expected)
@@ -117,45 +117,51 @@ def test_of_a_picture_that_is_too_wide_keypoints_are_those_of_the_smaller_one(pi
     """Of the same width and height in pixels of the wide one."""
     feature = FEATURES.create("matches")
     image = look(feature, picture, GOAL).image[60:180, 80:240]
-    feature.widest = 160
-    small, wide = (feature.keypoints(one)[0]
+    feature.max_width = 160
+    small, wide = (feature.detect_keypoints(one)[0]
                    for one in (image, image.repeat(3, axis=0).repeat(3, axis=1)))  # fmt: skip
     np.testing.assert_allclose(wide, 3.0 * small + 1.0, atol=1e-4)
 
 
 def test_a_picture_that_is_too_wide_is_averaged_and_its_places_are_those_of_the_wide_one():
     feature, given = FEATURES.create("matches"), []
-    feature.widest = 160
+    feature.max_width = 160
     found = [SimpleNamespace(pt=(10.0, 20.0)), SimpleNamespace(pt=(0.0, 7.5))]
     feature._detector = SimpleNamespace(
         detectAndCompute=lambda grey, mask: given.append((grey, mask)) or (found, "told")
     )  # fmt: skip
     wide = np.random.default_rng(1).integers(0, 256, (99, 480), dtype=np.uint8)
-    places, descriptors = feature.keypoints(wide)
+    places, descriptors = feature.detect_keypoints(wide)
     (grey, mask), = given
     assert mask is None and descriptors == "told"
     np.testing.assert_allclose(grey, wide.reshape(33, 3, 160, 3).mean(axis=(1, 3)), atol=0.51)
     np.testing.assert_allclose(places, 3.0 * np.array([[10.25, 20.25], [0.25, 7.75]]) - 0.5)
     low = np.zeros((100, 480), np.uint8)  # whose rows are no thirds
-    places, _ = feature.keypoints(low)
+    places, _ = feature.detect_keypoints(low)
     np.testing.assert_allclose(places[0], [3.0 * 10.25 - 0.5, 20.25 * 100 / 33 - 0.5])
-    feature.keypoints(low[:1])
+    feature.detect_keypoints(low[:1])
     assert [one[0].shape for one in given] == [(33, 160), (33, 160), (1, 160)]
 
 
 def test_eight_keypoints_that_agree_are_enough(picture, monkeypatch):
     feature = FEATURES.create("matches")
     seen = look(feature, picture, GOAL)
-    goal = Goal.teach(Composed(feature), seen)
-    all_of = feature.keypoints(seen.image)
-    monkeypatch.setattr(feature, "keypoints", lambda grey: [part[:281:40] for part in all_of])
+    goal = Goal.teach(FeatureScheme(feature), seen)
+    all_of = feature.detect_keypoints(seen.image)
+    monkeypatch.setattr(
+        feature, "detect_keypoints", lambda grey: [part[:281:40] for part in all_of]
+    )
     assert feature.measure(seen, goal).error == pytest.approx(np.zeros(16))
-    monkeypatch.setattr(feature, "keypoints", lambda grey: [part[:280:40] for part in all_of])
-    with pytest.raises(ConfigurationError, match="7 keypoints in its picture, 8 are needed"):
+    monkeypatch.setattr(
+        feature, "detect_keypoints", lambda grey: [part[:280:40] for part in all_of]
+    )
+    with pytest.raises(ConfigurationError, match="7 keypoints in its image, 8 are needed"):
         feature.check(goal)
-    monkeypatch.setattr(feature, "keypoints", lambda grey: [part[:281:40] for part in all_of])
+    monkeypatch.setattr(
+        feature, "detect_keypoints", lambda grey: [part[:281:40] for part in all_of]
+    )
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="keypoints in its picture"):
+    with pytest.raises(ConfigurationError, match="keypoints in its image"):
         feature.check(replace(goal, camera=None))  # they are no rays then
 
 
@@ -167,10 +173,10 @@ def matched(picture, monkeypatch, at, distances, name="matches", plane=None):
     (n, 2): of the best and the second best match of each."""
     feature = FEATURES.create(name)
     seen, there = look(feature, picture, NOW), look(feature, picture, GOAL)
-    goal = Goal.teach(Composed(feature), there)
-    monkeypatch.setattr(feature, "keypoints", lambda grey: (GRID, "the goal's"))
+    goal = Goal.teach(FeatureScheme(feature), there)
+    monkeypatch.setattr(feature, "detect_keypoints", lambda grey: (GRID, "the goal's"))
     feature.check(goal)
-    monkeypatch.setattr(feature, "keypoints", lambda grey: (at, "seen"))
+    monkeypatch.setattr(feature, "detect_keypoints", lambda grey: (at, "seen"))
 
     def nearest(query, train, k):
         assert (query, train, k) == ("seen", "the goal's", 2)
@@ -208,7 +214,7 @@ def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
     np.testing.assert_allclose(found.desired, normalised(GRID[kept]).ravel(), atol=1e-9)
     for some, words in (
         ((0, 1, 4, 8, 10, 11, 12, 13), ""), ((0, 1, 4, 8, 10, 11, 12), "7 keypoints match the"),
-        ((0, 1, 4, 8, 10, 11, 12, 6), "8 keypoints match the goal's picture, 8 that agree are"),
+        ((0, 1, 4, 8, 10, 11, 12, 6), "8 keypoints match the goal image, 8 consistent ones are"),
     ):  # fmt: skip
         told = [[70.0 if i in some else 90.0, 100.0] for i in range(16)]
         feature, goal, seen = matched(picture, monkeypatch, at, told)
@@ -222,7 +228,7 @@ def test_matches_are_those_that_stand_out_and_that_agree(picture, monkeypatch):
 def test_matches_all_in_one_place_agree_on_nothing(picture, monkeypatch):
     told = np.tile([70.0, 100.0], (16, 1))
     feature, goal, seen = matched(picture, monkeypatch, np.full((16, 2), 90.0), told)
-    with pytest.raises(MeasurementError, match="16 keypoints match .*, 8 that agree are needed"):
+    with pytest.raises(MeasurementError, match="16 keypoints match .*, 8 consistent ones are"):
         feature.measure(seen, goal)
 
 

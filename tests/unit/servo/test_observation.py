@@ -7,30 +7,33 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, lost, the_arm, the_goal
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.contour import CORNER_ACCURACY
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_camera.line_fits import deviation_of
+from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.segmentation import Segmentation
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import MeasurementError
-from aras_visual_servo_controller.seeing.depth_image import LEAST, plane_of
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer, implausible
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.observation.depth_image import MIN_PIXELS, fit_plane
+from aras_visual_servo_controller.observation.feature_observer import (
+    FeatureObserver,
+    explain_implausible,
+)
+from aras_visual_servo_controller.observation.observation import Need
 
 ALL = frozenset(Need)
 
 
 def joints(t, q=None):
     names = the_arm().names
-    return JointSample.of(t, names, STARTS["2016"] if q is None else q, np.zeros(6))
+    return JointSample.from_values(t, names, STARTS["2016"] if q is None else q, np.zeros(6))
 
 
 def outline(q=None):
     pose = the_arm().pose(np.array(STARTS["2016"] if q is None else q, float))
-    return the_goal("2016").target.outline(pose)
+    return the_goal("2016").target.compute_outline(pose)
 
 
 def picture(shape):
@@ -43,22 +46,34 @@ def picture(shape):
 
 
 def test_a_picture_and_exact_geometry_say_the_same():
-    seen = Observer(the_arm(), ALL).of_image(0.5, picture(outline()), CAMERA, joints(0.5))
-    exact = Observer(the_arm(), ALL).of_exact(0.5, CAMERA, joints(0.5), contour=outline())
+    seen = FeatureObserver(the_arm(), ALL).observe_image(
+        0.5, picture(outline()), CAMERA, joints(0.5)
+    )
+    exact = FeatureObserver(the_arm(), ALL).observe_exact_features(
+        0.5, CAMERA, joints(0.5), contour=outline()
+    )
     assert seen.valid, seen.reason
     assert exact.valid
     assert seen.moments.m00 == pytest.approx(exact.moments.m00, rel=0.01)
     assert seen.moments.xg == pytest.approx(exact.moments.xg, abs=1e-3)
     assert seen.moments.order == exact.moments.order == 6
-    assert seen.cameras == {"camera": seen} and not seen.apart
+    assert seen.cameras == {"camera": seen} and not seen.has_other_target
     pixel = 1.0 / CAMERA.K[0]
-    deviation = deviation_of(seen.corner_spread)
+    deviation = compute_rms_deviation(seen.corner_spread)
     assert 0.001 * pixel < deviation < 0.05 * pixel and not seen.corner_spread.flags.writeable
     accuracy = np.hypot(CORNER_ACCURACY * pixel, deviation)
-    assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (accuracy, 0.0, False)
-    assert (exact.corner_accuracy, exact.corner_unshared, exact.numbered) == (0.0, 0.0, None)
+    assert (seen.corner_accuracy, seen.corner_repeatability, seen.is_numbered) == (
+        accuracy,
+        0.0,
+        False,
+    )
+    assert (exact.corner_accuracy, exact.corner_repeatability, exact.is_numbered) == (
+        0.0,
+        0.0,
+        None,
+    )
     assert exact.corner_spread is None
-    assert (exact.pixel_count, exact.touches, exact.plane_measured) == (0, (), False)
+    assert (exact.pixel_count, exact.touched_borders, exact.is_plane_measured) == (0, (), False)
     assert len(seen.contour) > 50
     assert seen.kernel.shape == (20,)
     assert seen.pixel_count > 100
@@ -71,7 +86,7 @@ def test_a_picture_and_exact_geometry_say_the_same():
 @pytest.mark.parametrize("need", Need)
 def test_only_what_is_asked_for_is_worked_out(need):
     depth = np.full((240, 320), 0.2, np.float32)
-    seen = Observer(the_arm(), frozenset((need,))).of_image(
+    seen = FeatureObserver(the_arm(), frozenset((need,))).observe_image(
         0.0, picture(outline()), CAMERA, joints(0.0), depth=depth
     )
     given = {
@@ -86,10 +101,12 @@ def test_only_what_is_asked_for_is_worked_out(need):
 def test_without_segmentation_asked_for_an_empty_picture_is_valid():
     white = np.full((240, 320), 250, np.uint8)
     for given in (white, np.dstack([white, white // 2, white // 3])):
-        seen = Observer(None, frozenset((Need.IMAGE,))).of_image(0.0, given, CAMERA)
+        seen = FeatureObserver(None, frozenset((Need.IMAGE,))).observe_image(0.0, given, CAMERA)
         assert seen.valid
         np.testing.assert_array_equal(seen.image, given)
-    seen = Observer(None, frozenset((Need.IMAGE, Need.MOMENTS))).of_image(0.0, white, CAMERA)
+    seen = FeatureObserver(None, frozenset((Need.IMAGE, Need.MOMENTS))).observe_image(
+        0.0, white, CAMERA
+    )
     assert not seen.valid
     assert seen.reason == "no target in view"
     assert seen.image is not None
@@ -97,68 +114,82 @@ def test_without_segmentation_asked_for_an_empty_picture_is_valid():
 
 def test_a_target_at_the_border_is_said_with_the_border():
     shape = outline() - [outline()[:, 0].min() + 1.6, 0.0]  # the picture begins at -1.55
-    seen = Observer(None).of_image(0.0, picture(shape), CAMERA)
+    seen = FeatureObserver(None).observe_image(0.0, picture(shape), CAMERA)
     assert not seen.valid
-    assert seen.touches == ("left",)
+    assert seen.touched_borders == ("left",)
     assert "left" in seen.reason
 
 
 def test_a_picture_of_another_size_than_the_camera():
-    seen = Observer(None).of_image(0.0, picture(outline())[:200], CAMERA)
+    seen = FeatureObserver(None).observe_image(0.0, picture(outline())[:200], CAMERA)
     assert not seen.valid
     assert "320 x 200" in seen.reason
 
 
 def test_a_picture_that_cannot_be_segmented_as_asked_says_why():
     by_colour = Segmentation(method="nearest_colour", near_colour=(200, 30, 40))
-    seen = Observer(None, segmentation=by_colour).of_image(0.0, picture(outline()), CAMERA)
+    seen = FeatureObserver(None, segmentation=by_colour).observe_image(
+        0.0, picture(outline()), CAMERA
+    )
     assert not seen.valid and seen.moments is None
     assert seen.reason == "segmentation 'nearest_colour' needs a colour image, this one is grey"
 
 
 @pytest.mark.parametrize("begin", [0.0, 31.5])
 def test_time_and_motion_since_the_last_one(begin):
-    observer = Observer(the_arm())
+    observer = FeatureObserver(the_arm())
     q = np.array(STARTS["2016"])
-    first = observer.of_exact(begin, CAMERA, joints(begin, q), contour=outline(q))
+    first = observer.observe_exact_features(begin, CAMERA, joints(begin, q), contour=outline(q))
     assert first.dt == 0.0
     assert first.previous_T_camera is None
     moved = q + [0.01, 0.02, -0.01, 0.0, 0.01, 0.1]
-    second = observer.of_exact(begin + 0.04, CAMERA, joints(begin, moved), contour=outline(moved))
+    second = observer.observe_exact_features(
+        begin + 0.04, CAMERA, joints(begin, moved), contour=outline(moved)
+    )
     assert second.dt == pytest.approx(0.04)
     np.testing.assert_allclose(
         first.world_T_camera @ second.previous_T_camera, second.world_T_camera, atol=1e-12
     )
     assert not second.previous_T_camera.flags.writeable
-    late = observer.of_exact(begin + 0.02, CAMERA, joints(begin, q), contour=outline(q))
+    late = observer.observe_exact_features(
+        begin + 0.02, CAMERA, joints(begin, q), contour=outline(q)
+    )
     assert late.dt == 0.0
-    third = observer.of_exact(begin + 0.08, CAMERA, joints(begin, moved), contour=outline(q))
+    third = observer.observe_exact_features(
+        begin + 0.08, CAMERA, joints(begin, moved), contour=outline(q)
+    )
     assert third.dt == pytest.approx(0.04)  # since the newest, not since the late one
     np.testing.assert_allclose(third.previous_T_camera, np.eye(4), atol=1e-12)
-    twice = observer.of_exact(begin + 0.08, CAMERA, joints(begin, q), contour=outline(q))
+    twice = observer.observe_exact_features(
+        begin + 0.08, CAMERA, joints(begin, q), contour=outline(q)
+    )
     assert twice.dt == 0.0 and twice.previous_T_camera is None
-    fourth = observer.of_exact(begin + 0.1, CAMERA, joints(begin, moved), contour=outline(q))
+    fourth = observer.observe_exact_features(
+        begin + 0.1, CAMERA, joints(begin, moved), contour=outline(q)
+    )
     np.testing.assert_allclose(fourth.previous_T_camera, np.eye(4), atol=1e-12)
     observer.reset()
-    assert observer.of_exact(begin, CAMERA, joints(begin), contour=outline()).dt == 0.0
+    assert (
+        observer.observe_exact_features(begin, CAMERA, joints(begin), contour=outline()).dt == 0.0
+    )
 
 
 def test_of_messages():
     exact = Moments.from_polygon(outline(), 6)
-    observer = Observer(the_arm(), frozenset((Need.MOMENTS, Need.KERNEL)))
-    seen = observer.of_moments(
+    observer = FeatureObserver(the_arm(), frozenset((Need.MOMENTS, Need.KERNEL)))
+    seen = observer.observe_moments(
         0.1, exact, True, "", CAMERA, joints(0.1), kernel=np.arange(20.0), pixel_count=7,
-        touches=("top",), commands=[joints(0.05)],
+        touched_borders=("top",), commands=[joints(0.05)],
     )  # fmt: skip
     assert seen.valid
     assert seen.moments is exact
-    assert (seen.pixel_count, seen.touches) == (7, ("top",))
+    assert (seen.pixel_count, seen.touched_borders) == (7, ("top",))
     assert len(seen.commands) == 1
     np.testing.assert_array_equal(seen.kernel, np.arange(20.0))
-    none = observer.of_moments(0.2, None, True, "", CAMERA)
+    none = observer.observe_moments(0.2, None, True, "", CAMERA)
     assert not none.valid
     assert none.reason == "the camera node sent no moments"
-    bad = observer.of_moments(0.3, exact, False, "cut by the border", CAMERA)
+    bad = observer.observe_moments(0.3, exact, False, "cut by the border", CAMERA)
     assert (bad.valid, bad.reason) == (False, "cut by the border")
 
 
@@ -173,26 +204,27 @@ def test_moments_that_no_camera_can_see(change):
     values = {"m00": m.m00, "xg": m.xg, "yg": m.yg, **change}
     centred = m.centred * (change.get("centred", 1.0))
     bad = Moments(4, m.kind, values["m00"], values["xg"], values["yg"], centred)
-    assert implausible(bad)
-    seen = Observer(None).of_moments(0.0, bad, True, "", CAMERA)
+    assert explain_implausible(bad)
+    seen = FeatureObserver(None).observe_moments(0.0, bad, True, "", CAMERA)
     assert not seen.valid
     assert "implausible" in seen.reason
     assert seen.moments is None
-    assert implausible(m) == ""
+    assert explain_implausible(m) == ""
     wide = 28.0 * np.array([[-1.0, -1.0], [1.0, -1.0], [1.0, 1.0], [-1.0, 1.0]])
-    assert implausible(Moments.from_polygon(wide, 4)) == ""  # 88 degrees off the axis, nearly
+    # 88 degrees off the axis, nearly
+    assert explain_implausible(Moments.from_polygon(wide, 4)) == ""
 
 
 def test_exact_points_alone_and_nothing_in_view():
-    observer = Observer(None, frozenset((Need.CORNERS,)))
-    seen = observer.of_exact(0.0, CAMERA, points=[[0.1, 0.2], [0.3, 0.4], [0.0, 0.5]])
+    observer = FeatureObserver(None, frozenset((Need.CORNERS,)))
+    seen = observer.observe_exact_features(0.0, CAMERA, points=[[0.1, 0.2], [0.3, 0.4], [0.0, 0.5]])
     assert seen.valid
     assert seen.moments is None
     assert seen.corners.shape == (3, 2)
-    assert not observer.of_exact(0.1, CAMERA).valid
-    assert not observer.of_exact(0.2, CAMERA, points=[[np.nan, 0.0]]).valid
+    assert not observer.observe_exact_features(0.1, CAMERA).valid
+    assert not observer.observe_exact_features(0.2, CAMERA, points=[[np.nan, 0.0]]).valid
     crossed = [[0, 0], [0.1, 0.1], [0.1, 0], [0, 0.1]]
-    seen = observer.of_exact(0.3, CAMERA, contour=crossed)
+    seen = observer.observe_exact_features(0.3, CAMERA, contour=crossed)
     assert not seen.valid and "cross" in seen.reason
 
 
@@ -200,7 +232,7 @@ def test_a_lens_is_undone():
     fisheye = CameraModel(320, 240, CAMERA.K, (), "equidistant")
     u, v = fisheye.project(*outline().T)
     bent = np.stack([(u - CAMERA.K[2]) / CAMERA.K[0], (v - CAMERA.K[5]) / CAMERA.K[4]], axis=1)
-    seen = Observer(None).of_image(0.0, picture(bent), fisheye)
+    seen = FeatureObserver(None).observe_image(0.0, picture(bent), fisheye)
     exact = Moments.from_polygon(outline(), 2)
     assert seen.moments.xg == pytest.approx(exact.xg, abs=5e-3)
     assert lost(seen, "x").moments is None
@@ -214,45 +246,57 @@ def test_moments_spread_no_further_than_any_lens_sees(i, j, most, sign):
     for part, plausible in ((0.99, True), (1.01, False)):
         centred = m.centred.copy()
         centred[i, j] = sign * part * most * m.m00
-        assert (implausible(Moments(4, m.kind, m.m00, m.xg, m.yg, centred)) == "") is plausible
+        assert (
+            explain_implausible(Moments(4, m.kind, m.m00, m.xg, m.yg, centred)) == ""
+        ) is plausible
 
 
 def test_a_coordinate_that_is_not_finite_among_those_that_are():
-    observer = Observer(None, frozenset((Need.CORNERS,)))
+    observer = FeatureObserver(None, frozenset((Need.CORNERS,)))
     for points in ([[0.1, np.nan], [0.2, 0.3]], [[0.1, 0.2], [np.inf, 0.3]]):
-        seen = observer.of_exact(0.5, CAMERA, contour=outline(), points=points)
+        seen = observer.observe_exact_features(0.5, CAMERA, contour=outline(), points=points)
         assert (seen.valid, seen.reason) == (False, "a coordinate of the target is not finite")
 
 
 def test_a_pose_that_is_known_better_comes_before_that_of_the_joints():
-    pose, by_joints = transform((0.1, -0.2, 0.7), (3.0, 0.1, 0.2)), the_arm().pose(STARTS["2016"])
-    planes = {"plane_from": lambda world_T_camera: Plane(*world_T_camera[0, 1:4].tolist())}
+    pose, by_joints = (
+        matrix_from_xyz_rpy((0.1, -0.2, 0.7), (3.0, 0.1, 0.2)),
+        the_arm().pose(STARTS["2016"]),
+    )
+    planes = {"compute_plane": lambda world_T_camera: Plane(*world_T_camera[0, 1:4].tolist())}
     for told, known in (({"world_T_camera": pose}, pose), ({}, by_joints)):
-        seen = Observer(the_arm(), frozenset(), **planes).of_exact(
+        seen = FeatureObserver(the_arm(), frozenset(), **planes).observe_exact_features(
             0.5, CAMERA, joints(0.5), contour=outline(), **told)
         np.testing.assert_array_equal(seen.world_T_camera, known)
-        assert seen.plane == Plane(*known[0, 1:4].tolist()) and not seen.plane_measured
-    assert Observer(None).of_exact(0.5, CAMERA, joints(0.5), contour=outline()).plane is None
-    told = Observer(the_arm(), frozenset(), **planes).of_exact(
+        assert seen.plane == Plane(*known[0, 1:4].tolist()) and not seen.is_plane_measured
+    assert (
+        FeatureObserver(None)
+        .observe_exact_features(0.5, CAMERA, joints(0.5), contour=outline())
+        .plane
+        is None
+    )
+    told = FeatureObserver(the_arm(), frozenset(), **planes).observe_exact_features(
         0.5, CAMERA, joints(0.5), contour=outline(), plane=Plane(0.1, 0.2, 3.0))
-    assert told.plane == Plane(0.1, 0.2, 3.0) and told.plane_measured
+    assert told.plane == Plane(0.1, 0.2, 3.0) and told.is_plane_measured
 
 
 def test_no_motion_is_told_to_and_from_joints_that_are_guessed():
     """A pose that is known better is not theirs."""
-    observer, q = Observer(the_arm()), np.array(STARTS["2016"])
+    observer, q = FeatureObserver(the_arm()), np.array(STARTS["2016"])
     told = []
     for k, guessed in enumerate((False, True, False, False)):
         known = joints(0.04 * k, q + 0.01 * k)
-        known = JointSample.of(known.stamp, known.names, known.positions, guessed=guessed)
-        seen = observer.of_exact(0.04 * k, CAMERA, known, contour=outline())
+        known = JointSample.from_values(
+            known.stamp, known.names, known.positions, is_uncertain=guessed
+        )
+        seen = observer.observe_exact_features(0.04 * k, CAMERA, known, contour=outline())
         assert seen.world_T_camera is not None
         told.append(seen.previous_T_camera is not None)
     assert told == [False, False, False, True]
     pose = the_arm().pose(q)
     for k in (4, 5):
-        seen = observer.of_exact(
-            0.04 * k, CAMERA, JointSample.of(0.04 * k, known.names, q, guessed=True),
+        seen = observer.observe_exact_features(
+            0.04 * k, CAMERA, JointSample.from_values(0.04 * k, known.names, q, is_uncertain=True),
             contour=outline(), world_T_camera=pose)
         assert seen.previous_T_camera is not None
 
@@ -264,28 +308,32 @@ def test_points_are_a_tracker_s_as_it_answers_them(told):
     def look(grey, camera, pose, depth):
         heard.append((grey.shape, camera, pose, depth))
         return SimpleNamespace(
-            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, unshared=0.002, plane=found,
+            points=[[0.1, 0.2], [0.3, -0.4]], accuracy=0.01, repeatability=0.002, plane=found,
             marker="DICT_5X5_100:7", spread=np.eye(4))
 
     forgot = []
-    tracker = SimpleNamespace(look=look, numbered=True, reset=lambda: forgot.append(True))
-    observer = Observer(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
+    tracker = SimpleNamespace(track=look, is_numbered=True, reset=lambda: forgot.append(True))
+    observer = FeatureObserver(the_arm(), frozenset((Need.CORNERS,)), tracker=tracker)
     white, depth = np.full((240, 320), 250, np.uint8), np.full((240, 320), 0.3, np.float32)
-    seen = observer.of_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
+    seen = observer.observe_image(0.5, white, CAMERA, joints(0.5), depth=depth, plane=told)
     assert seen.valid and forgot == [True]
     ((shape, camera, pose, given),) = heard
     assert shape == (240, 320) and camera is CAMERA and given is depth
     np.testing.assert_array_equal(pose, the_arm().pose(joints(0.5).positions))
     assert seen.corners.tolist() == [[0.1, 0.2], [0.3, -0.4]] and not seen.corners.flags.writeable
-    assert (seen.corner_accuracy, seen.corner_unshared, seen.numbered) == (0.01, 0.002, True)
+    assert (seen.corner_accuracy, seen.corner_repeatability, seen.is_numbered) == (
+        0.01,
+        0.002,
+        True,
+    )
     assert seen.marker == "DICT_5X5_100:7"
     np.testing.assert_array_equal(seen.corner_spread, np.eye(4))
     assert seen.plane == (told or found) and seen.depth is None
 
 
-@pytest.mark.parametrize("count", [LEAST - 1, LEAST])
+@pytest.mark.parametrize("count", [MIN_PIXELS - 1, MIN_PIXELS])
 def test_a_plane_of_a_depth_image_needs_twelve_pixels(count):
-    assert LEAST == 12
+    assert MIN_PIXELS == 12
     camera = CameraModel(64, 48, (70.0, 0.0, 30.0, 0.0, 55.0, 26.0, 0.0, 0.0, 1.0))
     rows, columns = np.mgrid[0:48, 0:64]
     x, y = (columns - 30.0) / 70.0, (rows - 26.0) / 55.0
@@ -293,16 +341,16 @@ def test_a_plane_of_a_depth_image_needs_twelve_pixels(count):
     known = np.zeros(depth.size, bool)
     known[np.random.default_rng(3).permutation(depth.size)[:count]] = True
     depth[~known.reshape(depth.shape)] = 0.0
-    found = plane_of(depth, camera, None)
-    if count < LEAST:
+    found = fit_plane(depth, camera, None)
+    if count < MIN_PIXELS:
         assert found is None
     else:
         assert tuple(found) == pytest.approx((0.3, -0.2, 1.7))
 
 
 def test_joints_whose_speed_is_not_known_rest_and_each_needs_a_number():
-    sample = JointSample.of(0.5, ("a", "b"), [0.1, -0.2])
+    sample = JointSample.from_values(0.5, ("a", "b"), [0.1, -0.2])
     assert sample.velocities.tolist() == [0.0, 0.0] and not sample.positions.flags.writeable
     for positions, velocities in (([0.1, 0.2], [0.3]), ([0.1], [0.2, 0.3])):
         with pytest.raises(MeasurementError, match="2 joint names, but positions of shape"):
-            JointSample.of(0.5, ("a", "b"), positions, velocities)
+            JointSample.from_values(0.5, ("a", "b"), positions, velocities)

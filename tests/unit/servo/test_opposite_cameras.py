@@ -6,16 +6,20 @@ import numpy as np
 import pytest
 from loop_rig import the_goal
 
-from aras_visual_servo_base.poses import logarithm, relative
+from aras_visual_servo_base.poses import logarithm, relative_pose
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
-from aras_visual_servo_controller.seeing.rig import OppositeCamera, Rig, beside
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.observation.camera_rig import (
+    CameraRig,
+    InverseCameraKinematics,
+    make_camera_kinematics,
+)
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
 # A slide, two unlike turns, and frames that lean: the wall camera stands, the palm's is in the
@@ -51,81 +55,88 @@ FAR = Plane(0.1, -0.2, 2.0)
 
 
 def rig(control, other, moved_by):
-    return Rig([Observer(control, frozenset({Need.CORNERS}), name="first"),
-                Observer(moved_by, frozenset({Need.CORNERS}), name="second",
-                         plane_from=lambda pose: FAR)])  # fmt: skip
+    return CameraRig([FeatureObserver(control, frozenset({Need.CORNERS}), name="first"),
+                FeatureObserver(moved_by, frozenset({Need.CORNERS}), name="second",
+                         compute_plane=lambda pose: FAR)])  # fmt: skip
 
 
 def together(control, other, q, other_q=None):
-    moved_by = beside(ROBOT, control, other, "second")
+    moved_by = make_camera_kinematics(ROBOT, control, other, "second")
     made = rig(control, other, moved_by)
 
     def look(name, q):
-        joints = JointSample.of(1.0, PALM.names, q)
-        return made.observers[name].of_exact(1.0, CAMERA, joints, contour=SQUARE)
+        joints = JointSample.from_values(1.0, PALM.names, q)
+        return made.observers[name].observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
 
     seen = look("second", q if other_q is None else other_q)
-    return made.together(look("first", q), {"second": seen})
+    return made.merge_observations(look("first", q), {"second": seen})
 
 
 @pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
 def test_the_other_twist_is_of_control_times_the_controls(control, other):
-    seen = together(control, other, Q).others["second"]
+    seen = together(control, other, Q).other_cameras["second"]
     twist, own = control.jacobian(Q), other.jacobian(Q)
-    np.testing.assert_allclose(seen.of_control @ twist, own, atol=1e-12)
+    np.testing.assert_allclose(seen.twist_from_control @ twist, own, atol=1e-12)
     assert np.abs(own).max() > 0.3  # there is a motion to speak of
 
 
 @pytest.mark.parametrize(("control", "other"), [(PALM, WALL), (WALL, PALM)], ids=["palm", "wall"])
 def test_its_pose_is_before_its_own_target_and_it_stands_before_the_controls(control, other):
-    moved_by = beside(ROBOT, control, other, "second")
-    assert isinstance(moved_by, OppositeCamera)
+    moved_by = make_camera_kinematics(ROBOT, control, other, "second")
+    assert isinstance(moved_by, InverseCameraKinematics)
     for q in (Q, -2.0 * Q):
         np.testing.assert_allclose(moved_by.pose(q), other.pose(q), atol=1e-12)
         world_T_plate = Arm.from_urdf(ROBOT, "plate").pose(q)
         world_T_second = other.pose(q) if other is PALM else world_T_plate @ other.pose(q)
-        there = world_T_second if control is PALM else relative(world_T_plate, world_T_second)
-        np.testing.assert_allclose(moved_by.place, there, atol=1e-12)
+        there = world_T_second if control is PALM else relative_pose(world_T_plate, world_T_second)
+        np.testing.assert_allclose(moved_by.fixed_pose, there, atol=1e-12)
 
 
 def test_what_it_has_moved_since_its_exposure_is_its_own_motion():
-    made = beside(ROBOT, PALM, WALL, "second")
+    made = make_camera_kinematics(ROBOT, PALM, WALL, "second")
     then, now = Q - [0.01, 0.02, -0.03], Q
     bound = rig(PALM, WALL, made)
-    joints = [JointSample.of(t, PALM.names, q) for t, q in ((0.98, then), (1.0, now))]
-    earlier = bound.observers["second"].of_exact(0.98, CAMERA, joints[0], contour=SQUARE)
-    first = bound.control.of_exact(1.0, CAMERA, joints[1], contour=SQUARE)
-    moved = bound.together(first, {"second": earlier}).others["second"].moved
-    np.testing.assert_allclose(moved, logarithm(relative(WALL.pose(then), WALL.pose(now))))
+    joints = [JointSample.from_values(t, PALM.names, q) for t, q in ((0.98, then), (1.0, now))]
+    earlier = bound.observers["second"].observe_exact_features(
+        0.98, CAMERA, joints[0], contour=SQUARE
+    )
+    first = bound.control.observe_exact_features(1.0, CAMERA, joints[1], contour=SQUARE)
+    second = bound.merge_observations(first, {"second": earlier}).other_cameras["second"]
+    moved = second.motion_since_exposure
+    np.testing.assert_allclose(moved, logarithm(relative_pose(WALL.pose(then), WALL.pose(now))))
 
 
 def test_a_goal_keeps_each_cameras_own_plane():
     observation = together(PALM, WALL, Q)
     goal = Goal.teach(None, observation, depth=0.5)
-    assert goal.others["second"].plane == FAR
+    assert goal.other_cameras["second"].plane == FAR
     known = replace(goal, target=the_goal("2016").target)
     for control, other, names in ((PALM, WALL, ["first", "second"]),
                                   (WALL, PALM, ["second", "first"])):  # fmt: skip
         name = names[1]
-        fitted = known.for_cameras({names[0]: control, name: beside(ROBOT, control, other, name)})
+        fitted = known.for_cameras(
+            {names[0]: control, name: make_camera_kinematics(ROBOT, control, other, name)}
+        )
         assert list(fitted.cameras) == names and fitted.target is known.target
         np.testing.assert_allclose(fitted.world_T_camera, control.pose(Q), atol=1e-12)
-        there = fitted.others[name].world_T_camera
+        there = fitted.other_cameras[name].world_T_camera
         np.testing.assert_allclose(there, other.pose(Q), atol=1e-12)
-    assert fitted.plane == FAR and fitted.others["first"].plane == goal.for_arm(PALM).plane
-    np.testing.assert_allclose(goal.others["second"].world_T_camera, WALL.pose(Q), atol=1e-12)
+    assert fitted.plane == FAR and fitted.other_cameras["first"].plane == goal.for_arm(PALM).plane
+    np.testing.assert_allclose(
+        goal.other_cameras["second"].world_T_camera, WALL.pose(Q), atol=1e-12
+    )
 
 
 def test_a_plane_of_its_own_that_nothing_tells_is_asked_for():
-    made = rig(PALM, WALL, beside(ROBOT, PALM, WALL, "second"))
-    made.observers["second"].plane_from = None
-    joints = JointSample.of(1.0, PALM.names, Q)
+    made = rig(PALM, WALL, make_camera_kinematics(ROBOT, PALM, WALL, "second"))
+    made.observers["second"].compute_plane = None
+    joints = JointSample.from_values(1.0, PALM.names, Q)
     first, second = (
-        observer.of_exact(1.0, CAMERA, joints, contour=SQUARE)
+        observer.observe_exact_features(1.0, CAMERA, joints, contour=SQUARE)
         for observer in made.observers.values()
     )
-    observation = made.together(first, {"second": second})
-    with pytest.raises(ConfigurationError, match="camera second looks at a target of its own"):
+    observation = made.merge_observations(first, {"second": second})
+    with pytest.raises(ConfigurationError, match="camera second has its own target"):
         Goal.teach(None, observation, depth=0.5)
 
 
@@ -144,29 +155,31 @@ def settings(first="palm", **second):
 @pytest.mark.parametrize("first", ["palm", "wall"])
 def test_a_nodes_cameras_say_which_link_carries_what_they_look_at(first):
     asked = settings(first)
-    arm = asked.arm(ROBOT)
+    arm = asked.make_arm(ROBOT)
     assert arm.target_frame == {"palm": "", "wall": "plate"}[first]
-    ((name, moved_by),) = asked.others(ROBOT, arm).items()
+    ((name, moved_by),) = asked.make_other_cameras(ROBOT, arm).items()
     assert name == {"palm": "wall", "wall": "palm"}[first]
-    assert isinstance(moved_by, OppositeCamera)
+    assert isinstance(moved_by, InverseCameraKinematics)
     np.testing.assert_allclose(moved_by.pose(Q), {"palm": PALM, "wall": WALL}[name].pose(Q))
 
 
 def test_a_camera_without_a_link_of_its_own_has_that_of_all():
-    assert settings().camera_of("palm").target_frame == ""
-    assert settings().camera_of("wall").target_frame == "plate"
+    assert settings().get_camera("palm").target_frame == ""
+    assert settings().get_camera("wall").target_frame == "plate"
     one = Settings.from_mapping({"scheme": "points", "target_frame": "plate"})
-    assert one.camera_of("camera").target_frame == "plate"
+    assert one.get_camera("camera").target_frame == "plate"
 
 
 @pytest.mark.parametrize(
     ("control", "frame", "link", "words"),
     [
         (PALM, "wall_optical_frame", "b", "is moved by slide, turn and the control camera by"),
-        (PALM, "elbow_optical_frame", "plate", "the arm moves elbow_optical_frame, and plate too"),
-        (WALL, "wall_optical_frame", "hand", "hand carries and the control camera at what plate"),
+        (PALM, "elbow_optical_frame", "plate", "elbow_optical_frame and its target plate"),
+        (WALL, "wall_optical_frame", "hand", "is on hand and that of the control camera on plate"),
     ],
 )
 def test_what_cannot_be_is_said(control, frame, link, words):
     with pytest.raises(ConfigurationError, match=words):
-        beside(ROBOT, control, Arm.from_urdf(ROBOT, frame, target_frame=link), "second")
+        make_camera_kinematics(
+            ROBOT, control, Arm.from_urdf(ROBOT, frame, target_frame=link), "second"
+        )

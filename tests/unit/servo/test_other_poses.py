@@ -3,17 +3,17 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.diagnosis.ambiguous_poses import AmbiguousPoses
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.other_poses import OtherPoses
-from aras_visual_servo_controller.seeing.observation import Observation
+from aras_visual_servo_controller.observation.observation import Observation
 
 CAMERA = CameraModel(320, 240, (300.0, 0.0, 160.0, 0.0, 300.0, 120.0, 0.0, 0.0, 1.0), ())
 TRIANGLE = np.array([[-0.15, -0.1], [0.2, -0.05], [0.02, 0.18]])
 PLANE = Plane(0.9, -0.6, 2.0)  # at 0.5 m, tilted
-WORLD_T_GOAL = transform((0.3, -0.2, 0.9), (2.8, 0.3, 0.7))
+WORLD_T_GOAL = matrix_from_xyz_rpy((0.3, -0.2, 0.9), (2.8, 0.3, 0.7))
 
 
 def goal_of(points, plane=PLANE, k=1.0):
@@ -31,7 +31,7 @@ def seen(corners, plane, accuracy=0.0):
 
 
 def test_three_points_look_alike_from_other_poses():
-    found = OtherPoses(goal_of(TRIANGLE))
+    found = AmbiguousPoses(goal_of(TRIANGLE))
     assert found.poses
     for pose in found.poses:
         np.testing.assert_allclose(pose.points, TRIANGLE, atol=1e-9)
@@ -43,11 +43,11 @@ def test_three_points_look_alike_from_other_poses():
             lengths = np.linalg.norm(places - np.roll(places, 1, axis=0), axis=1)
             sides.append(np.sort(lengths))
         np.testing.assert_allclose(*sides, rtol=1e-6)
-        assert found.at(seen(TRIANGLE, Plane(*pose.plane)))[0] is pose
-    assert found.at(seen(TRIANGLE, PLANE)) == (None, ())
-    nearest, open_ = found.at(seen(TRIANGLE, None))  # nothing tells the plane
+        assert found.find_pose(seen(TRIANGLE, Plane(*pose.plane)))[0] is pose
+    assert found.find_pose(seen(TRIANGLE, PLANE)) == (None, ())
+    nearest, open_ = found.find_pose(seen(TRIANGLE, None))  # nothing tells the plane
     assert nearest is None and open_ == found.poses
-    scaled = OtherPoses(goal_of(TRIANGLE, k=7.0)).poses
+    scaled = AmbiguousPoses(goal_of(TRIANGLE, k=7.0)).poses
     for one, other in zip(found.poses, scaled, strict=True):
         assert other.distance == pytest.approx(7.0 * one.distance, rel=1e-4)
         assert other.angle == pytest.approx(one.angle, rel=1e-4)
@@ -55,36 +55,36 @@ def test_three_points_look_alike_from_other_poses():
 
 def test_a_target_that_is_turned_in_its_plane_is_at_no_other_pose():
     """Kinematics have the plane where it was, whatever the target's place in it."""
-    found = OtherPoses(goal_of(TRIANGLE))
+    found = AmbiguousPoses(goal_of(TRIANGLE))
     goal = found.goal
     normal = np.array(PLANE) / np.linalg.norm(PLANE)
-    turned = transform((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
+    turned = matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, 0.0))
     turned[:3, 3] = np.cross(normal, (0.0, 0.1, 0.3))  # along the plane
-    plane = goal.plane_from(goal.world_T_camera @ turned)
-    assert found.at(seen(TRIANGLE, plane)) == (None, ())
+    plane = goal.compute_plane(goal.world_T_camera @ turned)
+    assert found.find_pose(seen(TRIANGLE, plane)) == (None, ())
 
 
 SMALL = np.array([[-0.03, -0.02], [0.035, -0.025], [0.03, 0.028], [-0.02, 0.02]])
 
 
 def test_a_small_quadrilateral_looks_nearly_alike_from_the_mirrored_tilt():
-    found = OtherPoses(goal_of(SMALL))
+    found = AmbiguousPoses(goal_of(SMALL))
     (pose,) = found.poses
     off = np.abs(pose.points - SMALL).max()
     assert 1e-5 < off < 5e-3 and pose.angle > 0.3
-    assert OtherPoses(goal_of(10.0 * SMALL)).poses == ()  # a wide view tells the two apart
+    assert AmbiguousPoses(goal_of(10.0 * SMALL)).poses == ()  # a wide view tells the two apart
     # by the plane, or, where nothing tells that, by the image if it shows the difference
-    assert found.at(seen(SMALL, Plane(*pose.plane)))[0] is pose
-    assert found.at(seen(pose.points, None, 0.01 * off))[0] is pose
-    assert found.at(seen(SMALL, None, 0.01 * off)) == (None, ())
-    assert found.at(seen(SMALL, None, 10.0 * off)) == (None, (pose,))
-    assert found.at(seen(None, None)) == (None, (pose,))
+    assert found.find_pose(seen(SMALL, Plane(*pose.plane)))[0] is pose
+    assert found.find_pose(seen(pose.points, None, 0.01 * off))[0] is pose
+    assert found.find_pose(seen(SMALL, None, 0.01 * off)) == (None, ())
+    assert found.find_pose(seen(SMALL, None, 10.0 * off)) == (None, (pose,))
+    assert found.find_pose(seen(None, None)) == (None, (pose,))
 
 
 def test_a_square_s_other_headings_are_no_other_poses():
     """It looks exactly alike after a quarter of a turn: `up_to` says so."""
     square = np.array([[-0.2, -0.2], [0.2, -0.2], [0.2, 0.2], [-0.2, 0.2]])
-    assert OtherPoses(goal_of(square, Plane(0.0, 0.0, 2.0))).poses == ()
+    assert AmbiguousPoses(goal_of(square, Plane(0.0, 0.0, 2.0))).poses == ()
 
 
 @pytest.mark.parametrize("goal", [
@@ -92,4 +92,4 @@ def test_a_square_s_other_headings_are_no_other_poses():
     goal_of(TRIANGLE, Plane(0.0, 0.0, -2.0)),
 ])  # fmt: skip
 def test_without_points_of_a_plane_in_view_there_are_none(goal):
-    assert OtherPoses(goal).poses == ()
+    assert AmbiguousPoses(goal).poses == ()

@@ -11,12 +11,16 @@ import numpy as np
 import pytest
 
 from aras_visual_servo_camera.trackers import TRACKERS
-from aras_visual_servo_controller.arm import JointLimitAvoidance, Posture, SingularityAvoidance
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.features.moments import ImageMoments
-from aras_visual_servo_controller.goals.starts import start_joints
+from aras_visual_servo_controller.goals.starts import find_start_joints
+from aras_visual_servo_controller.kinematics import (
+    JointLimitAvoidance,
+    PostureTask,
+    SingularityAvoidance,
+)
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.records.state import ServoSettings
-from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
@@ -30,7 +34,7 @@ def of(**given):
 
 @pytest.fixture(scope="module")
 def arm():
-    return Settings(package=PACKAGE).arm(URDF)
+    return Settings(package=PACKAGE).make_arm(URDF)
 
 
 def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
@@ -38,12 +42,12 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
     assert settings.start == "2016" and settings.posture == {"J1": 0.0}
     assert settings.max_velocity == 1.5  # what was given comes before
     assert settings.controllers["J5"] == "joint5_position_controller"
-    loop = settings.build(arm)
+    loop = settings.make_servo(arm)
     start = [-0.1, 0.0, *np.radians([20.0, -15.0, -5.0, 10.0])]
     assert loop.settings.start == pytest.approx(start)
-    assert loop.resolver.folds[0].side == -1.0
-    assert len(loop.resolver.tasks) == 2
-    assert loop.resolver.limits.velocity.tolist() == [1.5] * 6
+    assert loop.differential_ik.elbows[0].bend_side == -1.0
+    assert len(loop.differential_ik.tasks) == 2
+    assert loop.differential_ik.limits.velocity.tolist() == [1.5] * 6
     assert loop.goal.depth == pytest.approx(0.19289, abs=1e-4)
     assert {"start": settings.start, "desired": settings.desired}.items() <= vars(
         replace(of(gain=3.0).for_robot("aras_visual_servo"), desired="auto")).items()
@@ -55,33 +59,33 @@ def test_the_laboratory_s_robot_brings_its_own_parameters(arm):
 
 def test_corners_of_a_shipped_goal_are_those_of_its_target(arm):
     """Its file holds moments alone; `./demo.sh --scheme points` is told on the first page."""
-    goal = of(scheme="points", desired="2016").build(arm).goal
+    goal = of(scheme="points", desired="2016").make_servo(arm).goal
     found = np.array(goal.features["points"]["points"])
-    exact = goal.target.outline(goal.world_T_camera)
+    exact = goal.target.compute_outline(goal.world_T_camera)
     nearest = np.linalg.norm(found[:, None] - exact[None], axis=2).min(axis=1)
     assert len(found) == 8  # a square with a patch at a side
     assert nearest.max() < 2e-3  # edges of plates that are seen are no corners, as in pictures
-    held = of(scheme="moments", desired="2016").build(arm).goal
+    held = of(scheme="moments", desired="2016").make_servo(arm).goal
     assert not held.features and goal.moments.m00 == held.moments.m00
     for scheme in ("segments", "polar_points", "pose", "partitioned"):
-        assert of(scheme=scheme, desired="2016").build(arm).goal.features
+        assert of(scheme=scheme, desired="2016").make_servo(arm).goal.features
 
 
 @pytest.mark.parametrize(("given", "why"), [
-    ({"scheme": "luminance"}, "holds no picture of luminance"),
+    ({"scheme": "luminance"}, "holds no image of luminance"),
     ({"scheme": "numbered_points", "tracker": "dots"}, "holds no points of the feature"),
 ])  # fmt: skip
 def test_what_an_outline_does_not_tell_is_still_to_be_taught(arm, given, why):
     with pytest.raises(ConfigurationError, match=f"goal_2016.yaml {why}.*teach"):
-        of(desired="2016", **given).build(arm)
+        of(desired="2016", **given).make_servo(arm)
 
 
 def test_the_goal_follows_the_start():
-    assert of(start="2015").goal_path().name == "goal_2015.yaml"
-    assert of(start=2016).goal_path().name == "goal_2016.yaml"
-    assert of(start=[0.0] * 6).goal_path().name == "goal_2016.yaml"
-    assert of(start="2015", desired="2016").goal_path().name == "goal_2016.yaml"
-    assert of(desired="~/mine.yaml").goal_path() == Path("~/mine.yaml").expanduser()
+    assert of(start="2015").find_goal_file().name == "goal_2015.yaml"
+    assert of(start=2016).find_goal_file().name == "goal_2016.yaml"
+    assert of(start=[0.0] * 6).find_goal_file().name == "goal_2016.yaml"
+    assert of(start="2015", desired="2016").find_goal_file().name == "goal_2016.yaml"
+    assert of(desired="~/mine.yaml").find_goal_file() == Path("~/mine.yaml").expanduser()
 
 
 @pytest.mark.parametrize(
@@ -102,8 +106,8 @@ def test_the_goal_follows_the_start():
         ({"max_velocity": {"J1": "x"}}, "~max_velocity"),
         ({"joints": "J1"}, "~joints is 'J1', must be a list"),
         ({"package": "/"}, "unknown parameter ~package"),
-        ({"namespace": "my robot"}, "~namespace is 'my robot', which is no name on a ROS graph"),
-        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is no name"),
+        ({"namespace": "my robot"}, "~namespace is 'my robot', which is not a ROS graph name"),
+        ({"command_topic": "2nd"}, "~command_topic is '2nd', which is not a ROS graph name"),
         ({"segmentation": {"component": "mask"}}, "~segmentation.component 'mask' is for the cam"),
     ],
 )
@@ -176,8 +180,8 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"start": "2017"}, "~start is '2017': did you mean '201"),
         ({"start": [0.0] * 5}, "a finite number for each of gantry, J1"),
         ({"start": "0 0 0 0 0 far"}, r"~start.5. is 'far', must be a finite number"),
-        ({"start": {"J4": 0.0}}, "says where J4 is"),
-        ({"start": {"J1": 0.0}}, "says nothing of gantry, J2"),
+        ({"start": {"J4": 0.0}}, "has a value for J4"),
+        ({"start": {"J1": 0.0}}, "has no value for gantry, J2"),
         ({"start": [0, 0, 0, 2.5, 0, 0]}, "outside its limits"),
         ({"start": {"xyz": [0, 0, 5], "rpy": [3.1, 0, 0]}}, "out of the arm's reach"),
         ({"start": {"xyz": [0, 0], "rpy": [3.1, 0, 0]}},
@@ -206,7 +210,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
         ({"controllers": {"J9": "x"}}, "~controllers names the joint J9: known are"),
         ({"controllers": {"J1": ""}}, "~controllers: that of J1 is '', must be the name"),
         ({"controllers": {"J1": 3}}, "~controllers: that of J1 is 3, must be the name"),
-        ({"elbow": {"J2": 1}}, "J2 is no elbow"),
+        ({"elbow": {"J2": 1}}, "J2 is not an elbow"),
         ({"max_velocity": 9.0}, "beyond the robot's own"),
         ({"lead": {"J4": 0.1}}, "~lead names the joint J4"),
         ({"output": "torque"}, "~output is 'torque': known are position, velocity, effort"),
@@ -220,7 +224,7 @@ def test_settings_of_the_loop_alone_have_bounds_too():
 def test_what_cannot_be_built_is_named(given, words):
     with pytest.raises(ConfigurationError, match=words):
         settings = of(**given)
-        settings.build(settings.arm(URDF))
+        settings.make_servo(settings.make_arm(URDF))
 
 
 def test_starts_in_every_way_they_can_be_given(arm):
@@ -228,9 +232,9 @@ def test_starts_in_every_way_they_can_be_given(arm):
     names = dict(zip(arm.names, joints, strict=True))
     for start in (joints, "0.1 0 0.17 -0.09 -0.09 2.09", "[0.1, 0, 0.17, -0.09, -0.09, 2.09]",
                   names):  # fmt: skip
-        assert start_joints(start, arm, PACKAGE) == pytest.approx(joints)
-    assert start_joints("none", arm, PACKAGE) is None
-    found = start_joints({"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, arm, PACKAGE)
+        assert find_start_joints(start, arm, PACKAGE) == pytest.approx(joints)
+    assert find_start_joints("none", arm, PACKAGE) is None
+    found = find_start_joints({"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}, arm, PACKAGE)
     pose = arm.pose(found)
     assert pose[:3, 3] == pytest.approx([0.1, 0.02, 0.8], abs=1e-6)
 
@@ -240,7 +244,7 @@ class Two:
 
     names, lower, upper = ("j", "k"), np.array([0.2, -1.0]), np.array([1.0, -0.3])
 
-    def inverse(self, pose, near):
+    def inverse_kinematics(self, pose, near):
         self.asked = pose, near
         return np.array([0.5, -0.5])
 
@@ -252,38 +256,38 @@ class Two:
     ("0.5 1 2", r"is \(0.5, 1.0, 2.0\), must be a name, none, {xyz, rpy} of the camera, or a f"),
     ([0.5], r"is \[0.5\], must be a name, none, {xyz, rpy} of the camera, or a finite number f"),
     (0.5, "is 0.5, must be a name, none"), ([0.5, np.nan], "is nan, must be a finite number"),
-    ({"j": 0.5}, "is '{'j': 0.5}', which says nothing of k$"),
-    ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which says where l is: this arm's joints are j, k; g"),
+    ({"j": 0.5}, "is '{'j': 0.5}', which has no value for k$"),
+    ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
     ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
     ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),
-    ("2016", "says where gantry is: this arm's joints are j, k; give theirs, or none"),
+    ("2016", "has a value for gantry: .* are j, k; give values for these, or none"),
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):
-        start_joints(start, Two(), PACKAGE)
+        find_start_joints(start, Two(), PACKAGE)
 
 
 def test_a_start_of_two_joints_is_taken_as_words_or_by_name_or_by_the_camera_s_pose():
     arm = Two()
     for start in ("0.5 -0.4", "0.5, -0.4", "[0.5,-0.4]", (0.5, -0.4), {"k": -0.4, "j": 0.5}):
-        found = start_joints(start, arm, PACKAGE)
+        found = find_start_joints(start, arm, PACKAGE)
         assert isinstance(found, np.ndarray) and found.tolist() == [0.5, -0.4]
     pose = {"xyz": [0.1, 0.2, 0.3], "rpy": [0.0, 0.0, 0.5]}
-    assert start_joints(pose, arm, PACKAGE).tolist() == [0.5, -0.5]
+    assert find_start_joints(pose, arm, PACKAGE).tolist() == [0.5, -0.5]
     np.testing.assert_array_equal(arm.asked[1], [0.2, -0.3])  # what is nearest to zero
     np.testing.assert_allclose(arm.asked[0][:3], [
         [np.cos(0.5), -np.sin(0.5), 0.0, 0.1], [np.sin(0.5), np.cos(0.5), 0.0, 0.2],
         [0.0, 0.0, 1.0, 0.3]])  # fmt: skip
-    start_joints(pose, arm, PACKAGE, near := np.array([0.7, -0.6]))
+    find_start_joints(pose, arm, PACKAGE, near := np.array([0.7, -0.6]))
     assert arm.asked[1] is near
 
 
 def test_laws_and_schemes_get_their_numbers(arm):
     given = {"law": "adaptive", "law_options": {"zero": 6.0}, "continuous_start": 3.0}
-    loop = of(**given, start="none").build(arm)
+    loop = of(**given, start="none").make_servo(arm)
     law = loop.scheme.law
     assert law.mu == 3.0 and law.law.zero == 6.0 and law.law.slope == 30.0
-    assert of(hold_gain=2.5, start="none").build(arm).resolver.settings.hold_gain == 2.5
+    assert of(hold_gain=2.5, start="none").make_servo(arm).differential_ik.settings.hold_gain == 2.5
     diagonal = of(law="diagonal", law_options={"values": [1, 2, 3, 4]}).make_law()
     assert diagonal.values == (1.0, 2.0, 3.0, 4.0)
 
@@ -293,13 +297,13 @@ def test_of_joints_that_are_not_used_the_robot_s_parameters_say_nothing(arm):
     settings = of(joints=some, start="none").for_robot("aras_visual_servo", ("joints", "start"))
     assert settings.max_velocity == {"gantry": 1.0, "J1": 2.0, "J2": 2.0, "J3": 2.0}
     assert settings.posture == {"J1": 0.0} and set(settings.controllers) == set(some)
-    part = settings.arm(URDF)
-    assert settings.limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
-    assert settings.resolver(part, settings.limits(part)).folds == ()
-    with pytest.raises(ConfigurationError, match="joint J9 is no elbow"):
-        replace(settings, elbow={"J9": 1}).resolver(part, settings.limits(part))
+    part = settings.make_arm(URDF)
+    assert settings.make_limits(part).velocity.tolist() == [1.0, 2.0, 2.0, 2.0]
+    assert settings.make_differential_ik(part, settings.make_limits(part)).elbows == ()
+    with pytest.raises(ConfigurationError, match="joint J9 is not an elbow"):
+        replace(settings, elbow={"J9": 1}).make_differential_ik(part, settings.make_limits(part))
     whole = of(joints=list(arm.names), start="none").for_robot("aras_visual_servo", ("joints",))
-    assert whole.resolver(arm, whole.limits(arm)).folds[0].side == -1.0
+    assert whole.make_differential_ik(arm, whole.make_limits(arm)).elbows[0].bend_side == -1.0
     one = of(joints=["J2"]).for_robot("aras_visual_servo", ("joints",))
     assert (one.posture, one.elbow) == ({}, None)
 
@@ -309,15 +313,15 @@ def test_an_arm_whose_speed_nothing_limits_is_not_moved():
     urdf = re.sub(r'( name="J2"(?:.|\n)*?<limit[^>]*?) velocity="[^"]*"', r"\1", URDF, count=1)
     urdf = urdf.replace('name="J2" type="revolute"', 'name="J2" type="continuous"')
     settings = of(start="none", max_velocity={"J1": 1.0})
-    arm = settings.arm(urdf)
+    arm = settings.make_arm(urdf)
     assert np.isinf(arm.velocity).tolist() == [False, False, True, False, False, False]
-    with pytest.raises(ConfigurationError, match="nothing limits the speed of J2: .* ~max_veloc"):
-        settings.build(arm)
-    replace(settings, max_velocity={"J2": 1.0}).build(arm)
+    with pytest.raises(ConfigurationError, match="J2 has no speed limit: .* ~max_veloc"):
+        settings.make_servo(arm)
+    replace(settings, max_velocity={"J2": 1.0}).make_servo(arm)
 
 
 def test_what_is_said_for_one_joint_leaves_the_others_theirs(arm):
-    loop = of(lead={"J1": 0.1}, stiffness={"J2": 3.0}, start="none").build(arm)
+    loop = of(lead={"J1": 0.1}, stiffness={"J2": 3.0}, start="none").make_servo(arm)
     assert loop.settings.lead == (0.05, 0.1, 0.05, 0.05, 0.05, 0.05)
     assert loop.settings.stiffness == (0.0, 0.0, 3.0, 0.0, 0.0, 0.0)
 
@@ -327,15 +331,16 @@ def test_a_user_s_own_law_takes_the_gain_that_is_given(tmp_path, monkeypatch):
         "from aras_visual_servo_controller.laws import Law\n"
         "class Fast(Law):\n"
         "    gain: float = 8.0\n"
-        "    def rate(self, error, L, rotated_error, t, dt): return -self.gain * error\n"
+        "    def desired_error_rate(self, error, L, rotated_error, t, dt):\n"
+        "        return -self.gain * error\n"
         "class Plain(Law):\n"
-        "    def rate(self, error, L, rotated_error, t, dt): return -error\n"
+        "    def desired_error_rate(self, error, L, rotated_error, t, dt): return -error\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
     assert of(law="own_law:Fast").make_law().gain == 8.0
     assert of(law="own_law:Fast", gain=3.0).make_law().gain == 3.0
     assert of(law="own_law:Fast", gain=3.0, ramp=0.1).make_law().law.gain == 3.0
-    assert of(law="own_law:Plain").make_law().numbers() == {}
+    assert of(law="own_law:Plain").make_law().list_tunable_parameters() == {}
     with pytest.raises(ConfigurationError, match=r"'own_law:Plain' takes no 'gain'"):
         of(law="own_law:Plain", gain=3.0).make_law()
 
@@ -354,7 +359,7 @@ def test_a_user_s_own_feature_by_name(arm, tmp_path, monkeypatch):
         "class Theirs(ImageMoments):\n    pass\n"
     )
     monkeypatch.syspath_prepend(str(tmp_path))
-    loop = of(scheme="their_package:Theirs", start="none").build(arm)
+    loop = of(scheme="their_package:Theirs", start="none").make_servo(arm)
     assert loop.scheme.names == ImageMoments.names and loop.name == "their_package:Theirs"
     sys.modules.pop("their_package")
 
@@ -369,48 +374,52 @@ def test_options_of_the_scheme_and_of_the_law_are_handed_on(arm):
 def test_secondary_tasks_are_those_that_are_asked_for(arm):
     for given, kinds in (
         ({}, [JointLimitAvoidance]), ({"limit_avoidance": False}, []),
-        ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, [Posture, JointLimitAvoidance]),
+        ({"posture": {"J1": 0.1}, "posture_gain": 2.0}, [PostureTask, JointLimitAvoidance]),
         ({"singularity_avoidance": True}, [JointLimitAvoidance, SingularityAvoidance]),
     ):  # fmt: skip
         settings = of(**given)
-        assert [type(t) for t in settings.resolver(arm, settings.limits(arm)).tasks] == kinds
-    assert of(elbow=1).resolver(arm, of().limits(arm)).folds[0].side == 1.0
+        assert [
+            type(t) for t in settings.make_differential_ik(arm, settings.make_limits(arm)).tasks
+        ] == kinds
+    assert of(elbow=1).make_differential_ik(arm, of().make_limits(arm)).elbows[0].bend_side == 1.0
 
 
 def test_controllers_of_joints_that_are_not_used_may_be_named():
     settings = of(joints=["J1", "J2"], controllers={"J5": "wrist"})
-    assert settings.arm(URDF).names == ("J1", "J2")
+    assert settings.make_arm(URDF).names == ("J1", "J2")
     with pytest.raises(ConfigurationError, match="names the joint J9: known are .*J5"):
-        of(joints=["J1", "J2"], controllers={"J9": "wrist"}).arm(URDF)
+        of(joints=["J1", "J2"], controllers={"J9": "wrist"}).make_arm(URDF)
 
 
 def test_a_start_by_a_pose_is_looked_for_from_the_posture_at_the_goal(arm, monkeypatch):
     near = []
-    monkeypatch.setattr("aras_visual_servo_controller.settings.start_joints",
+    monkeypatch.setattr("aras_visual_servo_controller.settings.find_start_joints",
                         lambda start, *given: near.append(given[-1]))  # fmt: skip
     pose = {"xyz": [0.1, 0.02, 0.8], "rpy": [np.pi, 0.0, 0.5]}
-    goals = [of(start=start, desired="2016").build(arm).goal for start in (pose, "2016")]
-    np.testing.assert_array_equal(near[0], goals[0].joint_values(arm.names))
+    goals = [of(start=start, desired="2016").make_servo(arm).goal for start in (pose, "2016")]
+    np.testing.assert_array_equal(near[0], goals[0].get_joints(arm.names))
     assert near[1] is None
 
 
 def test_a_run_has_its_end(arm):
-    assert of(duration=2.5).build(arm).settings.duration == 2.5
-    assert of().build(arm).settings.duration == np.inf
+    assert of(duration=2.5).make_servo(arm).settings.duration == 2.5
+    assert of().make_servo(arm).settings.duration == np.inf
 
 
 def test_each_camera_s_observer_knows_what_it_needs_and_its_goal_s_plane(arm):
     settings = of(scheme="points@left+area@right", cameras={"left": {}, "right": {}})
     scheme, pose = settings.make_scheme(), arm.pose(np.zeros(6))
-    made = settings.rig({"left": arm, "right": None}, scheme)
+    made = settings.make_camera_rig({"left": arm, "right": None}, scheme)
     assert [o.needs for o in made.observers.values()] == [{Need.CORNERS}, {Need.MOMENTS}]
     assert made.control.arm is arm and made.observers["right"].arm is None
-    assert made.control.plane_from is None
+    assert made.control.compute_plane is None
     goal = of(desired="2016").load_goal().for_cameras({"left": arm})
-    made = replace(settings, depth_image=True).rig({"left": arm, "right": None}, scheme, goal)
+    made = replace(settings, depth_image=True).make_camera_rig(
+        {"left": arm, "right": None}, scheme, goal
+    )
     assert made.control.needs == {Need.CORNERS, Need.DEPTH}
-    assert made.control.plane_from(pose) == goal.plane_from(pose) is not None
-    assert made.observers["right"].plane_from is None
+    assert made.control.compute_plane(pose) == goal.compute_plane(pose) is not None
+    assert made.observers["right"].compute_plane is None
     assert made.observers["right"].needs == {Need.MOMENTS, Need.DEPTH}
 
 
@@ -428,5 +437,5 @@ def test_trackers_by_name():
     with pytest.raises(ConfigurationError, match="unknown tracker 'dot': did you mean 'dots'"):
         of(tracker="dot").make_tracker()
     for given in ({"tracker": "model"}, {"scheme": "points+model@left"}):
-        with pytest.raises(ConfigurationError, match="model_start says where the model is"):
+        with pytest.raises(ConfigurationError, match="model_start must define the start pose"):
             of(**given).make_tracker()

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features import FEATURES
 from aras_visual_servo_controller.features import pose as features
-from aras_visual_servo_controller.features.pose import pose_of_plane
+from aras_visual_servo_controller.features.pose import estimate_planar_pose
 from aras_visual_servo_controller.goals.goal import Goal
 
 
@@ -27,7 +27,7 @@ def test_noisy_points_give_the_pose_of_least_squares(view):
     P = places(VIEWS[view])
     noise = np.random.default_rng(view).normal(0.0, 5e-4, (len(CORNERS), 2))
     points = P[:, :2] / P[:, 2:] + noise
-    found = pose_of_plane(there, points)
+    found = estimate_planar_pose(there, points)
 
     def moved(step):
         pose = exact.copy()
@@ -41,7 +41,7 @@ def test_noisy_points_give_the_pose_of_least_squares(view):
     assert np.abs(found - exact).max() > 1e-5  # the noise is felt
     frame = pose((1.5, -2.0, 0.7), (0.6, -1.1, 2.3))  # whichever the places are told in
     elsewhere = there @ frame[:3, :3].T + frame[:3, 3]
-    assert np.abs(pose_of_plane(elsewhere, points) @ frame - found).max() < 1e-9
+    assert np.abs(estimate_planar_pose(elsewhere, points) @ frame - found).max() < 1e-9
 
 
 def anywhere(seed, count):
@@ -55,11 +55,11 @@ def anywhere(seed, count):
 
 
 def test_the_homography_alone_gives_the_pose_of_exact_points(monkeypatch):
-    monkeypatch.setattr(features, "REFINEMENTS", 0)
+    monkeypatch.setattr(features, "MAX_ITERATIONS", 0)
     random = np.random.default_rng(2)
     for place, count in zip(anywhere(0, 30), np.tile([4, 5, 6, 7, 8], 6), strict=True):
         flat = np.column_stack([random.uniform(-0.1, 0.1, (count, 2)), np.zeros(count)])
-        found = pose_of_plane(places(GOAL, flat), seen(place, flat))
+        found = estimate_planar_pose(places(GOAL, flat), seen(place, flat))
         np.testing.assert_allclose(found, place @ np.linalg.inv(GOAL), atol=1e-8)
 
 
@@ -78,7 +78,7 @@ def test_no_motion_brings_the_points_nearer_than_they_are():
     there, random, step = places(GOAL), np.random.default_rng(5), 1e-4
     for place in anywhere(1, 12):
         points = seen(place) + random.normal(0.0, 1e-3, (4, 2))
-        found = pose_of_plane(there, points)
+        found = estimate_planar_pose(there, points)
         nearest = np.sum(offsets(found, there, points) ** 2)
         for axis in np.eye(6):
             either = [
@@ -94,7 +94,7 @@ def test_no_motion_brings_the_points_nearer_than_they_are():
 ])  # fmt: skip
 def test_points_on_one_line_or_in_one_place_give_no_pose(points):
     with pytest.raises(MeasurementError, match="give no pose: they lie on one line"):
-        pose_of_plane(places(GOAL), np.array(points))
+        estimate_planar_pose(places(GOAL), np.array(points))
     feature = FEATURES.create("pose")
     with pytest.raises(ConfigurationError, match="a pose needs four points that are not on one"):
         feature.check(Goal(depth=0.5, features={"pose": {"points": points}}))
@@ -103,10 +103,10 @@ def test_points_on_one_line_or_in_one_place_give_no_pose(points):
 @pytest.mark.parametrize(("thin", "refused"), [(0.9e-9, True), (1.1e-9, False)])
 def test_what_is_thinner_than_a_rounding_is_a_line(thin, refused):
     along, across = np.array([-1.0, -1.0, 1.0, 1.0]), np.array([1.0, -1.0, 1.0, -1.0])
-    assert features.on_one_line(np.column_stack([along, thin * across])) is refused
+    assert features.are_collinear(np.column_stack([along, thin * across])) is refused
 
 
 def test_corners_of_which_one_comes_from_behind_the_camera_give_no_pose():
     """As the second and the third of a quadrilateral that are taken for each other."""
     with pytest.raises(MeasurementError, match="give a pose behind the camera"):
-        pose_of_plane(places(GOAL), seen(GOAL)[[0, 2, 1, 3]])
+        estimate_planar_pose(places(GOAL), seen(GOAL)[[0, 2, 1, 3]])

@@ -6,11 +6,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.arm.task import Task
-from aras_visual_servo_controller.judging.progress_check import ProgressCheck
+from aras_visual_servo_controller.diagnosis.progress_check import ProgressCheck
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.records.state import SERVOING, ServoState
-from aras_visual_servo_controller.schemes.base import Decision
+from aras_visual_servo_controller.schemes.base import SchemeOutput
 
 TOLERANCES = np.array([2e-3, 1e-3])
 TWIST = np.array([0.002, 0.0, 0.0, 0.006, 0.008, 0.0])
@@ -18,11 +18,11 @@ TWIST = np.array([0.002, 0.0, 0.0, 0.006, 0.008, 0.0])
 
 def resolution(**given):
     """A Resolution of an arm that gives the whole twist, but for what is `given`."""
-    whole = {"velocities": np.zeros(6), "primary": np.zeros(6), "asked": TWIST, "twist": TWIST,
-             "lost": np.zeros(6), "scale": 1.0, "margins": np.ones(6), "stopped": (),
-             "slowing": "J3", "reasons": (), "L": np.eye(6), "jacobian": np.eye(6),
-             "modelled": np.ones(6, bool)}  # fmt: skip
-    return Resolution(**{**whole, **given})
+    whole = {"velocities": np.zeros(6), "primary": np.zeros(6), "desired_twist": TWIST,
+             "achieved_twist": TWIST, "infeasible_twist": np.zeros(6), "scale": 1.0,
+             "margins": np.ones(6), "stopped_joints": (), "limiting_joint": "J3", "reasons": (),
+             "L": np.eye(6), "jacobian": np.eye(6), "modelled": np.ones(6, bool)}  # fmt: skip
+    return IKSolution(**{**whole, **given})
 
 
 def task_of_rank(rank, modelled=6):
@@ -41,30 +41,30 @@ def watched(errors, dt=0.075, twist=TWIST, task=None, L=None, told=lambda i: {})
     for i, error in enumerate(np.asarray(errors, float)):
         tolerances = np.resize(TOLERANCES, len(error))
         features = error * tolerances
-        decision = Decision(
+        decision = SchemeOutput(
             names=tuple(f"s{k}" for k in range(len(error))), features=features,
             desired=np.zeros(len(error)), error=features,
-            task=Task.of_twist(twist) if task is None else task(i),
+            task=Task.from_twist(twist) if task is None else task(i),
             L=L(i) if callable(L) else L)  # fmt: skip
         said = told(i)
-        state = ServoState(3.0 + dt * i, SERVOING, decision=decision,
-                           resolution=None if said is None else resolution(**said))
+        state = ServoState(3.0 + dt * i, SERVOING, scheme_output=decision,
+                           ik_solution=None if said is None else resolution(**said))
         progress.add(state, tolerances)
     return progress, state
 
 
 STILL = np.full((20, 2), 10.0)  # of 20 images three fifths are 12
-STOPPED = {"stopped": ("gantry",)}
+STOPPED = {"stopped_joints": ("gantry",)}
 
 
 def kinds(progress, state):
-    return progress.stalled(state).kind, progress.unfinished("the time is over").kind
+    return progress.explain_stall(state).kind, progress.explain_timeout("the time is over").kind
 
 
 @pytest.mark.parametrize(("images", "there"), [(11, False), (12, True)])
 @pytest.mark.parametrize(("told", "kind"), [
     (STOPPED, "joint_limit"),
-    ({"lost": 0.5 * TWIST}, "singular"),
+    ({"infeasible_twist": 0.5 * TWIST}, "singular"),
     ({"scale": 0.5}, "saturation"),
 ])  # fmt: skip
 def test_a_cause_has_to_be_there_in_three_of_five_images(told, kind, images, there):
@@ -87,19 +87,21 @@ def test_full_rank_is_that_of_the_features_or_of_the_modelled_directions(
 ):
     task = task_of_rank(rank, modelled)
     progress, _ = watched(np.full((20, numbers), 10.0), task=lambda i: task)
-    assert progress.unfinished("the time is over").kind == kind
+    assert progress.explain_timeout("the time is over").kind == kind
 
 
 @pytest.mark.parametrize(("told", "twist", "kind"), [
-    ({"lost": 0.29 * TWIST}, TWIST, "running"), ({"lost": 0.31 * TWIST}, TWIST, "singular"),
-    ({"lost": TWIST}, 0.065 * TWIST, "running"), ({"lost": TWIST}, 0.068 * TWIST, "singular"),
-    ({"lost": TWIST}, 2e-4 * np.eye(6)[0], "singular"),
+    ({"infeasible_twist": 0.29 * TWIST}, TWIST, "running"),
+    ({"infeasible_twist": 0.31 * TWIST}, TWIST, "singular"),
+    ({"infeasible_twist": TWIST}, 0.065 * TWIST, "running"),
+    ({"infeasible_twist": TWIST}, 0.068 * TWIST, "singular"),
+    ({"infeasible_twist": TWIST}, 2e-4 * np.eye(6)[0], "singular"),
     ({"scale": 0.985}, TWIST, "saturation"), ({"scale": 0.995}, TWIST, "running"),
     (None, TWIST, "running"),
 ])  # fmt: skip
 def test_what_the_arm_lacks_and_what_slows_it(told, twist, kind):
     """TWIST is 3 mm/s, a radian taken as 0.1 m; less than 0.2 mm/s is not worth a word."""
-    assert watched(STILL, twist=twist, told=lambda i: told)[0].stalled(
+    assert watched(STILL, twist=twist, told=lambda i: told)[0].explain_stall(
         ServoState(4.5, SERVOING)).kind == kind
 
 
@@ -107,7 +109,7 @@ def test_what_the_arm_lacks_and_what_slows_it(told, twist, kind):
 def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(after, kind):
     errors = np.where(np.arange(20)[:, None] < 10, [1.0, -10.0], [1.0, -after])
     errors[[3, 15]] *= [[0.9], [0.5]]  # one small one is no less error
-    assert watched(errors, told=lambda i: STOPPED)[0].stalled(
+    assert watched(errors, told=lambda i: STOPPED)[0].explain_stall(
         ServoState(4.5, SERVOING)).kind == kind
 
 
@@ -118,21 +120,21 @@ def test_an_error_that_shrinks_by_less_than_a_tenth_is_stalled(after, kind):
 def test_a_stall_needs_a_window_of_images_of_a_loop_that_servoes(dt, phase, kind):
     """1.425 s of them; 1.33 s are less than nine tenths of 1.5 s."""
     progress, state = watched(STILL, dt=dt, told=lambda i: STOPPED)
-    assert progress.stalled(replace(state, phase=phase)).kind == kind
+    assert progress.explain_stall(replace(state, phase=phase)).kind == kind
 
 
 def test_a_limit_in_the_way_is_named_though_the_error_is_within_its_tolerances():
     progress, state = watched(0.08 * STILL, told=lambda i: STOPPED)
     assert kinds(progress, state) == ("joint_limit", "joint_limit")
-    assert "gantry at its limit" in progress.unfinished("the time is over").reason
+    assert "gantry at its limit" in progress.explain_timeout("the time is over").reason
 
 
 def test_within_the_tolerances_is_each_error_s_mean_but_not_the_mean_of_all():
     noise = 3.0 * np.tile([[1.0], [-1.0]], (10, 2))
     told = {"told": lambda i: STOPPED}
-    assert watched(noise, **told)[0].shrinks
-    assert not watched(np.tile([5.0, -5.0], (20, 1)), **told)[0].shrinks
-    assert not watched(noise + [0.0, 1.5], **told)[0].shrinks
+    assert watched(noise, **told)[0].is_shrinking
+    assert not watched(np.tile([5.0, -5.0], (20, 1)), **told)[0].is_shrinking
+    assert not watched(noise + [0.0, 1.5], **told)[0].is_shrinking
 
 
 @pytest.mark.parametrize(("reached", "since", "kind"), [
@@ -150,10 +152,10 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
     progress, state = watched(
         STILL, L=lambda i: L if i >= since else np.diag(TOLERANCES) @ np.eye(2, 6),
         told=lambda i: {"jacobian": np.eye(6) - np.outer(direction, direction)})
-    found = progress.stalled(state)
+    found = progress.explain_stall(state)
     assert found.kind == kind
     if kind == "local_minimum":
-        assert "10 times its tolerance: L v gives 9 %" in found.reason
+        assert "10 times its tolerance: a camera motion can reduce 9 %" in found.reason
         words = found.reason.split("null direction ")[1]
         assert abs(np.array(json.loads(words)) @ direction) == pytest.approx(1.0)
 
@@ -175,7 +177,7 @@ def test_an_error_that_no_motion_takes_away_is_a_local_minimum(reached, since, k
 def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
     random = np.random.default_rng(1)
     errors = [(0.1 * random.normal(), error(k / 30.0, random.normal())) for k in range(45)]
-    found = watched(errors, dt=1 / 30)[0].unfinished("the time is over")
+    found = watched(errors, dt=1 / 30)[0].explain_timeout("the time is over")
     assert found.kind == kind
     if kind == "too_noisy":
         told = float(found.reason.split("scatters by ")[1].split(" times")[0])
@@ -189,12 +191,12 @@ def test_noise_that_hides_the_goal_is_told_when_the_time_is_over(error, kind):
 def test_noise_asks_for_so_much_less_of_it_and_says_how_exact_a_place_is(size, keys):
     noise = size * np.random.default_rng(1).normal(size=(60, 2))
     progress, _ = watched(noise + [30.0, 0.0], dt=1 / 40, L=np.eye(2, 6))
-    found = progress.unfinished("the time is over")
+    found = progress.explain_timeout("the time is over")
     assert [change.key for change in found.remedy.changes] == keys
     if size > 2.0:
         factor = found.remedy.changes[0].value
         assert 0.2 < factor * size < 1.0  # then within its tolerance
-    place = float(found.reason.split("place to ")[1].split(" mm")[0])
+    place = float(found.reason.split("pose to ")[1].split(" mm")[0])
     assert place == pytest.approx(1e3 * size * np.hypot(*TOLERANCES), rel=0.3)  # m, at L = 1
 
 
@@ -204,10 +206,13 @@ def test_joints_that_were_slow_on_the_way_to_a_limit_are_known():
 
     errors = [[100.0 - 5.0 * min(i, 8), 0.0] for i in range(30)]
     progress, state = watched(errors, told=told)
-    assert progress.stalled(state).kind == "joint_limit"
-    assert progress.slowed is None  # 8 of 30
+    assert progress.explain_stall(state).kind == "joint_limit"
+    assert progress.saturation_outcome is None  # 8 of 30
     progress, state = watched(errors[:24], told=told)
-    assert progress.slowed.kind == "saturation" and "33 %" in progress.slowed.reason
+    assert (
+        progress.saturation_outcome.kind == "saturation"
+        and "33 %" in progress.saturation_outcome.reason
+    )
 
 
 @pytest.mark.parametrize(("size", "kind"), [(0.95, "no_progress"), (1.05, "too_noisy")])
@@ -215,21 +220,21 @@ def test_noise_of_a_tolerance_is_worth_a_word(size, kind):
     noise = np.random.default_rng(2).normal(size=45)
     noise *= size / np.sqrt(np.mean(np.diff(noise, 2) ** 2) / 6.0)
     progress, _ = watched(np.column_stack([np.zeros(45), 30.0 + noise]), dt=1 / 30)
-    assert progress.unfinished("the time is over").kind == kind
+    assert progress.explain_timeout("the time is over").kind == kind
 
 
 @pytest.mark.parametrize(("images", "told"), [(2, False), (9, False), (10, True), (20, True)])
 def test_noise_is_told_of_ten_images_or_more(images, told):
     noise = 5.0 * np.random.default_rng(4).normal(size=images)
     progress, _ = watched(np.column_stack([np.zeros(images), 30.0 + noise]))
-    assert (progress.unfinished("the time is over").kind == "too_noisy") is told
+    assert (progress.explain_timeout("the time is over").kind == "too_noisy") is told
 
 
 @pytest.mark.parametrize(("dt", "kind"), [(0.19, "no_progress"), (0.21, "too_few_images")])
 def test_images_that_come_seldom_are_told_first(dt, kind):
-    assert watched(STILL, dt=dt)[0].unfinished("the time is over").kind == kind
+    assert watched(STILL, dt=dt)[0].explain_timeout("the time is over").kind == kind
 
 
 @pytest.mark.parametrize(("images", "kind"), [(1, "timed_out"), (2, "no_progress")])
 def test_one_image_alone_shows_no_lack_of_progress(images, kind):
-    assert watched(STILL[:images])[0].unfinished("the time is over").kind == kind
+    assert watched(STILL[:images])[0].explain_timeout("the time is over").kind == kind

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from aras_visual_servo_controller.seeing.ring_buffer import RecentErrors
+from aras_visual_servo_controller.observation.recent_errors import RecentErrors
 
 
 @pytest.mark.parametrize("kept", [1, 40, 63, 64, 65, 200])
@@ -11,7 +11,7 @@ def test_the_window_holds_the_newest_in_order(kept):
     recent = RecentErrors()
     for i in range(700):
         recent.add(0.1 * i, np.array([i, -2.0 * i, 0.5]))
-        recent.drop(max(len(recent) - kept, 0))
+        recent.drop_oldest(max(len(recent) - kept, 0))
         first = max(i + 1 - kept, 0)
         expected = np.arange(first, i + 1)
         assert len(recent) == len(expected)

@@ -12,24 +12,25 @@ from feature_scenes import CAMERA
 from loop_rig import the_arm, the_goal
 from scipy.spatial.transform import Rotation
 
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, transform
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, matrix_from_xyz_rpy
 from aras_visual_servo_camera.interaction import Plane
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features import Feature, Measured, Stack
-from aras_visual_servo_controller.features.of_camera import OfCamera
+from aras_visual_servo_controller.features import Feature, FeatureMeasurement, Stack
 from aras_visual_servo_controller.features.points import Points
-from aras_visual_servo_controller.features.stereo import rigid_motion, triangulated
+from aras_visual_servo_controller.features.remote_camera_feature import RemoteCameraFeature
+from aras_visual_servo_controller.features.stereo import estimate_rigid_motion, triangulate
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.loop import teaching
-from aras_visual_servo_controller.schemes import Composed, create_scheme
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.observer import Observer
-from aras_visual_servo_controller.seeing.rig import Rig, StandingCamera
+from aras_visual_servo_controller.observation.camera_rig import CameraRig, FixedCameraKinematics
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import Need
+from aras_visual_servo_controller.schemes import FeatureScheme, create_scheme
 from aras_visual_servo_controller.settings import Settings
 
 SOURCES = Path(__file__).parents[3] / "src"
-SEAT = transform((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))  # of the right camera in the left one
+# of the right camera in the left one
+SEAT = matrix_from_xyz_rpy((0.05, -0.01, 0.02), (0.1, -0.2, 0.3))
 SHAPE = np.array([[-0.05, -0.03, 0], [0.05, -0.02, 0], [0.03, 0.04, 0], [-0.04, 0.03, 0.0]])
 NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
@@ -39,7 +40,9 @@ class Flying:
 
     def __init__(self, seat, origin=None):
         self.seat = seat
-        self.origin = transform((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2)) if origin is None else origin
+        self.origin = (
+            matrix_from_xyz_rpy((0.02, -0.03, 0.4), (np.pi, 0.1, 0.2)) if origin is None else origin
+        )
 
     def pose(self, q):
         return self.origin @ exponential(q) @ self.seat
@@ -51,9 +54,10 @@ Q0 = np.zeros(6)
 
 def rig(needs=(Need.CORNERS,), right=RIGHT, goal=None):
     needs = frozenset(needs)
-    plane = {} if goal is None else {n: g.plane_from for n, g in goal.cameras.items()}
-    return Rig([Observer(LEFT, needs, plane_from=plane.get("left"), name="left"),
-                Observer(right, needs, plane_from=plane.get("right"), name="right")])  # fmt: skip
+    plane = {} if goal is None else {n: g.compute_plane for n, g in goal.cameras.items()}
+    return CameraRig([FeatureObserver(LEFT, needs, compute_plane=plane.get("left"), name="left"),
+                FeatureObserver(right, needs, compute_plane=plane.get("right"),
+                    name="right")])  # fmt: skip
 
 
 def corners(pose):
@@ -62,8 +66,8 @@ def corners(pose):
 
 
 def view(observer, stamp, q, plane=None):
-    joints = JointSample.of(stamp, NAMES, q)
-    return observer.of_exact(
+    joints = JointSample.from_values(stamp, NAMES, q)
+    return observer.observe_exact_features(
         stamp, CAMERA, joints, contour=corners(observer.arm.pose(np.asarray(q))), plane=plane
     )
 
@@ -73,7 +77,7 @@ def together(made, q, stamp=1.0, then=None):
     right, left = made.observers["right"], made.control
     age = 0.0 if then is None else 0.02
     seen = view(right, stamp - age, q if then is None else then)
-    return made.together(view(left, stamp, q), {"right": seen})
+    return made.merge_observations(view(left, stamp, q), {"right": seen})
 
 
 # -- which pictures belong together -------------------------------------------------------------
@@ -86,16 +90,16 @@ def fed(made, *pictures):
         def look(joints, commands, name=name, stamp=stamp):
             return view(made.observers[name], stamp, np.zeros(6))
 
-        found = made.add(name, stamp, look)
+        found = made.add_image(name, stamp, look)
         if found is not None:
-            seen = found[1](JointSample.of(found[0], NAMES, np.zeros(6)), ())
+            seen = found[1](JointSample.from_values(found[0], NAMES, np.zeros(6)), ())
             answered.append((round(seen.stamp, 3), round(seen.cameras["right"].stamp, 3)))
     return answered
 
 
 def test_one_camera_waits_for_nobody():
-    alone = Rig([Observer(LEFT, frozenset((Need.CORNERS,)))])
-    assert alone.add("camera", 0.3, len) == (0.3, len)
+    alone = CameraRig([FeatureObserver(LEFT, frozenset((Need.CORNERS,)))])
+    assert alone.add_image("camera", 0.3, len) == (0.3, len)
 
 
 @pytest.mark.parametrize("first", ["left", "right"])
@@ -127,7 +131,7 @@ def test_a_slower_camera_s_newest_picture_counts():
 
 def test_an_older_picture_gets_the_joints_of_its_own_exposure():
     made, heard = rig(), []
-    made.joints_at = lambda stamp: JointSample.of(stamp, NAMES, np.zeros(6))
+    made.find_joints = lambda stamp: JointSample.from_values(stamp, NAMES, np.zeros(6))
 
     def look(joints, commands, name, stamp):
         heard.append((name, round(stamp, 3), round(joints.stamp, 3)))
@@ -135,10 +139,10 @@ def test_an_older_picture_gets_the_joints_of_its_own_exposure():
 
     pictures = [("left", 0.1 * k) for k in range(1, 9)] + [("right", 0.25 * k) for k in (1, 2, 3)]
     for name, stamp in sorted(pictures, key=lambda one: one[1]):
-        found = made.add(name, stamp, partial(look, name=name, stamp=stamp))
+        found = made.add_image(name, stamp, partial(look, name=name, stamp=stamp))
         if found is not None:
             # of the control camera's they are said to be a little later here
-            found[1](JointSample.of(found[0] + 0.01, NAMES, np.zeros(6)), ())
+            found[1](JointSample.from_values(found[0] + 0.01, NAMES, np.zeros(6)), ())
     of_right = [one[1:] for one in heard if one[0] == "right"]
     assert of_right == [(0.5, 0.51), (0.75, 0.75)]
 
@@ -161,9 +165,9 @@ def test_eight_pictures_wait_for_another_camera_s(count, answered):
 
 def test_it_says_which_camera_is_missing():
     made = rig()
-    assert fed(made, ("left", 0.1), ("left", 0.2)) == [] and made.waits_for == "right"
+    assert fed(made, ("left", 0.1), ("left", 0.2)) == [] and made.missing_camera == "right"
     made.reset()
-    assert made.waits_for == ""
+    assert made.missing_camera == ""
 
 
 # -- what they see -----------------------------------------------------------------------------
@@ -176,7 +180,7 @@ def test_an_observation_of_two_cameras_holds_each_with_its_own_view():
     right = seen.cameras["right"]
     np.testing.assert_allclose(right.world_T_camera, RIGHT.pose(q))
     np.testing.assert_allclose(right.corners, corners(RIGHT.pose(q)))
-    assert seen.of_control is None and right.moved is None
+    assert seen.twist_from_control is None and right.motion_since_exposure is None
 
 
 def test_the_twist_of_another_camera_follows_from_that_of_the_control_camera():
@@ -185,7 +189,7 @@ def test_the_twist_of_another_camera_follows_from_that_of_the_control_camera():
     seen = together(made, q)
     ahead = LEFT.pose(q) @ exponential(step * twist) @ SEAT
     moved = logarithm(inverse(RIGHT.pose(q)) @ ahead) / step
-    np.testing.assert_allclose(seen.cameras["right"].of_control @ twist, moved, atol=1e-5)
+    np.testing.assert_allclose(seen.cameras["right"].twist_from_control @ twist, moved, atol=1e-5)
 
 
 def test_an_older_picture_is_brought_up_to_now():
@@ -194,38 +198,40 @@ def test_an_older_picture_is_brought_up_to_now():
     made = rig()
     right = together(made, now, then=then).cameras["right"]
     np.testing.assert_allclose(
-        exponential(right.moved), inverse(RIGHT.pose(then)) @ RIGHT.pose(now), atol=1e-12
+        exponential(right.motion_since_exposure), inverse(RIGHT.pose(then)) @ RIGHT.pose(now),
+        atol=1e-12,
     )
     for age, known in ((5e-4, True), (5e-10, False)):
         views = view(made.control, 1.0, now), view(made.observers["right"], 1.0 - age, then)
-        seen = made.together(views[0], {"right": views[1]}).cameras["right"]
-        assert (seen.moved is not None) is known
+        seen = made.merge_observations(views[0], {"right": views[1]}).cameras["right"]
+        assert (seen.motion_since_exposure is not None) is known
 
 
 def test_a_standing_camera_sees_nothing_of_the_arm_s_motion():
-    standing = StandingCamera(RIGHT.pose(np.zeros(6)))
+    standing = FixedCameraKinematics(RIGHT.pose(np.zeros(6)))
     seen = together(rig(right=standing), np.zeros(6))
-    of_control = seen.cameras["right"].of_control
+    of_control = seen.cameras["right"].twist_from_control
     assert of_control.shape == (6, 6) and not of_control.any()
 
 
 def test_cameras_without_kinematics_are_no_rig():
-    made = Rig([Observer(None, frozenset(), name=n) for n in ("left", "right")])
-    views = [o.of_exact(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
+    made = CameraRig([FeatureObserver(None, frozenset(), name=n) for n in ("left", "right")])
+    views = [o.observe_exact_features(1.0, CAMERA, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
-    with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
-        made.together(views[0], {"right": views[1]})
+    with pytest.raises(MeasurementError, match="camera right relative to left is unknown"):
+        made.merge_observations(views[0], {"right": views[1]})
 
 
 @pytest.mark.parametrize("known", ["left", "right"])
 def test_where_one_camera_is_tells_nothing_of_another(known):
-    made = Rig([Observer({"left": LEFT, "right": RIGHT}[n] if n == known else None, frozenset(),
+    made = CameraRig([FeatureObserver({"left": LEFT, "right": RIGHT}[n] if n == known else None,
+        frozenset(),
                          name=n) for n in ("left", "right")])  # fmt: skip
-    joints = JointSample.of(1.0, NAMES, np.zeros(6))
-    views = [o.of_exact(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
+    joints = JointSample.from_values(1.0, NAMES, np.zeros(6))
+    views = [o.observe_exact_features(1.0, CAMERA, joints, contour=corners(LEFT.pose(np.zeros(6))))
              for o in made.observers.values()]  # fmt: skip
-    with pytest.raises(MeasurementError, match="nothing tells where camera right is beside left"):
-        made.together(views[0], {"right": views[1]})
+    with pytest.raises(MeasurementError, match="camera right relative to left is unknown"):
+        made.merge_observations(views[0], {"right": views[1]})
 
 
 # -- features of cameras -----------------------------------------------------------------------
@@ -242,14 +248,14 @@ def goal_of(scheme, target=None):
         return Plane(*(n / (n @ p)).tolist())
 
     views = {n: view(o, 1.0, q, plane(o.arm.pose(q))) for n, o in made.observers.items()}
-    shown = made.together(views["left"], {"right": views["right"]})
+    shown = made.merge_observations(views["left"], {"right": views["right"]})
     return Goal.teach(scheme, shown, target=target)
 
 
 def test_the_goal_of_each_camera_is_kept_and_comes_back_from_a_file():
     target = the_goal("2016").target
     goal = goal_of(create_scheme("points@left+points@right"), target)
-    assert goal.target is goal.others["right"].target is target
+    assert goal.target is goal.other_cameras["right"].target is target
     assert list(goal.cameras) == ["left", "right"]
     assert set(goal.features) == {"points@left", "points@right"}
     again = Goal.from_mapping(yaml.safe_load(goal.to_yaml()))
@@ -272,8 +278,10 @@ def test_L_of_another_camera_is_that_of_the_control_camera_s_twist(name, rtol):
     q, step = np.array([0.01, -0.02, 0.03, 0.05, -0.04, 0.2]), 1e-6
 
     def measured(pose_change):
-        moved = Rig([Observer(Flying(arm.seat, arm.origin @ exponential(q) @ pose_change),
-                              made.control.needs, plane_from=goal.cameras[n].plane_from, name=n)
+        moved = CameraRig([FeatureObserver(Flying(arm.seat,
+            arm.origin @ exponential(q) @ pose_change),
+                              made.control.needs, compute_plane=goal.cameras[n].compute_plane,
+                              name=n)
                      for n, arm in (("left", LEFT), ("right", RIGHT))])  # fmt: skip
         return feature.measure(together(moved, np.zeros(6)), goal)
 
@@ -302,17 +310,17 @@ def test_an_older_view_s_features_are_brought_to_the_control_camera_s_exposure()
     np.testing.assert_allclose(found.s, true.s, atol=1e-4)  # to first order
     np.testing.assert_allclose(found.error, true.error, atol=1e-4)
     measure = feature.feature.measure  # of a target that moves: 0.02 s of it are still to come
-    feature.feature.measure = lambda *given: replace(measure(*given), rate=0.3)
+    feature.feature.measure = lambda *given: replace(measure(*given), error_drift=0.3)
     moving = feature.measure(together(made, now, then=then), goal)
     np.testing.assert_allclose(moving.s, found.s + 0.02 * 0.3)
 
 
 def test_directions_of_another_camera_are_the_control_camera_s_that_move_it_so():
-    level = OfCamera(create_scheme("moments").feature, "right")
+    level = RemoteCameraFeature(create_scheme("moments").feature, "right")
     goal = goal_of(create_scheme("points@left+points@right"))
-    aside = transform((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
-    right = goal.others["right"]
-    parallel = replace(goal, others={
+    aside = matrix_from_xyz_rpy((0.05, 0.0, 0.0), (0.0, 0.0, 0.0))
+    right = goal.other_cameras["right"]
+    parallel = replace(goal, other_cameras={
         "right": replace(right, world_T_camera=goal.world_T_camera @ aside)
     })  # fmt: skip
     level.check(parallel)
@@ -326,8 +334,10 @@ def test_a_camera_where_the_target_is_lost_is_named():
     goal = goal_of(scheme)
     scheme.check(goal)
     made = rig(goal=goal)
-    lost = made.observers["right"].of_exact(1.0, CAMERA, JointSample.of(1.0, NAMES, np.zeros(6)))
-    seen = made.together(view(made.control, 1.0, np.zeros(6)), {"right": lost})
+    lost = made.observers["right"].observe_exact_features(
+        1.0, CAMERA, JointSample.from_values(1.0, NAMES, np.zeros(6))
+    )
+    seen = made.merge_observations(view(made.control, 1.0, np.zeros(6)), {"right": lost})
     with pytest.raises(MeasurementError, match="camera right: the target is not in view"):
         scheme.compute(seen, goal, 0.0)
 
@@ -337,9 +347,11 @@ def test_a_camera_where_the_target_is_lost_is_named():
         names, tolerances, needs = ("x",), (1.0,), frozenset((Need.IMAGE,))
 
         def measure(self, observation, goal):
-            return Measured(np.ones(1), np.zeros(1), np.ones(1), np.ones((1, 6)))
+            return FeatureMeasurement(np.ones(1), np.zeros(1), np.ones(1), np.ones((1, 6)))
 
-    scheme = Composed([OfCamera(Points(), "left"), OfCamera(Wanting(), "right")])
+    scheme = FeatureScheme(
+        [RemoteCameraFeature(Points(), "left"), RemoteCameraFeature(Wanting(), "right")]
+    )
     assert len(scheme.compute(seen, goal, 0.0).error) == 9
 
 
@@ -352,8 +364,8 @@ def test_a_scheme_says_which_cameras_it_reads():
         ("points", ("left",)), ("points@right", ("right",)), ("partitioned@right", ("right",)),
         ("points+area@right", ("left", "right")), ("points@right+area@left", ("left", "right")),
     ):  # fmt: skip
-        assert two.read_by(create_scheme(name)) == read
-    assert Settings().read_by(create_scheme("points")) == ("camera",)
+        assert two.list_cameras(create_scheme(name)) == read
+    assert Settings().list_cameras(create_scheme("points")) == ("camera",)
 
 
 @pytest.mark.parametrize(
@@ -372,7 +384,7 @@ def test_a_scheme_says_which_cameras_it_reads():
 def test_wrong_names_are_refused(name, words):
     with pytest.raises(ConfigurationError, match=words) as told:
         settings = Settings(scheme=name, cameras={"left": {}, "right": {}})
-        settings.read_by(create_scheme(name))
+        settings.list_cameras(create_scheme(name))
     assert "\n" not in str(told.value)
 
 
@@ -380,14 +392,16 @@ def test_a_goal_of_one_camera_has_no_view_of_another():
     for name in ("points@left+points@right", "stereo_pose@left,right"):
         scheme = create_scheme(name)
         with pytest.raises(ConfigurationError, match="has no view of camera 'right': teach it"):
-            scheme.check(replace(goal_of(scheme), others={}))
+            scheme.check(replace(goal_of(scheme), other_cameras={}))
 
 
 def test_a_stack_needs_of_each_camera_what_its_features_do():
     grey = create_scheme("matches_pose").feature
-    stack = Stack([OfCamera(Points(), "left"), OfCamera(grey, "right")])
+    stack = Stack([RemoteCameraFeature(Points(), "left"), RemoteCameraFeature(grey, "right")])
     assert stack.cameras == ("left", "right")
-    assert stack.needs_of("", "left") == {Need.CORNERS} and stack.needs_of("right") == {Need.IMAGE}
+    assert stack.get_needs("", "left") == {Need.CORNERS} and stack.get_needs("right") == {
+        Need.IMAGE
+    }
 
 
 # -- stereo ------------------------------------------------------------------------------------
@@ -403,7 +417,7 @@ def test_L_of_stereo_by_differences(name):
 
     def measured(change):
         seats = (("left", LEFT), ("right", RIGHT))
-        moved = Rig([Observer(Flying(arm.seat, arm.origin @ exponential(q) @ change),
+        moved = CameraRig([FeatureObserver(Flying(arm.seat, arm.origin @ exponential(q) @ change),
                               frozenset((Need.CORNERS,)), name=n) for n, arm in seats])  # fmt: skip
         return scheme.feature.measure(together(moved, np.zeros(6)), goal)
 
@@ -428,11 +442,12 @@ def test_accuracy_of_stereo_goes_through_the_feature(name):
             shown = view(observer, 1.0, np.zeros(6))
             corners = shown.corners + off.get(camera, 0.0)
             views[camera] = replace(shown, corners=corners, corner_accuracy=corner_accuracy[camera])
-        return made.together(views["left"], {"right": views["right"]})
+        return made.merge_observations(views["left"], {"right": views["right"]})
 
     assert feature.accuracy(seen({}, dict.fromkeys(size, 0.0)), goal) is None  # exact
     # What was taught through another lens shares nothing with what is seen now.
-    apart = replace(goal, camera=None, others={"right": replace(goal.others["right"], camera=None)})
+    right = replace(goal.other_cameras["right"], camera=None)
+    apart = replace(goal, camera=None, other_cameras={"right": right})
     found = feature.accuracy(seen({}, size), apart)
     offs = [(camera, off) for camera in feature.cameras for off in np.eye(8).reshape(8, 4, 2)]
     expected = [feature.measure(seen({c: size[c] * off}, size), goal).error for c, off in offs]
@@ -465,7 +480,7 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
     one, other = goal.features["stereo_pose"]["points"]
     seen = together(rig(), np.zeros(6))
     right = seen.cameras["right"]  # there the corners are found in another order
-    right = replace(right, corners=np.roll(right.corners, 1, axis=0), numbered=False)
+    right = replace(right, corners=np.roll(right.corners, 1, axis=0), is_numbered=False)
     views = {"left": seen.cameras["left"], "right": right}
     found = scheme.teach(SimpleNamespace(cameras=views))
     np.testing.assert_allclose(found["stereo_pose"]["points"], [one, other], atol=1e-12)
@@ -482,18 +497,18 @@ def test_a_goal_of_two_cameras_holds_points_of_both_that_are_the_same():
         wrong = replace(goal, features={"stereo_pose": {"points": points}})
         with pytest.raises(ConfigurationError, match=words):
             scheme.check(wrong)
-    right, depth = goal.others["right"], 1.0 / goal.plane.C
+    right, depth = goal.other_cameras["right"], 1.0 / goal.plane.C
     for apart, refused in ((1.9e-3 * depth, True), (2.1e-3 * depth, False)):
-        there = goal.world_T_camera @ transform((0.0, apart, 0.0), (0.0, 0.0, 0.0))
-        close = replace(goal, others={"right": replace(right, world_T_camera=there)})
-        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart and tell no depth"
+        there = goal.world_T_camera @ matrix_from_xyz_rpy((0.0, apart, 0.0), (0.0, 0.0, 0.0))
+        close = replace(goal, other_cameras={"right": replace(right, world_T_camera=there)})
+        told = (f"cameras left and right are {1e3 * apart:.1f} mm apart, too close to measure depth"
                 if refused else "behind")
         with pytest.raises(ConfigurationError, match=told):
             scheme.check(close)
     with pytest.raises(MeasurementError, match="on one line: they give no pose"):
-        rigid_motion(line, line + [0.1, 0.0, 0.0])
+        estimate_rigid_motion(line, line + [0.1, 0.0, 0.0])
     with pytest.raises(MeasurementError, match="on one line: they give no pose"):
-        rigid_motion(line, np.zeros_like(line))  # nor in one place
+        estimate_rigid_motion(line, np.zeros_like(line))  # nor in one place
 
 
 def test_places_of_a_camera_that_exposed_earlier_are_brought_to_the_control_camera_s_exposure():
@@ -520,7 +535,7 @@ def test_a_rigid_motion_is_that_of_least_squares(seed):
     turn = Rotation.from_rotvec(random.normal(0.0, 1.0, 3))
     after = turn.apply(before * (1.0, 1.0, -1.0 if seed % 3 == 2 else 1.0))
     after += random.normal(0.0, 5e-3, after.shape) + random.normal(0.0, 0.5, 3)
-    found = rigid_motion(before, after)
+    found = estimate_rigid_motion(before, after)
     middles = before.mean(axis=0), after.mean(axis=0)
     expected = Rotation.align_vectors(after - middles[1], before - middles[0])[0]
     np.testing.assert_allclose(found[:3, :3], expected.as_matrix(), atol=1e-6)
@@ -532,11 +547,11 @@ def test_a_point_behind_either_of_two_cameras_is_refused(apart):
     """The other stands before it, or behind."""
     place = np.array([0.1, -0.05, -0.5 * apart])
     other = place + [0.02, 0.0, apart]
-    beside = transform((0.02, 0.0, apart), (0.0, 0.0, 0.0))
+    beside = matrix_from_xyz_rpy((0.02, 0.0, apart), (0.0, 0.0, 0.0))
     good = np.array([0.2, 0.1, 3.0])  # before both of them
     good_there = good + beside[:3, 3]
     with pytest.raises(MeasurementError, match="lies behind one"):
-        triangulated(*(np.array([before[:2] / before[2], one[:2] / one[2]])
+        triangulate(*(np.array([before[:2] / before[2], one[:2] / one[2]])
                        for before, one in ((good, place), (good_there, other))), beside)
 
 
@@ -548,15 +563,16 @@ def test_two_cameras_forget_the_turn_to_which_a_square_was_followed(monkeypatch)
 
     def places(turn):
         q = (0.0, 0.0, 0.0, 0.0, 0.0, turn)
-        left, right = (replace(view(o, 1.0, q), numbered=False) for o in made.observers.values())
-        return scheme.feature.measure(made.together(left, {"right": right}), goal).s
+        left, right = (replace(view(o, 1.0, q), is_numbered=False) for o in made.observers.values())
+        return scheme.feature.measure(made.merge_observations(left, {"right": right}), goal).s
 
-    made_of = {n: replace(view(o, 1.0, np.zeros(6)), numbered=False)
+    made_of = {n: replace(view(o, 1.0, np.zeros(6)), is_numbered=False)
                for n, o in made.observers.items()}  # fmt: skip
     for which, open_ in (("", "90°"), ("left", ""), ("right", "")):  # where one knows its corners
-        views = {n: replace(v, numbered=None if n == which else False) for n, v in made_of.items()}
-        seen = made.together(views["left"], {"right": views["right"]})
-        assert scheme.feature.measure(seen, goal).up_to == open_
+        views = {n: replace(v, is_numbered=None if n == which else False)
+                 for n, v in made_of.items()}  # fmt: skip
+        seen = made.merge_observations(views["left"], {"right": views["right"]})
+        assert scheme.feature.measure(seen, goal).ambiguity == open_
     scheme.reset()
     begun = places(1.0)  # a square that is turned by less than half a quarter back
     followed = [places(turn) for turn in (0.0, 0.5, 1.0)][-1]
@@ -575,11 +591,11 @@ def test_the_mean_of_views_of_two_cameras_is_that_of_each():
     scheme, made = create_scheme("points@left+points@right"), rig()
     several = 0.02 * np.random.default_rng(4).normal(size=(3, 6))
     views = [together(made, q) for q in several]
-    found = teaching.goal_of(views, scheme, Known(np.eye(4)), "mine", depth=0.4)
+    found = teaching.make_mean_goal(views, scheme, Known(np.eye(4)), "mine", depth=0.4)
     middle = several.mean(axis=0)
     assert found.joints == pytest.approx(dict(zip(NAMES, middle, strict=True)))
     np.testing.assert_allclose(found.world_T_camera, LEFT.pose(middle), atol=1e-12)
-    assert (found.name, found.depth, found.seen_by, list(found.others)) == (
+    assert (found.name, found.depth, found.camera_name, list(found.other_cameras)) == (
         "mine", 0.4, "left", ["right"])  # fmt: skip
     for name, goal in found.cameras.items():
         seen = [one.cameras[name] for one in views]
@@ -593,8 +609,9 @@ def test_the_mean_of_views_of_two_cameras_is_that_of_each():
 def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
     target = the_goal("2016").target
     goal = replace(goal_of(create_scheme("points@left+points@right"), target), name="mine")
-    right = goal.others["right"]
-    goal = replace(goal, others={"right": replace(right, seen_by="", others={"left": goal})})
+    right = goal.other_cameras["right"]
+    right = replace(right, camera_name="", other_cameras={"left": goal})
+    goal = replace(goal, other_cameras={"right": right})
     arms = {"left": Known(np.eye(4)), "right": Known(SEAT)}
     for first, second in (("left", "right"), ("right", "left")):
         found = goal.for_cameras({first: arms[first], second: arms[second]})
@@ -602,14 +619,16 @@ def test_a_goal_of_two_cameras_is_either_s_as_the_control_camera():
         assert found.joints == goal.joints and found.features == goal.features
         for name, own in found.cameras.items():
             held = goal.cameras[name]
-            assert (own.seen_by, own.joints, own.plane) == (name, goal.joints, held.plane)
+            assert (own.camera_name, own.joints, own.plane) == (name, goal.joints, held.plane)
             np.testing.assert_allclose(own.world_T_camera, arms[name].pose(np.zeros(6)))
             assert own.moments is held.moments and own.camera is held.camera
-        assert found.others[second].others == {}
-    standing = goal.for_cameras({"left": arms["left"], "right": StandingCamera(RIGHT.pose(Q0))})
-    assert standing.others["right"].joints == {}  # it is moved by none
+        assert found.other_cameras[second].other_cameras == {}
+    standing = goal.for_cameras(
+        {"left": arms["left"], "right": FixedCameraKinematics(RIGHT.pose(Q0))}
+    )
+    assert standing.other_cameras["right"].joints == {}  # it is moved by none
     one = goal.for_cameras({"right": arms["right"]})
-    assert list(one.cameras) == ["right"] and one.others == {}
+    assert list(one.cameras) == ["right"] and one.other_cameras == {}
 
 
 def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
@@ -621,32 +640,36 @@ def test_a_feature_of_another_camera_is_that_of_the_goal_that_it_is_asked_for():
         for name, entry in goal.features.items()
     })  # fmt: skip
     seen = together(made, Q0, stamp=1.0)
-    right = replace(seen.others["right"], plane=Plane(0.0, 0.0, 2.5))
-    seen = replace(seen, others={"right": right})
+    right = replace(seen.other_cameras["right"], plane=Plane(0.0, 0.0, 2.5))
+    seen = replace(seen, other_cameras={"right": right})
     for asked, off in ((goal, 0.0), (further, -0.01), (further, -0.01), (goal, 0.0)):
         found = feature.measure(seen, asked)
         np.testing.assert_allclose(found.error, off, atol=1e-9)
 
 
 def test_a_goal_of_one_camera_tells_the_others_views_by_the_target_s_geometry():
-    arm, wall = the_arm(), StandingCamera(transform((0.3, 0.1, 0.9), (3.0, 0.2, -0.1)))
+    arm, wall = (
+        the_arm(),
+        FixedCameraKinematics(matrix_from_xyz_rpy((0.3, 0.1, 0.9), (3.0, 0.2, -0.1))),
+    )
     alone = the_goal("2016")
     goal = alone.for_cameras({"left": arm, "wall": wall})
-    assert list(goal.cameras) == ["left", "wall"] and goal.others["wall"].seen_by == "wall"
-    q = alone.joint_values(arm.names)
+    assert list(goal.cameras) == ["left", "wall"]
+    assert goal.other_cameras["wall"].camera_name == "wall"
+    q = alone.get_joints(arm.names)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q), atol=1e-12)
-    there = goal.others["wall"]
+    there = goal.other_cameras["wall"]
     np.testing.assert_allclose(there.world_T_camera, wall.pose(q), atol=1e-12)
-    np.testing.assert_allclose(there.outline(), alone.target.outline(wall.pose(q)))
+    np.testing.assert_allclose(there.compute_outline(), alone.target.compute_outline(wall.pose(q)))
     assert (goal.joints, there.joints, there.camera) == (alone.joints, {}, None)
     unknown = replace(alone, target=None).for_cameras({"left": arm, "wall": wall})
-    assert unknown.others == {}  # nothing tells what the other sees
+    assert unknown.other_cameras == {}  # nothing tells what the other sees
 
 
 def test_an_arm_of_one_camera_is_known_without_its_scheme():
     """As where somebody else's bag is read."""
     urdf = SOURCES / "aras_visual_servo_gazebo/robots/aras_visual_servo.urdf"
-    arm = Settings(scheme="not_here:Theirs").arm(urdf.read_text())
+    arm = Settings(scheme="not_here:Theirs").make_arm(urdf.read_text())
     assert arm.camera_frame == "camera_optical_frame"
 
 
@@ -667,10 +690,10 @@ def test_cameras_of_a_node_are_checked(right, words):
 
 def test_cameras_of_a_node_have_topics_of_their_names():
     two = Settings.from_mapping({"cameras": {"left": {"namespace": "/a/b/"}, "right": {}}})
-    left, right = two.camera_of("left"), two.camera_of("right")
+    left, right = two.get_camera("left"), two.get_camera("right")
     assert (left.frame, left.namespace) == ("left_optical_frame", "/a/b")
     assert right.namespace == "/right" and right.features == "/aras_visual_servo/camera/right"
-    one = Settings(camera_frame="eye", namespace="/arm").camera_of("camera")
+    one = Settings(camera_frame="eye", namespace="/arm").get_camera("camera")
     assert (one.frame, one.features) == ("eye", "/arm/camera")
 
 
@@ -694,10 +717,10 @@ def test_a_camera_elsewhere_on_the_arm_is_refused_and_one_that_stands_may_be_rea
 
     both = of("points@left+points@right")
     with pytest.raises(ConfigurationError, match="camera 'right' is moved by j and the control"):
-        both.others(ELBOW, both.arm(ELBOW))
+        both.make_other_cameras(ELBOW, both.make_arm(ELBOW))
     wall = of("points@left+points@wall")
-    with pytest.raises(ConfigurationError, match="points@wall: camera 'wall' stands still, and"):
-        wall.others(ELBOW, wall.arm(ELBOW))
+    with pytest.raises(ConfigurationError, match="points@wall: camera 'wall' is fixed, and"):
+        wall.make_other_cameras(ELBOW, wall.make_arm(ELBOW))
     stereo = of("stereo_points@left,wall")
-    others = stereo.others(ELBOW, stereo.arm(ELBOW))
+    others = stereo.make_other_cameras(ELBOW, stereo.make_arm(ELBOW))
     np.testing.assert_allclose(others["wall"].pose(np.zeros(2))[:3, 3], [1, 2, 3])

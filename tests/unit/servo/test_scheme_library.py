@@ -12,8 +12,8 @@ from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import MeasurementError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.laws import Law, Proportional
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observer import Observer
 
 START = pose((0.06, -0.05, 0.9), (0.1, -0.12, 0.5))
 ALL = (
@@ -25,10 +25,10 @@ ALL = (
 
 def fly(name, start=START, images=200, goal_pose=GOAL, dt=0.04, gain=1.5, **options):
     scheme = create_scheme(name, Proportional(gain), **options)
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), goal_pose))
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), goal_pose))
     scheme.check(goal)
     scheme.reset()
-    observer, place, way = Observer(None, scheme.needs), start, [start]
+    observer, place, way = FeatureObserver(None, scheme.needs), start, [start]
     for k in range(images):
         decision = scheme.compute(look(observer, place, dt * k), goal, dt * k)
         assert len(decision.error) == len(scheme.names) == len(scheme.tolerances)
@@ -50,10 +50,10 @@ def test_it_comes_to_its_goal(name):
 def test_the_laboratorys_gains_are_in_its_own_ratio():
     """140, 120, 60 and 30, on what -L^-1 makes of the error; the target is parallel here."""
     scheme = create_scheme("moments_2016", law=Proportional(1.0))
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
     near = GOAL.copy()
     near[:3, 3] += 0.02, -0.03, 0.05
-    decision = scheme.compute(look(Observer(None, scheme.needs), near), goal, 0.0)
+    decision = scheme.compute(look(FeatureObserver(None, scheme.needs), near), goal, 0.0)
     xn, yn = decision.features[:2]
     towards = decision.error + decision.error[3] * np.array([yn, -xn, 0.0, 0.0])
     expected = np.array([140.0, 120.0, 60.0, 30.0]) / 140.0 * towards
@@ -64,9 +64,9 @@ def test_the_laboratorys_gains_are_in_its_own_ratio():
 def test_what_sees_less_than_the_pose_comes_to_its_own_goal(name):
     near = pose((0.03, -0.04, 0.78), (0.13, -0.12, 0.2))
     scheme = create_scheme(name)
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
     scheme.check(goal)
-    first = scheme.compute(look(Observer(None, scheme.needs), near), goal, 0.0)
+    first = scheme.compute(look(FeatureObserver(None, scheme.needs), near), goal, 0.0)
     _, last = fly(name, near, images=300)
     tolerances = np.array(scheme.tolerances)
     assert np.abs(first.error / tolerances).max() > 5.0
@@ -87,7 +87,7 @@ def test_points_with_another_interaction_matrix(interaction):
 def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
     scheme, law = create_scheme(name), Asked()
     scheme.law = law
-    observer = Observer(None, scheme.needs)
+    observer = FeatureObserver(None, scheme.needs)
     goal = Goal.teach(scheme, look(observer, GOAL))
     decision = scheme.compute(replace(look(observer, START), dt=0.25), goal, 7.0)
     error, L, rotated, t, dt = law.given
@@ -100,14 +100,14 @@ def test_each_scheme_tells_its_law_the_time_and_that_since_the_last_image(name):
 class Gainless(Law):
     """Has no gain that a scheme could read."""
 
-    def rate(self, error, *_):
+    def desired_error_rate(self, error, *_):
         return -error
 
 
 class Asked(Proportional):
     """Keeps what it is given; answers none of it."""
 
-    def rate(self, *given):
+    def desired_error_rate(self, *given):
         self.given = given
         return -np.linspace(0.7, 1.3, len(given[0])) * given[0]
 
@@ -164,16 +164,16 @@ def test_partitioned_comes_down_by_the_logarithm_of_the_distance():
     """The root of the area goes with 1/Z: vz = gain Z log(Z / Z*) where nothing else is off."""
     at = [pose((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.6, 0.9)]
     scheme = create_scheme("partitioned", Proportional(2.0))
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), at[0]))
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), at[0]))
     scheme.check(goal)
-    twist = scheme.compute(look(Observer(None, scheme.needs), at[1]), goal, 0.0).task.twist
+    twist = scheme.compute(look(FeatureObserver(None, scheme.needs), at[1]), goal, 0.0).task.twist
     assert twist[2] == pytest.approx(2.0 * 0.9 * np.log(0.9 / 0.6), rel=1e-6)
     assert twist[5] == pytest.approx(0.0, abs=1e-9)
 
 
 def test_partitioned_takes_a_target_that_is_seen_very_small():
     small, scheme = 1e-4 * CORNERS, create_scheme("partitioned", Proportional(1.0))
-    observer = Observer(None, scheme.needs)
+    observer = FeatureObserver(None, scheme.needs)
     at = [pose((0.0, 0.0, z), (0.0, 0.0, 0.0)) for z in (0.6, 0.9)]
     goal = Goal.teach(scheme, look(observer, at[0], corners=small))
     twist = scheme.compute(look(observer, at[1], corners=small), goal, 0.0).task.twist
@@ -185,13 +185,13 @@ def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate
     """Its law's rate, less the target's own and that of vz and wz, by the other four."""
     scheme = create_scheme("partitioned")
     scheme.law = law = Asked()
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
     measure = scheme.feature.measure
-    scheme.feature.measure = lambda *given: replace(measure(*given), rate=rate)
-    seen = look(Observer(None, scheme.needs), START)
+    scheme.feature.measure = lambda *given: replace(measure(*given), error_drift=rate)
+    seen = look(FeatureObserver(None, scheme.needs), START)
     decision = scheme.compute(seen, goal, 0.0)
     L, error, twist = decision.L, decision.error, decision.task.twist
-    wanted = law.rate(error)
+    wanted = law.desired_error_rate(error)
     now, then = seen.corners, goal.features["numbered_points"]["points"]
     hull, first = [], []
     for corners in (now, np.array(then)):
@@ -206,7 +206,7 @@ def test_partitioned_leaves_to_the_points_what_its_two_motions_do_not_bring(rate
     others = [0, 1, 3, 4]
     np.testing.assert_allclose(twist[others], np.linalg.lstsq(L[:, others], rest, rcond=None)[0])
     scheme.feature.measure = measure  # at the goal nothing is asked for
-    there = scheme.compute(look(Observer(None, scheme.needs), GOAL), goal, 0.0).task.twist
+    there = scheme.compute(look(FeatureObserver(None, scheme.needs), GOAL), goal, 0.0).task.twist
     np.testing.assert_allclose(there, 0.0, atol=1e-12)
 
 
@@ -229,8 +229,8 @@ def test_the_predictive_scheme_keeps_the_points_in_the_picture():
 def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     """Where no border is near: the nearest to four exponentials and to no motion at all."""
     scheme = create_scheme("predictive", Proportional(0.8))
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
-    decision = scheme.compute(look(Observer(None, scheme.needs), START), goal, 0.0)
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
+    decision = scheme.compute(look(FeatureObserver(None, scheme.needs), START), goal, 0.0)
     depths = np.repeat((goal.distance, 1.0), 3)  # lengths count in depths
     L, error = decision.L * depths, decision.error
     stamps = (0.1, 0.2, 0.3, 0.4)
@@ -240,7 +240,7 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
     np.testing.assert_allclose(decision.task.twist, depths * best, atol=2e-5)
     expected, found = (
         create_scheme("predictive", law).compute(
-            look(Observer(None, scheme.needs), START), goal, 0.0
+            look(FeatureObserver(None, scheme.needs), START), goal, 0.0
         ).task.twist for law in (Proportional(1.0), Gainless())
     )  # fmt: skip
     np.testing.assert_allclose(found, expected, atol=1e-6)  # 1/s, of a law without a gain
@@ -248,16 +248,16 @@ def test_the_predictive_scheme_fits_a_decay_at_each_step_of_its_horizon():
 
 def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
     scheme = create_scheme("predictive")
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL))
-    seen, found = look(Observer(None, scheme.needs), START), np.arange(6.0)
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL))
+    seen, found = look(FeatureObserver(None, scheme.needs), START), np.arange(6.0)
     scheme._minimize = lambda *_, **__: SimpleNamespace(x=found, success=False)
     decision = scheme.compute(seen, goal, 0.0)
-    assert decision.notes == ("visibility cannot be kept on this way",)
+    assert decision.notes == ("the target cannot be kept in view on this path",)
     depths = np.repeat((goal.distance, 1.0), 3)
     np.testing.assert_array_equal(decision.task.twist, depths * found)
-    assert scheme._last is found  # from where the next one is looked for
+    assert scheme._last_twist is found  # from where the next one is looked for
     scheme.reset()
-    assert not scheme._last.any()
+    assert not scheme._last_twist.any()
     scheme._minimize = lambda *_, **__: SimpleNamespace(x=np.full(6, np.nan), success=True)
     with pytest.raises(MeasurementError, match="the predicted path cannot be fitted"):
         scheme.compute(seen, goal, 0.0)
@@ -266,9 +266,9 @@ def test_the_predictive_scheme_says_where_no_way_keeps_the_target_in_view():
 def test_the_borders_are_those_through_the_middle_of_the_picture():
     lens = CameraModel(CAMERA.width, CAMERA.height, CAMERA.K, (-0.2, 0.05, 0.02, -0.03))
     scheme = create_scheme("predictive")
-    seen = replace(look(Observer(None, scheme.needs), GOAL), camera=lens)
+    seen = replace(look(FeatureObserver(None, scheme.needs), GOAL), camera=lens)
     points = np.array([0.01, 0.02, -2.0, 3.0])
-    low, high = scheme._borders(seen, points)
+    low, high = scheme._compute_borders(seen, points)
     left, right = (lens.normalise(*np.array([[u], [239.5]]))[0][0] for u in (12.0, 627.0))
     top, bottom = (lens.normalise(*np.array([[319.5], [v]]))[1][0] for v in (12.0, 467.0))
     np.testing.assert_allclose(low, [left, top, -2.0, top], rtol=1e-12)
@@ -283,8 +283,8 @@ def test_the_predictive_scheme_predicts_points_up_to_its_margin(way):
     across = np.array(way)
     begun = pose((*(0.1 * across * (2.0, 1.5)), 0.9), (0.0, 0.0, 0.3))
     beyond = pose((*(0.6 * across), 0.9), (0.0, 0.0, 0.3))
-    goal = Goal.teach(scheme, look(Observer(None, scheme.needs), beyond))
-    seen = replace(look(Observer(None, scheme.needs), begun), camera=lens)
+    goal = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), beyond))
+    seen = replace(look(FeatureObserver(None, scheme.needs), begun), camera=lens)
     decision = scheme.compute(seen, goal, 0.0)
     ahead = decision.features + scheme.horizon * decision.L @ decision.task.twist
     middle = 0.5 * (np.array([lens.width, lens.height]) - 1)
@@ -296,10 +296,10 @@ def test_the_predictive_scheme_predicts_points_up_to_its_margin(way):
 def test_each_scheme_says_what_a_square_leaves_open(name):
     scheme = create_scheme(name)
     square = 0.1 * np.array([[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]])
-    observer = Observer(None, scheme.needs)
+    observer = FeatureObserver(None, scheme.needs)
     goal = Goal.teach(scheme, look(observer, GOAL, corners=square))
-    seen = replace(look(observer, START, corners=square), numbered=False)
-    assert scheme.compute(seen, goal, 0.0).up_to == "90°"
+    seen = replace(look(observer, START, corners=square), is_numbered=False)
+    assert scheme.compute(seen, goal, 0.0).ambiguity == "90°"
     measure = scheme.feature.measure  # a feature's own word, as of a user's
     scheme.feature.measure = lambda *given: replace(measure(*given), notes=("blurred",))
     assert scheme.compute(seen, goal, 0.0).notes == ("blurred",)
@@ -308,7 +308,7 @@ def test_each_scheme_says_what_a_square_leaves_open(name):
 def test_the_error_is_smoothed_over_the_time_that_passed_and_begins_anew_after_a_gap():
     """An image of the same time as the last one brings nothing new."""
     scheme = create_scheme("numbered_points", smoothing=0.2)
-    observer = Observer(None, scheme.needs)
+    observer = FeatureObserver(None, scheme.needs)
     goal = Goal.teach(scheme, look(observer, GOAL))
     further, smoothed = moved(START, np.array([0.1, -0.2, 0.1, 0.0, 0.1, 0.2])), None
     for place, stamp, passed in (
@@ -328,7 +328,7 @@ def test_the_predictive_scheme_does_nothing_of_which_the_points_tell_nothing():
 
     def seen(place):
         P = line @ place[:3].T
-        view = look(Observer(None, scheme.needs), place)
+        view = look(FeatureObserver(None, scheme.needs), place)
         return replace(view, corners=P[:, :2] / P[:, 2:])
 
     goal = Goal.teach(scheme, seen(GOAL))
@@ -349,5 +349,5 @@ def test_the_predictive_scheme_keeps_to_its_speeds():
     way, _ = fly("predictive", far, images=20, gain=20.0)
     steps = np.linalg.norm(np.diff(centres(way), axis=0), axis=1) / 0.04
     scheme = create_scheme("predictive")
-    distance = Goal.teach(scheme, look(Observer(None, scheme.needs), GOAL)).distance
+    distance = Goal.teach(scheme, look(FeatureObserver(None, scheme.needs), GOAL)).distance
     assert steps.max() <= np.sqrt(3) * distance + 1e-6

@@ -19,16 +19,20 @@ from loop_rig import (
 )
 
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.joint_sample import JointSample
-from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws.adaptive import Adaptive
 from aras_visual_servo_controller.laws.proportional import Proportional
 from aras_visual_servo_controller.laws.wrappers import ContinuousStart
-from aras_visual_servo_controller.loop.approach import Approach
-from aras_visual_servo_controller.loop.motion import CommandMotion, advanced
-from aras_visual_servo_controller.loop.task_follower import Pursuit
+from aras_visual_servo_controller.loop.command_integrator import (
+    CommandIntegrator,
+    integrate_command,
+)
+from aras_visual_servo_controller.loop.start_approach import StartApproach
+from aras_visual_servo_controller.loop.task_executor import TaskExecutor
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.records.state import (
     APPROACHING,
     CONVERGED,
@@ -41,7 +45,6 @@ from aras_visual_servo_controller.records.state import (
     ServoState,
     Source,
 )
-from aras_visual_servo_controller.seeing.observer import Observer
 
 
 def phases(states):
@@ -83,9 +86,9 @@ def test_the_other_schemes_reach_it_too(scheme):
     servo = the_servo("2016", scheme, goal=goal)
     rig = Rig(servo, STARTS["2016"])
     if scheme == "points":
-        rig.look = lambda observer, t, joints: observer.of_exact(
+        rig.look = lambda observer, t, joints: observer.observe_exact_features(
             t, CAMERA, joints, points=points(servo.arm.pose(rig.q)),
-            plane=goal.target.plane(servo.arm.pose(rig.q)),
+            plane=goal.target.compute_plane(servo.arm.pose(rig.q)),
         )  # fmt: skip
     last = rig.run(9.0)[-1]
     # four corners of a square look alike from four sides
@@ -98,7 +101,7 @@ def test_the_other_schemes_reach_it_too(scheme):
 def test_every_scheme_heeds_its_law(scheme, law):
     def first_twists(law):
         states = Rig(the_servo("2016", scheme, law), STARTS["2016"]).run(0.2)
-        return np.array([s.twist for s in states])
+        return np.array([s.desired_twist for s in states])
 
     plain, other = first_twists(Proportional(5.0)), first_twists(law)
     assert np.abs(plain[1] - other[1]).max() > 0.1 * np.abs(plain[1]).max()
@@ -110,11 +113,11 @@ def test_every_scheme_heeds_its_law(scheme, law):
 @pytest.mark.parametrize("turn", [120.0, -175.0])
 def test_a_target_turned_round_is_not_taken_for_reached(turn):
     """From J6 turned so far: the paper's alpha, taken modulo pi, would converge 180 degrees off."""
-    start = np.array(the_goal("2016").joint_values(the_arm().names))
+    start = np.array(the_goal("2016").get_joints(the_arm().names))
     start[5] += np.radians(turn)
     rig = Rig(the_servo("2016"), start)
     states = rig.run(6.0)
-    assert states[0].decision.error[3] == pytest.approx(-np.radians(turn), abs=0.05)
+    assert states[0].scheme_output.error[3] == pytest.approx(-np.radians(turn), abs=0.05)
     assert states[-1].outcome == "converged"
     assert rig.missed[0] < 0.1e-3
     assert rig.missed[1] < np.radians(0.05)
@@ -124,11 +127,11 @@ def test_the_error_is_published_as_measured():
     rig = Rig(the_servo("2016", options={"smoothing": 0.1}), STARTS["2016"])
     states = rig.run(1.0)
     for state in states:
-        decision = state.decision
+        decision = state.scheme_output
         expected = decision.features - decision.desired
         np.testing.assert_allclose(decision.error, expected, atol=1e-12)
-    filtered = np.array([s.decision.filtered_error for s in states])
-    errors = np.array([s.decision.error for s in states])
+    filtered = np.array([s.scheme_output.filtered_error for s in states])
+    errors = np.array([s.scheme_output.error for s in states])
     part = 1.0 - np.exp(-IMAGE_PERIOD / 0.1)
     np.testing.assert_allclose(filtered[0], errors[0])
     np.testing.assert_allclose(
@@ -157,14 +160,16 @@ def test_errors_decay_as_the_gain_says(gain):
     def look(observer, t, joints):
         pose = the_arm().pose(joints.positions)
         seen = (flat - pose[:3, 3]) @ pose[:3, :3]
-        return observer.of_exact(t, CAMERA, joints, contour=seen[:, :2] / seen[:, 2:])
+        return observer.observe_exact_features(t, CAMERA, joints, contour=seen[:, :2] / seen[:, 2:])
 
     names = the_arm().names
-    there = JointSample.of(0.0, names, the_goal("2016").joint_values(names))
-    goal = Goal.teach(None, look(Observer(the_arm()), 0.0, there), depth=the_goal("2016").depth)
+    there = JointSample.from_values(0.0, names, the_goal("2016").get_joints(names))
+    goal = Goal.teach(
+        None, look(FeatureObserver(the_arm()), 0.0, there), depth=the_goal("2016").depth
+    )
     servo = the_servo(law=Proportional(gain), limits=the_limits(velocity=5.0), goal=goal)
     rig = Rig(servo, STARTS["2016"], lag=1e-4, look=look)
-    errors = np.array([s.decision.error for s in rig.run(1.5)])[:, [0, 1, 3]]
+    errors = np.array([s.scheme_output.error for s in rig.run(1.5)])[:, [0, 1, 3]]
     part = np.abs(errors / errors[0])
     used = (part < 0.8) & (part > 0.02)
     d = np.mean([10.0, 6.7, 3.3]) * 1e-3 - TICK + 0.5 * TICK
@@ -184,7 +189,7 @@ def test_converged_is_left_when_the_target_moves():
     rig.servo.goal.world_T_camera.setflags(write=False)
     rig.q[0] += 0.01
     rig.target[0] += 0.01
-    rig.servo.motion.command[0] += 0.01
+    rig.servo.integrator.command[0] += 0.01
     after = [s for s in rig.run(2.0) if s.stamp > 3.0]
     assert SERVOING in phases(after)
     assert after[-1].phase == CONVERGED
@@ -208,7 +213,7 @@ def test_a_lost_target_brings_the_arm_to_rest_and_the_loop_goes_on():
     assert {s.reason for s in gone} == {f"target lost at 0.30 s over the left border: {why}"}
     assert {s.outcome for s in gone} == {"target_lost"}
     assert {c.reason for c in rig.commands if 0.31 <= c.stamp < 1.0} == {why}
-    assert {s.scheme for s in states} == {"Composed"} and not any(s.fault for s in states)
+    assert {s.scheme for s in states} == {"FeatureScheme"} and not any(s.fault for s in states)
     still = np.array([c.positions for c in rig.commands if 0.3 + 0.2 <= c.stamp < 1.0])
     np.testing.assert_array_equal(still, np.broadcast_to(still[0], still.shape))
     assert np.abs(speeds(rig)[29]).max() > 0.05  # it was moving
@@ -238,10 +243,10 @@ def test_the_continuous_start_comes_back_after_the_target_was_lost():
     )  # fmt: skip
     states = rig.run(2.0)
     back = next(s for s in states if s.stamp >= 1.2)
-    assert np.abs(back.decision.error).max() > 0.02
-    assert np.abs(back.twist).max() < 1e-9
+    assert np.abs(back.scheme_output.error).max() > 0.02
+    assert np.abs(back.desired_twist).max() < 1e-9
     later = next(s for s in states if s.stamp >= 1.5)
-    assert np.abs(later.twist).max() > 0.005
+    assert np.abs(later.desired_twist).max() > 0.005
 
 
 def test_the_watchdog_stops_the_arm_when_no_images_come():
@@ -275,9 +280,9 @@ def test_after_the_first_image_the_watchdog_waits_for_its_own_time():
 def test_joints_that_cannot_be_measured_stop_the_arm_and_the_command_says_why():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
-    assert rig.states[-1].achieved.any()
-    assert ServoState(0.0, WAITING).achieved.tolist() == [0.0] * 6
-    command = rig.servo.tick(rig.now + TICK, unmeasured="no word of J2")
+    assert rig.states[-1].achieved_twist.any()
+    assert ServoState(0.0, WAITING).achieved_twist.tolist() == [0.0] * 6
+    command = rig.servo.update(rig.now + TICK, missing_reason="no word of J2")
     assert (command.reason, command.phase) == ("no word of J2", HOLDING)
     assert command.positions.shape == (6,)
 
@@ -300,8 +305,8 @@ def test_late_images_and_stamps_of_zero_change_nothing():
     now = rigs[0].states[-1].stamp
     names = rigs[0].servo.arm.names
     for stamp in (now - 0.005, 0.0, now, np.nan):
-        seen = rigs[0].exact(rigs[0].observer, now, JointSample.of(now, names, rigs[0].q))
-        state = rigs[0].servo.see(spoiled(seen, stamp=stamp))
+        seen = rigs[0].exact(rigs[0].observer, now, JointSample.from_values(now, names, rigs[0].q))
+        state = rigs[0].servo.process_image(spoiled(seen, stamp=stamp))
         assert "ignored" in state.reason
         assert state.phase == SERVOING
     for rig in rigs:
@@ -313,12 +318,15 @@ def test_an_image_from_before_the_clock_went_back_is_left_over():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.1)
     names = rig.servo.arm.names
-    seen = rig.exact(rig.observer, 50.0, JointSample.of(50.0, names, rig.q))
-    assert "ignored" in rig.servo.see(seen).reason
+    seen = rig.exact(rig.observer, 50.0, JointSample.from_values(50.0, names, rig.q))
+    assert "ignored" in rig.servo.process_image(seen).reason
     rig.run(0.1)
     assert rig.servo.phase == SERVOING
-    rig.servo.tick(2.0, JointSample.of(2.0, names, rig.q))
-    told = [rig.servo.see(spoiled(seen, stamp=stamp)).answers_image for stamp in (3.01, 3.0)]
+    rig.servo.update(2.0, JointSample.from_values(2.0, names, rig.q))
+    told = [
+        rig.servo.process_image(spoiled(seen, stamp=stamp)).has_processed_image
+        for stamp in (3.01, 3.0)
+    ]
     assert told == [False, True]  # a second ahead at most
 
 
@@ -334,7 +342,7 @@ def test_the_clock_going_back_begins_anew():
     np.testing.assert_array_equal(again.joints, fresh.joints)
     assert [s.phase for s in again.states] == [s.phase for s in fresh.states]
     np.testing.assert_array_equal(
-        [s.decision.error for s in again.states], [s.decision.error for s in fresh.states]
+        [s.scheme_output.error for s in again.states], [s.scheme_output.error for s in fresh.states]
     )
 
 
@@ -342,7 +350,7 @@ def test_stop_start_and_hold():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
     rig.servo.stop("the operator")
-    rig.servo.tick(rig.now, unmeasured="no word of J2")
+    rig.servo.update(rig.now, missing_reason="no word of J2")
     assert (rig.servo.phase, rig.servo.outcome.kind) == (STOPPED, "running")
     states = [s for s in rig.run(0.5) if s.stamp >= 0.3]
     assert set(phases(states)) == {STOPPED}
@@ -355,7 +363,7 @@ def test_stop_start_and_hold():
     rig.servo.hold("look at this")
     assert rig.servo.outcome.kind == "held"
     for word in ("a", "b"):  # nor do bad joints end it
-        command = rig.servo.tick(rig.now, unmeasured=word)
+        command = rig.servo.update(rig.now, missing_reason=word)
         assert (command.reason, rig.servo.phase) == (word, HOLDING)
         assert rig.servo.outcome.reason == "look at this"
     states = [s for s in rig.run(0.5) if s.stamp >= 1.1]
@@ -370,13 +378,13 @@ def test_stop_start_and_hold():
 def test_waits_without_joints_and_sends_nothing():
     servo = the_servo("2016")
     rig = Rig(servo, STARTS["2016"])
-    command = servo.tick(0.0)
+    command = servo.update(0.0)
     assert command.positions is None
     assert command.reason == "no joint states yet"
-    seen = rig.exact(rig.observer, 0.0, JointSample.of(0.0, servo.arm.names, rig.q))
-    state = servo.see(spoiled(seen, joints=None))
+    seen = rig.exact(rig.observer, 0.0, JointSample.from_values(0.0, servo.arm.names, rig.q))
+    state = servo.process_image(spoiled(seen, joints=None))
     assert (state.phase, state.reason) == (WAITING, "no joint states yet")
-    assert servo.tick(0.01).positions is None
+    assert servo.update(0.01).positions is None
 
 
 @pytest.mark.parametrize("value", [-1e308, np.nan, 50.0])
@@ -411,7 +419,7 @@ def test_impossible_moments_are_refused():
             return seen
         m = seen.moments
         big = Moments(m.order, m.kind, m.m00, 1e10, m.yg, m.centred)
-        return observer.of_moments(t, big, True, "", seen.camera, joints)
+        return observer.observe_moments(t, big, True, "", seen.camera, joints)
 
     rig.look = giant
     states = rig.run(0.9)
@@ -447,14 +455,14 @@ def test_the_arm_is_resolved_where_it_stands_and_not_where_it_was_sent(period):
     """Held by friction, joints stand elsewhere: the camera is where they are."""
     servo = the_servo("2016", resolve_period=period)
     rig = Rig(servo, STARTS["2016"], friction=0.02)
-    asked, resolve = [], servo.resolver.resolve
+    asked, resolve = [], servo.differential_ik.solve
 
     def watched(q, *rest):
         asked.append(np.abs(rig.q - servo.command).max())
         np.testing.assert_array_equal(q, rig.q)
         return resolve(q, *rest)
 
-    servo.resolver.resolve = watched
+    servo.differential_ik.solve = watched
     rig.run(0.5)
     assert len(asked) > 15 and max(asked) > 0.01
 
@@ -507,89 +515,91 @@ def test_reset_forgets_that_it_had_converged():
 
 def test_what_a_controller_of_joints_asks_is_slowed_as_a_whole_and_says_why():
     limits = the_limits(velocity=[1.0, 2.0, 2.0, 2.0, 2.0, 2.0], acceleration=[20.0] + [2.0] * 5)
-    motion = CommandMotion(the_arm().names, limits, ServoSettings())
-    motion.begin(np.zeros(6))
+    motion = CommandIntegrator(the_arm().names, limits, ServoSettings())
+    motion.start_at(np.zeros(6))
     asked = np.array([2.0, 1.0, 0.1, 0.1, 0.1, 0.1])
-    velocities, words = motion.limited(asked, 0.0)
-    assert words == "slowed to 50 % for the speed limit of gantry"
+    velocities, words = motion.limit_velocities(asked, 0.0)
+    assert words == "velocity scaled to 50 % (speed limit of gantry)"
     assert velocities == pytest.approx(0.5 * asked)
-    velocities, words = motion.limited(asked, 0.1)
+    velocities, words = motion.limit_velocities(asked, 0.1)
     assert words.endswith("; at the acceleration limit of J1")
     assert velocities == pytest.approx(0.2 * asked)
-    assert motion.limited(0.05 * asked, 0.1) == (pytest.approx(0.05 * asked), "")
+    assert motion.limit_velocities(0.05 * asked, 0.1) == (pytest.approx(0.05 * asked), "")
     most = np.array([1.0, -0.25, 0.1, 0.1, 0.1, 0.1])  # 2 rad/s^2 for an eighth of a second
-    assert motion.limited(most, 0.125) == (pytest.approx(most), "")
-    assert motion.limited(most, 0.124)[1] == "at the acceleration limit of J1"
+    assert motion.limit_velocities(most, 0.125) == (pytest.approx(most), "")
+    assert motion.limit_velocities(most, 0.124)[1] == "at the acceleration limit of J1"
 
 
 def test_a_joint_that_has_caught_up_is_waited_for_no_more():
     settings = ServoSettings(lead=(1.0, 0.05, 1.0, 1.0, 1.0, 1.0), lag=0.0)
-    motion = CommandMotion(the_arm().names, the_limits(), settings)
-    motion.begin(np.zeros(6))
+    motion = CommandIntegrator(the_arm().names, the_limits(), settings)
+    motion.start_at(np.zeros(6))
     asked, measured = np.array([0.0, 1.0, 0.0, 0.0, 0.0, 0.0]), np.zeros(6)
     for _ in range(6):
-        motion.advance(asked, measured, 0.01)
-    assert motion.late.tolist() == [False, True, False, False, False, False]
-    assert motion.advance(asked, motion.command, 0.01) == "" and not motion.late.any()
+        motion.integrate(asked, measured, 0.01)
+    assert motion.is_late.tolist() == [False, True, False, False, False, False]
+    assert motion.integrate(asked, motion.command, 0.01) == "" and not motion.is_late.any()
 
 
 def test_what_is_off_by_just_what_counts_as_arrived_is_there():
     settings = ServoSettings(start=(0.5, -0.25), arrived=0.125, settle=0.25)
-    approach = Approach(("a", "b"), np.ones(2), settings)
-    approach.command(0.0, 0.0, np.zeros(2))
-    approach.command(64.0, 0.0, np.array([0.625, -0.375]))
-    assert approach.reason == "" and not approach.done
-    approach.command(64.25, 0.25, np.array([0.625, -0.375]))
-    assert approach.done
+    approach = StartApproach(("a", "b"), np.ones(2), settings)
+    approach.compute_command(0.0, 0.0, np.zeros(2))
+    approach.compute_command(64.0, 0.0, np.array([0.625, -0.375]))
+    assert approach.reason == "" and not approach.is_done
+    approach.compute_command(64.25, 0.25, np.array([0.625, -0.375]))
+    assert approach.is_done
     approach.reset()
-    approach.command(0.0, 0.0, np.zeros(2))
+    approach.compute_command(0.0, 0.0, np.zeros(2))
     for t, off in ((64.0, 0.125), (64.125, 0.126), (64.25, 0.0625), (64.375, 0.0625)):
-        command = approach.command(t, 1.0, np.array([0.5, -0.25 - off]))
-    assert not approach.done  # it stood there since 64.25 s
-    before = approach.command(64.5, 1.0, np.array([0.5, -0.1875]))
-    assert approach.done and before[1] < command[1]  # what is half as far off is pushed too
-    approach.command(65.0, 0.0, np.array([0.625, -0.3751]))
-    assert approach.reason == "waiting at the start pose for b (-0.3751, to be -0.2500)"
+        command = approach.compute_command(t, 1.0, np.array([0.5, -0.25 - off]))
+    assert not approach.is_done  # it stood there since 64.25 s
+    before = approach.compute_command(64.5, 1.0, np.array([0.5, -0.1875]))
+    assert approach.is_done and before[1] < command[1]  # what is half as far off is pushed too
+    approach.compute_command(65.0, 0.0, np.array([0.625, -0.3751]))
+    assert approach.reason == "waiting at the start pose for b (at -0.3751, desired -0.2500)"
     approach.reset()  # nor is it pushed any more
-    approach.command(70.0, 0.0, np.zeros(2))
-    assert approach.command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
+    approach.compute_command(70.0, 0.0, np.zeros(2))
+    assert approach.compute_command(134.0, 0.0, np.array([0.625, -0.375])).tolist() == [0.5, -0.25]
 
 
 def test_joints_that_stay_behind_at_the_start_are_each_pushed_by_their_own_lead():
     settings = ServoSettings(start=(0.5, -0.25), arrived=0.125, lead=(0.0625, 0.25))
-    approach = Approach(("a", "b"), np.ones(2), settings)
+    approach = StartApproach(("a", "b"), np.ones(2), settings)
     for t in range(100):
-        command = approach.command(float(t), 1.0, np.zeros(2))
+        command = approach.compute_command(float(t), 1.0, np.zeros(2))
     assert command.tolist() == [0.5625, -0.5]
 
 
 def test_how_long_the_way_to_the_start_takes():
     """1.5 ways at three tenths of a speed, of which 1000 at most count; no less than 1 ms."""
     for speed, half in ((2.0, 1.25), (np.inf, 0.0025), (1e9, 0.0025)):
-        approach = Approach(("a", "b"), np.array([9.0, speed]), ServoSettings(start=(0.0, 1.0)))
-        approach.command(4.0, 0.0, np.zeros(2))
-        assert approach.command(4.0 + half, 0.0, np.zeros(2))[1] == pytest.approx(0.5)
-    approach = Approach(("a",), np.ones(1), ServoSettings(start=(0.5,), settle=0.25))
+        approach = StartApproach(
+            ("a", "b"), np.array([9.0, speed]), ServoSettings(start=(0.0, 1.0))
+        )
+        approach.compute_command(4.0, 0.0, np.zeros(2))
+        assert approach.compute_command(4.0 + half, 0.0, np.zeros(2))[1] == pytest.approx(0.5)
+    approach = StartApproach(("a",), np.ones(1), ServoSettings(start=(0.5,), settle=0.25))
     there = np.array([0.5])
     for t, done in ((0.0, False), (9 / 8192, False), (9 / 8192 + 0.25, True)):
-        approach.command(t, 0.0, there)
-        assert approach.done is done
+        approach.compute_command(t, 0.0, there)
+        assert approach.is_done is done
 
 
 def test_a_joint_on_the_way_waits_where_it_hangs_and_velocities_are_those_of_the_way():
     servo, start = the_servo("2016", start=STARTS["2016"], output="velocity"), STARTS["2016"]
     names, q, asked = servo.arm.names, np.zeros(6), []
     for t in np.arange(0.0, 3.0, 0.01):
-        command = servo.tick(t, JointSample.of(t, names, np.zeros(6)))
+        command = servo.update(t, JointSample.from_values(t, names, np.zeros(6)))
         q = q + 0.01 * command.values
-        asked.append(servo.waits_for_joints)
+        asked.append(servo.is_waiting_for_joints)
     assert not asked[0] and asked[-1] and servo.phase == APPROACHING
     np.testing.assert_allclose(q, servo.command, atol=1e-12)
     near = np.array(start) - 0.004  # there, and pushed on all the same
     moved = []
     for t in np.arange(3.0, 4.0, 0.01):
-        moved.append(servo.tick(t, JointSample.of(t, names, near)).values.any())
-        if not servo.approaching:
+        moved.append(servo.update(t, JointSample.from_values(t, names, near)).values.any())
+        if not servo.is_approaching:
             break
     assert moved[0] and not moved[-1] and servo.phase == WAITING
 
@@ -601,9 +611,9 @@ def test_reset_forgets_what_held_it_and_the_image_period():
     assert "longer than the image period" in rig.states[-1].reason
     rig.servo.hold("by hand")
     rig.servo.reset()
-    joints = JointSample.of(0.0, rig.servo.arm.names, rig.q)
-    rig.servo.tick(0.0, joints)
-    state = rig.servo.see(rig.exact(rig.observer, 0.0, joints))
+    joints = JointSample.from_values(0.0, rig.servo.arm.names, rig.q)
+    rig.servo.update(0.0, joints)
+    state = rig.servo.process_image(rig.exact(rig.observer, 0.0, joints))
     assert state.phase == "servoing" and "image period" not in state.reason
 
 
@@ -614,10 +624,10 @@ def test_a_state_without_an_answer_has_no_singular_values():
 
 def test_a_time_that_is_not_finite_moves_nothing_and_is_said():
     servo = the_servo("2016")
-    told = servo.tick(np.nan)
+    told = servo.update(np.nan)
     assert (told.stamp, told.values, told.reason) == (0.0, None, "time is not finite")
-    servo.tick(1.5, JointSample.of(1.5, servo.arm.names, STARTS["2016"]))
-    told = servo.tick(np.inf)
+    servo.update(1.5, JointSample.from_values(1.5, servo.arm.names, STARTS["2016"]))
+    told = servo.update(np.inf)
     assert (told.stamp, told.values, told.reason) == (1.5, None, "time is not finite")
 
 
@@ -625,71 +635,73 @@ def test_what_sags_before_the_first_image_is_held_where_it_was():
     """The command stays where the joints stood first, and servoing goes on from there."""
     rig = Rig(the_servo("2016", law=Proportional(0.2)), STARTS["2016"])
     names = rig.servo.arm.names
-    first = rig.servo.tick(0.0, JointSample.of(0.0, names, rig.q))
-    sagged = JointSample.of(0.1, names, rig.q - 0.02 * np.eye(6)[0])
-    rig.servo.tick(0.1, sagged)
-    rig.servo.see(rig.exact(rig.observer, 0.1, sagged))
-    command = rig.servo.tick(0.11, sagged)
+    first = rig.servo.update(0.0, JointSample.from_values(0.0, names, rig.q))
+    sagged = JointSample.from_values(0.1, names, rig.q - 0.02 * np.eye(6)[0])
+    rig.servo.update(0.1, sagged)
+    rig.servo.process_image(rig.exact(rig.observer, 0.1, sagged))
+    command = rig.servo.update(0.11, sagged)
     assert 0.0 < np.abs(command.positions - first.positions)[0] < 0.01
 
 
-@pytest.mark.parametrize(("lasts", "times"), [(0.0, [0, 10, 20, 30, 40]), (0.025, [0, 25])])
-def test_velocities_are_worked_out_anew_when_their_period_is_over(lasts, times):
+@pytest.mark.parametrize(("reuse_time", "times"), [(0.0, [0, 10, 20, 30, 40]), (0.025, [0, 25])])
+def test_velocities_are_worked_out_anew_when_their_period_is_over(reuse_time, times):
     """Ticks of 1 ms, a period of 10 ms."""
     worked_out, steps = [], set()
 
     def resolve(q, task, dt, velocity):
         worked_out.append(round(1e3 * now))
         steps.add(dt)
-        return SimpleNamespace(velocities=np.zeros(2), lasts=lasts, reasons=())
+        return SimpleNamespace(velocities=np.zeros(2), reuse_time=reuse_time, reasons=())
 
-    motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(resolve=resolve)
+    motion, resolver = SimpleNamespace(velocity=np.zeros(2)), SimpleNamespace(solve=resolve)
     settings = ServoSettings(resolve_period=0.01)
-    pursuit = Pursuit("any", None, resolver, motion, settings)
-    pursuit.ask(Task.of_twist(np.zeros(6)), None, 0.0, None)
+    pursuit = TaskExecutor("any", None, resolver, motion, settings)
+    pursuit.set_task(Task.from_twist(np.zeros(6)), None, 0.0, None)
     for tick in range(45):
         now = 1e-3 * tick
-        pursuit.velocities(now, 1e-3, JointSample.of(now, ("a", "b"), np.zeros(2)), 0.0)
+        pursuit.compute_velocities(
+            now, 1e-3, JointSample.from_values(now, ("a", "b"), np.zeros(2)), 0.0
+        )
     assert worked_out == times and steps == {0.01}
     # What an image's answer has worked out serves as long as it lasts, from the tick before on.
-    answer = SimpleNamespace(velocities=np.ones(2), lasts=lasts, reasons=("slow", "bent"))
-    pursuit.ask(Task.of_twist(np.zeros(6)), answer, 0.05, 0.05)
-    for now, served in ((0.051, lasts > 0.0), (0.0749, lasts > 0.0), (0.0751, False)):
-        found, words = pursuit.velocities(
-            now, 0.02, JointSample.of(now, ("a", "b"), np.zeros(2)), 0.0)
+    answer = SimpleNamespace(velocities=np.ones(2), reuse_time=reuse_time, reasons=("slow", "bent"))
+    pursuit.set_task(Task.from_twist(np.zeros(6)), answer, 0.05, 0.05)
+    for now, served in ((0.051, reuse_time > 0.0), (0.0749, reuse_time > 0.0), (0.0751, False)):
+        found, words = pursuit.compute_velocities(
+            now, 0.02, JointSample.from_values(now, ("a", "b"), np.zeros(2)), 0.0)
         assert found[0] == float(served) and words == ("slow; bent" if served else "")
     assert steps == {0.01, 0.02}
-    pursuit.ask(Task.of_twist(np.zeros(6)), answer, 0.1, None)
-    assert pursuit.kept is None
+    pursuit.set_task(Task.from_twist(np.zeros(6)), answer, 0.1, None)
+    assert pursuit.cached_velocities is None
 
 
 def test_a_task_is_taken_up_when_its_delay_is_over_and_not_before():
-    pursuit = Pursuit("any", None, None, None, ServoSettings(delay=0.1))
-    first, second = (Task.of_twist(np.full(6, float(k))) for k in (1, 2))
-    pursuit.ask(first, None, 0.2, 0.2)  # 0.2 + 0.1 is a little more than 0.3
-    pursuit.ask(second, None, 0.25, 0.25)
+    pursuit = TaskExecutor("any", None, None, None, ServoSettings(delay=0.1))
+    first, second = (Task.from_twist(np.full(6, float(k))) for k in (1, 2))
+    pursuit.set_task(first, None, 0.2, 0.2)  # 0.2 + 0.1 is a little more than 0.3
+    pursuit.set_task(second, None, 0.25, 0.25)
     for t, task in ((0.3 - 5e-7, None), (0.3, first), (0.3499995, first), (0.4, second)):
-        pursuit.take_up(t)
+        pursuit.activate_pending(t)
         assert pursuit.task is task
-    third = Task.of_twist(np.full(6, 3.0))
-    pursuit.ask(third, None, 0.5 + 1e-12, 0.5)  # what is only rounded to be later is over too
-    pursuit.take_up(0.5 + 0.1)
+    third = Task.from_twist(np.full(6, 3.0))
+    pursuit.set_task(third, None, 0.5 + 1e-12, 0.5)  # what is only rounded to be later is over too
+    pursuit.activate_pending(0.5 + 0.1)
     assert pursuit.task is third
 
 
 def test_a_first_step_longer_than_the_lead_is_taken():
     """A flying camera that was asked for more than 5 rad/s from rest never set out."""
-    motion = CommandMotion(the_arm().names, the_limits(), ServoSettings(lead=0.05))
-    motion.begin(np.zeros(6))
+    motion = CommandIntegrator(the_arm().names, the_limits(), ServoSettings(lead=0.05))
+    motion.start_at(np.zeros(6))
     measured = np.zeros(6)
     for step in range(1, 4):
-        assert motion.advance(np.full(6, 6.0), measured, 0.01) == ""
+        assert motion.integrate(np.full(6, 6.0), measured, 0.01) == ""
         np.testing.assert_allclose(motion.command, 0.06 * step)
         measured = motion.command + 1e-6  # it follows at once, and is measured with an error
     for _ in range(60):  # and what does not follow is waited for all the same
-        said = motion.advance(np.full(6, 6.0), measured, 0.01)
-    assert "waiting for" in said and motion.at_rest
-    assert motion.advance(np.full(6, 6.0), motion.command, 0.0) == "" and motion.at_rest
+        said = motion.integrate(np.full(6, 6.0), measured, 0.01)
+    assert "waiting for" in said and motion.is_at_rest
+    assert motion.integrate(np.full(6, 6.0), motion.command, 0.0) == "" and motion.is_at_rest
 
 
 @pytest.mark.parametrize(("before", "ahead", "speed", "late"), [
@@ -704,30 +716,30 @@ def test_a_joint_is_late_that_is_further_behind_than_it_may_be(before, ahead, sp
     measured, command = np.array([0.0, -2.0]), np.array([0.0, -2.0 + sign * before])
     asked = np.array([0.0, sign * (ahead - before) / 0.5])
     far, lead = np.full(2, 9.0), np.array([9.0, 0.125])
-    after, speeds, stopped, found = advanced(
+    after, speeds, stopped, found = integrate_command(
         command, np.array([0.0, speed]), asked, measured, -far, far, lead, 0.25, 0.5)
     assert found.tolist() == [False, late] and not stopped.any()
     assert after == pytest.approx([0.0, -2.0 + sign * ahead]) and speeds == pytest.approx(asked)
 
 
 def test_what_is_waited_for_is_told_with_how_far_it_is_behind():
-    motion = CommandMotion(("a", "b"), SimpleNamespace(
+    motion = CommandIntegrator(("a", "b"), SimpleNamespace(
         lower=np.full(2, -9.0), upper=np.full(2, 9.0), acceleration=np.full(2, np.inf)),
         ServoSettings(lead=0.05, lag=0.0))  # fmt: skip
-    motion.begin(np.zeros(2))
-    said = motion.advance(np.array([0.1, -1.0]), np.array([0.0, 0.3]), 0.5)
+    motion.start_at(np.zeros(2))
+    said = motion.integrate(np.array([0.1, -1.0]), np.array([0.0, 0.3]), 0.5)
     assert said == "waiting for b, which is 0.800 behind its command"
 
 
 def test_a_stop_takes_as_long_as_the_slowest_joint_s_acceleration_asks():
     for acceleration, ticks in (((9.0, 1.0), 50), ((9.0, 9.0), 15)):
-        motion = CommandMotion(("a", "b"), SimpleNamespace(
+        motion = CommandIntegrator(("a", "b"), SimpleNamespace(
             lower=np.full(2, -9.0), upper=np.full(2, 9.0), acceleration=np.array(acceleration)),
             ServoSettings(stop_time=0.15))  # fmt: skip
-        motion.begin(np.zeros(2))
+        motion.start_at(np.zeros(2))
         motion.velocity = np.array([0.1, -0.5])
         count = 0
-        while not motion.at_rest and count < 99:
+        while not motion.is_at_rest and count < 99:
             motion.brake(0.01)
             count += 1
         assert count in (ticks, ticks + 1)
@@ -735,71 +747,71 @@ def test_a_stop_takes_as_long_as_the_slowest_joint_s_acceleration_asks():
 
 @pytest.mark.parametrize(("off", "taken_up"), [(0.125, False), (0.126, True)])
 def test_one_joint_that_somebody_has_moved_is_enough_to_begin_there(off, taken_up):
-    motion = CommandMotion(("a", "b"), None, ServoSettings(arrived=(9.0, 0.125)))
-    motion.begin(np.array([0.5, -0.25]))
-    motion.take_up(np.array([1.5, -0.25 - off]))
+    motion = CommandIntegrator(("a", "b"), None, ServoSettings(arrived=(9.0, 0.125)))
+    motion.start_at(np.array([0.5, -0.25]))
+    motion.adopt_joints(np.array([1.5, -0.25 - off]))
     assert motion.command.tolist() == ([1.5, -0.25 - off] if taken_up else [0.5, -0.25])
 
 
 def test_efforts_stay_within_those_of_each_joint():
     settings = ServoSettings(output="effort", stiffness=(100.0, 200.0), damping=1.0)
-    motion = CommandMotion(("a", "b"), None, settings)
-    motion.begin(np.zeros(2))
+    motion = CommandIntegrator(("a", "b"), None, settings)
+    motion.start_at(np.zeros(2))
     for way in (1.0, -1.0):
-        joints = JointSample.of(0.5, ("a", "b"), [0.05 * way, 0.3 * way])
-        sent = motion.sent(0.5, joints, np.array([7.0, 30.0]), "why", SERVOING)
+        joints = JointSample.from_values(0.5, ("a", "b"), [0.05 * way, 0.3 * way])
+        sent = motion.make_command(0.5, joints, np.array([7.0, 30.0]), "why", SERVOING)
         assert sent.values == pytest.approx([-5.0 * way, -30.0 * way])
         assert (sent.kind, sent.reason, sent.phase) == ("effort", "why", SERVOING)
         assert sent.positions is None
-    assert motion.sent(0.5, None, np.ones(2), "", WAITING).values is None
+    assert motion.make_command(0.5, None, np.ones(2), "", WAITING).values is None
     motion.reset()
-    assert motion.sent(0.5, joints, np.ones(2), "", WAITING).values is None
+    assert motion.make_command(0.5, joints, np.ones(2), "", WAITING).values is None
 
 
 @pytest.mark.parametrize("output", ["velocity", "position"])
 def test_joints_that_are_sent_velocities_go_on_from_where_they_came_to_rest(output):
     """A flying camera waited for ever at its own command, of which it never hears."""
     settings = ServoSettings(lead=0.05, output=output, stop_time=0.05)
-    motion = CommandMotion(the_arm().names, the_limits(), settings)
-    motion.begin(np.zeros(6))
+    motion = CommandIntegrator(the_arm().names, the_limits(), settings)
+    motion.start_at(np.zeros(6))
     measured = np.array([0.2, 0.0, -0.3, 0.0, 0.0, 0.0])
     asked = np.array([-1.0, 0.0, 1.0, 0.2, 0.0, 0.0])
     motion.velocity = 0.5 * asked
-    said = [motion.advance(asked, measured, 0.01) for _ in range(30)]
+    said = [motion.integrate(asked, measured, 0.01) for _ in range(30)]
     assert "waiting for gantry" in said[0]
     if output == "position":
-        assert "waiting for" in said[-1] and motion.at_rest
+        assert "waiting for" in said[-1] and motion.is_at_rest
         return
     assert "" in said
     first = said.index("")
     assert all("waiting for" in text for text in said[:first])
-    motion.begin(np.zeros(6))
-    while motion.advance(asked, measured, 0.01):
-        assert not motion.at_rest or (motion.command == measured).all()
+    motion.start_at(np.zeros(6))
+    while motion.integrate(asked, measured, 0.01):
+        assert not motion.is_at_rest or (motion.command == measured).all()
     np.testing.assert_allclose(motion.command, measured + 0.01 * asked)
 
 
 def test_the_command_brakes_as_gently_the_second_time():
     """Also where something else than `advance` set it going, as the way to the start does."""
-    motion = CommandMotion(the_arm().names, the_limits(), ServoSettings(stop_time=0.1))
-    motion.begin(np.zeros(6))
+    motion = CommandIntegrator(the_arm().names, the_limits(), ServoSettings(stop_time=0.1))
+    motion.start_at(np.zeros(6))
     for _ in range(2):
         motion.velocity = np.full(6, 0.5)
         motion.brake(0.01)
         assert motion.velocity == pytest.approx(np.full(6, 0.45))
         for _ in range(12):
             motion.brake(0.01)
-        assert motion.at_rest
+        assert motion.is_at_rest
 
 
 @pytest.mark.parametrize(("side", "sign"), [("upper", 1.0), ("lower", -1.0)])
 def test_the_command_stops_at_its_limits_by_itself(side, sign):
     """Whatever the resolver answers."""
     limits = the_limits(**{side: {"J1": sign * 0.1}})
-    motion = CommandMotion(the_arm().names, limits, ServoSettings(lead=10.0))
-    motion.begin(np.zeros(6))
+    motion = CommandIntegrator(the_arm().names, limits, ServoSettings(lead=10.0))
+    motion.start_at(np.zeros(6))
     for _ in range(30):
-        said = motion.advance(np.full(6, sign * 0.5), np.zeros(6), 0.01)
+        said = motion.integrate(np.full(6, sign * 0.5), np.zeros(6), 0.01)
     assert motion.command[1] == pytest.approx(sign * 0.1)
     assert said == f"J1 stopped at its limit of {sign * 0.1:.4f}"
     assert motion.command[5] == pytest.approx(sign * 0.15)
@@ -807,10 +819,10 @@ def test_the_command_stops_at_its_limits_by_itself(side, sign):
     for _ in range(30):
         motion.brake(0.01)
     assert motion.command[1] == pytest.approx(sign * 0.1)
-    motion.begin(np.full(6, sign * 0.2))  # from beyond it a joint comes back, and does not jump
-    motion.advance(np.full(6, sign * 0.5), np.full(6, sign * 0.2), 0.01)
+    motion.start_at(np.full(6, sign * 0.2))  # from beyond it a joint comes back, and does not jump
+    motion.integrate(np.full(6, sign * 0.5), np.full(6, sign * 0.2), 0.01)
     assert motion.command[1] == pytest.approx(sign * 0.2)
-    motion.advance(np.full(6, -sign * 0.5), np.full(6, sign * 0.2), 0.01)
+    motion.integrate(np.full(6, -sign * 0.5), np.full(6, sign * 0.2), 0.01)
     assert motion.command[1] == pytest.approx(sign * 0.195)
 
 
@@ -857,11 +869,11 @@ def test_velocity_and_effort_outputs():
         plain = the_servo("2016")
         rig, twin = Rig(servo, STARTS["2016"]), Rig(plain, STARTS["2016"])
         for t in np.arange(0.0, 0.3, 0.01):
-            joints = JointSample.of(t, servo.arm.names, rig.q, 0.1 * np.ones(6))
-            one, two = servo.tick(t, joints), plain.tick(t, joints)
+            joints = JointSample.from_values(t, servo.arm.names, rig.q, 0.1 * np.ones(6))
+            one, two = servo.update(t, joints), plain.update(t, joints)
             if t == 0.0:
-                servo.see(rig.exact(rig.observer, t, joints))
-                plain.see(twin.exact(twin.observer, t, joints))
+                servo.process_image(rig.exact(rig.observer, t, joints))
+                plain.process_image(twin.exact(twin.observer, t, joints))
                 before = two.positions
                 continue
             assert one.positions is None and one.kind == output
@@ -876,7 +888,7 @@ def test_velocity_and_effort_outputs():
 
 
 def test_efforts_that_could_push_nothing_are_refused():
-    with pytest.raises(ConfigurationError, match="stiffness is 0: give it, N/m or N m/rad"):
+    with pytest.raises(ConfigurationError, match="stiffness is 0: set stiffness"):
         the_servo("2016", output="effort", damping=2.0)
     one = [0.0, 0.0, 5.0, 0.0, 0.0, 0.0]
     assert the_servo("2016", output="effort", stiffness=one).settings.output == "effort"
@@ -893,11 +905,11 @@ def test_the_start_is_reached_smoothly_before_the_eyes_open(begin):
     states = rig.run(3.0)
     on_the_way = [s for s in states if s.phase == APPROACHING]
     assert len(on_the_way) > 15
-    assert all(s.decision is None for s in on_the_way)
+    assert all(s.scheme_output is None for s in on_the_way)
     opened = next(s for s in states if s.phase == SERVOING)
     np.testing.assert_allclose(opened.joints.positions, start, atol=5e-3)
     first = int((opened.stamp - begin) / TICK) - 2
-    limit = 0.3 * rig.servo.resolver.limits.velocity
+    limit = 0.3 * rig.servo.differential_ik.limits.velocity
     assert (np.abs(speeds(rig)[:first]) <= limit * 1.01).all()
 
 
@@ -906,7 +918,7 @@ def test_the_way_to_the_start_keeps_to_the_limit_of_acceleration(acceleration):
     limits = the_limits(acceleration=acceleration)
     rig = Rig(the_servo("2016", start=STARTS["2016"], limits=limits), np.zeros(6))
     rig.run(6.0)
-    assert not rig.servo.approaching
+    assert not rig.servo.is_approaching
     sent = np.diff(np.array([c.positions for c in rig.commands if c.phase == APPROACHING]), 2, 0)
     reached = np.abs(sent / TICK**2).max(axis=0) / limits.acceleration
     assert 0.8 < reached.max() < 1.05
@@ -914,27 +926,27 @@ def test_the_way_to_the_start_keeps_to_the_limit_of_acceleration(acceleration):
 
 def test_what_hangs_at_the_start_is_pushed_no_faster_than_it_was_driven():
     servo = the_servo("2016", start=STARTS["2016"], lead=0.5, push=50.0)
-    sent = [servo.tick(t, JointSample.of(t, servo.arm.names, np.zeros(6))).positions
+    sent = [servo.update(t, JointSample.from_values(t, servo.arm.names, np.zeros(6))).positions
             for t in np.arange(0.0, 4.0, 0.01)]  # fmt: skip
     speed = np.abs(np.diff(sent, axis=0)).max(axis=0) / 0.01
-    assert (speed <= 1.01 * 0.3 * servo.resolver.limits.velocity).all()
+    assert (speed <= 1.01 * 0.3 * servo.differential_ik.limits.velocity).all()
 
 
 def test_the_joint_that_does_not_arrive_at_the_start_is_named():
     servo, start = the_servo("2016", start=STARTS["2016"]), np.array(STARTS["2016"])
     off = np.array([0.1, -0.3, 0.006, 0.0027, 0.0023, 0.0])
     for t in np.arange(0.0, 4.0, 0.01):
-        command = servo.tick(t, JointSample.of(t, servo.arm.names, start + off))
+        command = servo.update(t, JointSample.from_values(t, servo.arm.names, start + off))
     assert command.reason == (
-        "waiting at the start pose for gantry (0.0000, to be -0.1000), J1 (-0.3000, to be 0.0000), "
-        "J2 (0.3551, to be 0.3491)")
+        "waiting at the start pose for gantry (at 0.0000, desired -0.1000), "
+        "J1 (at -0.3000, desired 0.0000), J2 (at 0.3551, desired 0.3491)")
     # Pushed by what it may be ahead at most, unless it is within half of what counts as there.
     pushed = command.positions - start
     assert pushed == pytest.approx([-0.05, 0.05, *pushed[2:4], 0.0, 0.0], abs=1e-12)
     assert (pushed[2:4] < -0.01).all() and (pushed[2:4] >= -0.05).all()
-    assert servo.approaching
-    assert servo.tick(4.0, JointSample.of(4.0, servo.arm.names, start)).reason == ""
-    assert servo.approaching  # until it has settled
+    assert servo.is_approaching
+    assert servo.update(4.0, JointSample.from_values(4.0, servo.arm.names, start)).reason == ""
+    assert servo.is_approaching  # until it has settled
 
 
 # -- what it is told and tells ------------------------------------------------------------------
@@ -942,9 +954,9 @@ def test_the_joint_that_does_not_arrive_at_the_start_is_named():
 
 def test_an_image_without_joints_meets_the_latest():
     rig = Rig(the_servo("2016"), STARTS["2016"])
-    joints = JointSample.of(0.5, rig.servo.arm.names, rig.q)
-    rig.servo.tick(0.5, joints)
-    state = rig.servo.see(spoiled(rig.exact(rig.observer, 0.5, joints), joints=None))
+    joints = JointSample.from_values(0.5, rig.servo.arm.names, rig.q)
+    rig.servo.update(0.5, joints)
+    state = rig.servo.process_image(spoiled(rig.exact(rig.observer, 0.5, joints), joints=None))
     assert state.phase == SERVOING and state.joints is joints and rig.servo.state is state
     np.testing.assert_array_equal(state.command, rig.q)
     rig.servo.command[:] = 9.0
@@ -954,12 +966,12 @@ def test_an_image_without_joints_meets_the_latest():
 def test_a_start_while_it_servoes_begins_anew():
     rig = Rig(the_servo("2016"), STARTS["2016"])
     rig.run(0.3)
-    assert rig.servo.pursuit.task is not None and rig.servo.goes_on
+    assert rig.servo.executor.task is not None and rig.servo.is_only_executing
     rig.servo.start()
-    assert rig.servo.pursuit.task is None and rig.servo.phase == SERVOING
-    before = np.abs(rig.servo.motion.velocity).max()
-    rig.servo.tick(rig.now, JointSample.of(rig.now, rig.servo.arm.names, rig.q))
-    assert 0.0 < np.abs(rig.servo.motion.velocity).max() < before
+    assert rig.servo.executor.task is None and rig.servo.phase == SERVOING
+    before = np.abs(rig.servo.integrator.velocity).max()
+    rig.servo.update(rig.now, JointSample.from_values(rig.now, rig.servo.arm.names, rig.q))
+    assert 0.0 < np.abs(rig.servo.integrator.velocity).max() < before
 
 
 def test_velocities_that_fail_between_images_hold_the_arm_at_once():
@@ -969,12 +981,12 @@ def test_velocities_that_fail_between_images_hold_the_arm_at_once():
         def fail(*given, error=error):
             raise error
 
-        rig.servo.resolver.resolve, resolve = fail, rig.servo.resolver.resolve
-        joints = JointSample.of(rig.now + 0.02, rig.servo.arm.names, rig.q)
-        command = rig.servo.tick(rig.now + 0.02, joints)
+        rig.servo.differential_ik.solve, resolve = fail, rig.servo.differential_ik.solve
+        joints = JointSample.from_values(rig.now + 0.02, rig.servo.arm.names, rig.q)
+        command = rig.servo.update(rig.now + 0.02, joints)
         assert (command.phase, command.reason) == (HOLDING, str(error))
-        assert rig.servo.motion.command is not None and rig.servo.pursuit.task is None
-        rig.servo.resolver.resolve = resolve
+        assert rig.servo.integrator.command is not None and rig.servo.executor.task is None
+        rig.servo.differential_ik.solve = resolve
         rig.run(0.3)
         assert rig.servo.phase == SERVOING
 
@@ -985,37 +997,37 @@ def test_a_scheme_may_take_a_whole_image_period(seconds, slow):
     servo = the_servo("2016", clock=lambda: float(next(clock)))
     rig = Rig(servo, STARTS["2016"])
     for t in (1.0, 1.25):
-        joints = JointSample.of(t, servo.arm.names, rig.q)
-        servo.tick(t, joints)
-        state = servo.see(rig.exact(rig.observer, t, joints))
+        joints = JointSample.from_values(t, servo.arm.names, rig.q)
+        servo.update(t, joints)
+        state = servo.process_image(rig.exact(rig.observer, t, joints))
     assert ("longer than the image period" in state.reason) is slow
 
 
 def test_the_watchdog_s_time_is_over_when_it_is_longer():
     servo = the_servo("2016", watchdog=0.25, longest_step=9.0)
     rig = Rig(servo, STARTS["2016"])
-    joints = JointSample.of(1.0, servo.arm.names, rig.q)
-    servo.tick(1.0, joints)
-    servo.see(rig.exact(rig.observer, 1.0, joints))
+    joints = JointSample.from_values(1.0, servo.arm.names, rig.q)
+    servo.update(1.0, joints)
+    servo.process_image(rig.exact(rig.observer, 1.0, joints))
     for t, phase in ((1.0625, SERVOING), (1.3125, SERVOING), (1.328125, WAITING)):
-        servo.tick(t, JointSample.of(t, servo.arm.names, rig.q))  # answered at the first
+        servo.update(t, JointSample.from_values(t, servo.arm.names, rig.q))  # answered at the first
         assert servo.phase == phase
 
 
 @pytest.mark.parametrize("output", ["position", "acceleration"])
 def test_what_a_controller_of_joints_answers_is_taken_as_it_is(output):
-    scheme = SimpleNamespace(output=output, tick=lambda t, dt, joints: np.array([0.25, -0.5]))
+    scheme = SimpleNamespace(output=output, update=lambda t, dt, joints: np.array([0.25, -0.5]))
     limits = SimpleNamespace(velocity=np.full(2, 9.0), acceleration=np.full(2, np.inf))
-    motion = CommandMotion(("a", "b"), limits, ServoSettings())
-    motion.begin(np.array([0.125, -0.25]))
+    motion = CommandIntegrator(("a", "b"), limits, ServoSettings())
+    motion.start_at(np.array([0.125, -0.25]))
     motion.velocity = np.array([1.0, 3.0])
-    pursuit = Pursuit("any", scheme, None, motion, ServoSettings())
-    pursuit.ask(None, None, 0.0, 0.0)
-    joints = JointSample.of(0.5, ("a", "b"), np.zeros(2))
-    found, words = pursuit.velocities(0.5, 0.125, joints, 0.0)
+    pursuit = TaskExecutor("any", scheme, None, motion, ServoSettings())
+    pursuit.set_task(None, None, 0.0, 0.0)
+    joints = JointSample.from_values(0.5, ("a", "b"), np.zeros(2))
+    found, words = pursuit.compute_velocities(0.5, 0.125, joints, 0.0)
     expected = {"position": [1.0, -2.0], "acceleration": [1.03125, 2.9375]}[output]
     assert found.tolist() == expected and words == ""
-    found, _ = pursuit.velocities(0.5, 0.0, joints, 0.0)
+    found, _ = pursuit.compute_velocities(0.5, 0.0, joints, 0.0)
     assert found.tolist() == {"position": [0.0, 0.0], "acceleration": [1.0, 3.0]}[output]
 
 
@@ -1032,21 +1044,34 @@ def test_settings_of_another_arm_are_refused():
 
 def test_a_state_that_was_read_back_tells_what_its_resolution_does():
     resolution = SimpleNamespace(
-        asked=np.arange(6.0), twist=np.arange(6.0) / 2.0, singular_values_L=np.array([3.0, 0.5]))
-    state = ServoState(0.5, SERVOING, resolution=resolution)
-    assert state.twist is resolution.asked and state.achieved is resolution.twist
+        desired_twist=np.arange(6.0), achieved_twist=np.arange(6.0) / 2.0,
+        singular_values_L=np.array([3.0, 0.5]),
+    )
+    state = ServoState(0.5, SERVOING, ik_solution=resolution)
+    assert state.desired_twist is resolution.desired_twist
+    assert state.achieved_twist is resolution.achieved_twist
     assert state.singular_values_L is resolution.singular_values_L and state.rank == 2
     bare = ServoState(0.5, WAITING)
-    assert bare.twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None
-    assert (bare.outcome, bare.computing, bare.answers_image) == ("running", 0.0, False)
+    assert bare.desired_twist.tolist() == [0.0] * 6 and bare.names == () and bare.error is None
+    assert (bare.outcome, bare.computation_time, bare.has_processed_image) == (
+        "running",
+        0.0,
+        False,
+    )
     sent = Command(0.5, ("a",), np.ones(1))
     assert sent.positions is sent.values and (sent.reason, sent.phase) == ("", "")
 
 
 def test_where_images_come_from_in_words():
     plain, whole = Source(), Source("features", "/eye", "the camera node")
-    assert plain.missing() == "no image" and plain.missing(0.256) == "no image for 0.26 s"
-    assert whole.missing() == "no features on /eye (is the camera node running?)"
-    same = "(is use_sim_time the same for both?)"
-    assert plain.ahead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
-    assert whole.ahead(1.5) == f"features on /eye are stamped 1.50 s ahead of the clock {same}"
+    assert (
+        plain.describe_silence() == "no image"
+        and plain.describe_silence(0.256) == "no image for 0.26 s"
+    )
+    assert whole.describe_silence() == "no features on /eye (is the camera node running?)"
+    same = "(check that both use the same use_sim_time)"
+    assert plain.describe_stamp_lead(1.5) == f"image are stamped 1.50 s ahead of the clock {same}"
+    assert (
+        whole.describe_stamp_lead(1.5)
+        == f"features on /eye are stamped 1.50 s ahead of the clock {same}"
+    )

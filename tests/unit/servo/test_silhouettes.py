@@ -10,9 +10,9 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
 
 ROUND = "gravity_centre_normalised+area_normalised"  # of what has no main axis
@@ -29,7 +29,8 @@ def on_the_table(shape, segmentation, seed=4, **more):
     if size:
         target["size"] = size
     return Experiment(**{
-        "target": target, "options": {"segmentation": segmentation}, "gain": 2.0, "duration": 12.0,
+        "target": target, "controller_parameters": {"segmentation": segmentation}, "gain": 2.0,
+        "duration": 12.0,
         "goal": {"pose": [0.03, -0.02, LEVEL + 0.3, np.pi, 0.0, 0.0]}, "seed": seed,
         "start": {"height": [0.28, 0.4], "side": 0.05, "turn": 0.6, "margin": 4}, **more,
     })  # fmt: skip
@@ -67,7 +68,7 @@ def test_a_red_box_is_reached_by_its_colour_and_by_its_grey(red, segmentation):
 
 def test_a_flying_camera_with_a_lens_tells_by_label():
     asked = on_the_table(
-        "box", LABEL, plant="free", features="pictures", scheme="moments", gain=2.0,
+        "box", LABEL, plant="free", features="images", scheme="moments", gain=2.0,
         camera="calibrated", start={"pose": [0.06, -0.05, LEVEL + 0.37, 3.1, 0.04, 0.4]})
     result = run(asked)
     assert result.outcome.startswith("converged")
@@ -75,17 +76,17 @@ def test_a_flying_camera_with_a_lens_tells_by_label():
 
 
 def test_where_no_plane_fits_it_is_said_before_the_run():
-    tall = on_the_table("box", LABEL, plant="free", features="pictures").with_(
+    tall = on_the_table("box", LABEL, plant="free", features="images").with_changes(
         target={"shape": "box", "size": [0.08, 0.05, 0.24], "pose": [0.0] * 6},
         goal={"pose": [0.03, 0.03, 0.34, np.pi - 0.3, 0.1, 0.0]})
     with pytest.raises(ExperimentError, match=r"no plane fits the outline of box.*22 %.*'model'"):
         assemble(tall)
-    assemble(tall.with_(scheme="pose")).plant.close()
+    assemble(tall.with_changes(scheme="pose")).plant.close()
 
 
 def told(**segmentation):
     """Changes of an experiment whose target is told so."""
-    return {"options": {"segmentation": segmentation}}
+    return {"controller_parameters": {"segmentation": segmentation}}
 
 
 @pytest.mark.parametrize(("changes", "why"), [
@@ -93,8 +94,8 @@ def told(**segmentation):
     (told(metod="label"), "unknown parameter ~segmentation.metod: did you mean 'method'"),
     (told(component="mask"), "is for the camera node"),
     (told(method="label", label="targt"), "no link has the label 'targt': did you mean 'target'"),
-    ({"plant": "free", "features": "pictures", **told(method="colour")},
-     "pictures of plant 'free' are grey"),
+    ({"plant": "free", "features": "images", **told(method="colour")},
+     "images of plant 'free' are grey"),
     ({"target": {"shape": "box", "size": [0.1, 0.1], "pose": [0, 0, 0.6, 0, 0, 0]}},
      "must be three lengths, along x, y and z"),
     ({"target": {"shape": "square", "size": [0.1] * 3, "pose": [0, 0, 0.6, 0, 0, 0]}},
@@ -102,4 +103,4 @@ def told(**segmentation):
 ])  # fmt: skip
 def test_what_cannot_be_is_said_in_one_line(changes, why):
     with pytest.raises(ExperimentError, match=why):
-        assemble(on_the_table("box", LABEL, scheme="moments").with_(**changes))
+        assemble(on_the_table("box", LABEL, scheme="moments").with_changes(**changes))

@@ -11,15 +11,15 @@ sys.path.insert(0, str(Path(__file__).parents[1] / "camera"))
 
 from tracking_scenes import corners_of, write_obj
 
-from aras_visual_servo_base.poses import inverse, transform
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
 from aras_visual_servo_bench.errors import ExperimentError
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_bench.targets.pictures import seen
-from aras_visual_servo_bench.targets.solids import solid_target
-from aras_visual_servo_camera.model import ModelTracking
+from aras_visual_servo_bench.targets.rendering import render_target
+from aras_visual_servo_bench.targets.solids import read_solid_target
+from aras_visual_servo_bench.targets.target_factory import make_target
+from aras_visual_servo_camera.model_tracker import ModelTracking
 from aras_visual_servo_camera.undistortion import CameraModel
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.settings import Settings
@@ -45,7 +45,7 @@ def meshes(tmp_path_factory):
 def flying(mesh, **more):
     """A flying camera that sees the solid aslant."""
     return Experiment(
-        plant="free", features="pictures", scheme="pose", target={"shape": mesh},
+        plant="free", features="images", scheme="pose", target={"shape": mesh},
         camera={"width": 640, "height": 480, "horizontal_fov": 0.9},
         goal={"pose": [0.05, -0.2, 0.33, -2.6, 0.0, 0.0]},
         start={"pose": [0.09, -0.22, 0.4, -2.45, 0.06, 0.4]}, **more,
@@ -54,7 +54,11 @@ def flying(mesh, **more):
 
 @pytest.mark.parametrize("scheme", ["model", "numbered_points"])
 def test_schemes_of_poses_and_points_go_to_a_solid(meshes, scheme):
-    result = run(flying(meshes["bracket"], believed={"centre": [0.4, -0.3]}).with_(scheme=scheme))
+    result = run(
+        flying(meshes["bracket"], calibration_offset={"centre": [0.4, -0.3]}).with_changes(
+            scheme=scheme
+        )
+    )
     assert result.converged
     assert result.verdict.distance < 3e-4
     assert result.verdict.angle < 1e-3
@@ -73,19 +77,22 @@ def test_a_start_that_is_rough_and_depth_images_do(meshes):
     wrong = {"model_start": {"pose": [0.004, -0.003, 0.003, 0.02, 0.0, 0.03]}, "depth_image": True}
     target = {"shape": meshes["box"], "pose": [0.0, 0.0, 0.5905, 0.0, 0.0, 0.3]}
     start = {"pose": [0.004, -0.003, 0.5925, 0.02, 0.0, 0.33]}
-    asked = Experiment(target=target, scheme="pose", options={**wrong, "model_start": start})
+    asked = Experiment(
+        target=target, scheme="pose", controller_parameters={**wrong, "model_start": start}
+    )
     assert run(asked).verdict.distance < 2e-4
 
 
 def test_a_lens_is_taken_off(meshes):
-    target, tracking = solid_target(Path(meshes["bracket"])), None
+    target, tracking = read_solid_target(Path(meshes["bracket"])), None
     tracking = ModelTracking(target.solid)
-    target_T_camera = transform((0.14, -0.24, 0.28), (-2.45, 0.1, 0.3))  # far from the middle
+    # far from the middle
+    target_T_camera = matrix_from_xyz_rpy((0.14, -0.24, 0.28), (-2.45, 0.1, 0.3))
     true = inverse(target_T_camera)
-    picture = seen(target, BENT, target_T_camera)
-    tracking.start(transform((0.002, -0.001, 0.003), (0.01, -0.01, 0.012)) @ true)
+    picture = render_target(target, BENT, target_T_camera)
+    tracking.start(matrix_from_xyz_rpy((0.002, -0.001, 0.003), (0.01, -0.01, 0.012)) @ true)
     found = tracking.track(np.ascontiguousarray(picture), BENT)
-    assert not found.lost
+    assert not found.loss_reason
     assert np.abs(found.camera_T_solid - true).max() < 3e-4
     assert found.residual < 0.1
 
@@ -94,14 +101,14 @@ def test_a_lens_is_taken_off(meshes):
 def test_a_wrong_pose_with_which_most_edges_agree_is_left(meshes, off):
     """Square from above all but the edges along x agree with a shift along x."""
     small = CameraModel(320, 240, (102.7, 0, 159.5, 0, 102.7, 119.5, 0, 0, 1))
-    target_T_camera = transform((0.0, 0.0, 0.25), (np.pi, 0.0, 0.0))
-    target, true = solid_target(Path(meshes["box"])), inverse(target_T_camera)
-    picture = np.ascontiguousarray(seen(target, small, target_T_camera))
+    target_T_camera = matrix_from_xyz_rpy((0.0, 0.0, 0.25), (np.pi, 0.0, 0.0))
+    target, true = read_solid_target(Path(meshes["box"])), inverse(target_T_camera)
+    picture = np.ascontiguousarray(render_target(target, small, target_T_camera))
     tracking = ModelTracking(target.solid)
     tracking.start(true)
     tracking.track(picture, small)
-    found = tracking.track(picture, small, transform(off, (0.0, 0.0, 0.0)) @ true)
-    assert not found.lost
+    found = tracking.track(picture, small, matrix_from_xyz_rpy(off, (0.0, 0.0, 0.0)) @ true)
+    assert not found.loss_reason
     assert np.linalg.norm((found.camera_T_solid - true)[:3, 3]) < 5e-5
     assert np.sqrt(np.linalg.eigvalsh(found.covariance[:3, :3])[-1]) < 2e-4
 
@@ -119,22 +126,22 @@ def test_a_mesh_that_is_no_solid_is_refused(meshes, name, why):
 def test_what_a_solid_cannot_be_is_said(meshes):
     with pytest.raises(ExperimentError, match="no file"):
         assemble(flying("nowhere.stl"))
-    near = flying(meshes["box"]).with_(goal={"pose": [0.0, 0.0, 0.075, 3.1416, 0.0, 0.0]})
+    near = flying(meshes["box"]).with_changes(goal={"pose": [0.0, 0.0, 0.075, 3.1416, 0.0, 0.0]})
     with pytest.raises(ExperimentError, match="larger than the view"):
         assemble(near)
     with pytest.raises(ExperimentError, match="leave them out"):
-        flying(meshes["box"]).with_(target={"shape": meshes["box"], "perturbed": True})
-    with pytest.raises(ConfigurationError, match="give model: FILE"):
+        flying(meshes["box"]).with_changes(target={"shape": meshes["box"], "perturbed": True})
+    with pytest.raises(ConfigurationError, match="set model: FILE"):
         Settings.from_mapping(
             {"tracker": "model", "model_start": {"pose": [0] * 6}}).make_tracker()
-    with pytest.raises(ConfigurationError, match="says where the model is"):
+    with pytest.raises(ConfigurationError, match="must define the start pose"):
         Settings.from_mapping({"tracker": "model", "model": meshes["box"]}).make_tracker()
-    with pytest.raises(ConfigurationError, match="says where the model is"):
+    with pytest.raises(ConfigurationError, match="must define the start pose"):
         Settings.from_mapping({"model": meshes["box"]}).make_tracker()  # it names the tracker
 
 
 def test_a_target_that_is_gone_is_said_to_be_lost(meshes):
-    asked = flying(meshes["box"]).with_(
+    asked = flying(meshes["box"]).with_changes(
         target={"shape": meshes["box"], "motion": {"step": [0.12, 0.05, 0.0], "begin": 0.5}})
     result = run(asked)
     assert not result.converged
@@ -152,10 +159,13 @@ def marked(tmp_path_factory):
     """A box 0.08 x 0.05 x 0.06 m on z = 0, with a marker on its top beside the middle."""
     folder = tmp_path_factory.mktemp("marked")
     path = write_obj(folder / "marked.obj", [(corners_of("box"), 0.6)])
-    cv2.imwrite(str(folder / "tag.png"), shape_of("marker", (MARKED, MARKED)).pixels)
+    cv2.imwrite(str(folder / "tag.png"), make_target("marker", (MARKED, MARKED)).pixels)
     with path.with_suffix(".mtl").open("a") as file:
         file.write("\nnewmtl tag\nKd 1 1 1\nmap_Kd tag.png\n")
-    turn, flat = transform(*TAG), 0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)])
+    turn, flat = (
+        matrix_from_xyz_rpy(*TAG),
+        0.5 * MARKED * np.array([(-1, -1), (1, -1), (1, 1), (-1, 1)]),
+    )
     corners = np.column_stack([flat, np.zeros(4)]) @ turn[:3, :3].T + turn[:3, 3]
     # A closed slab of 0.2 mm, so that the solid is two closed parts.
     ring = [*corners, *(corners - (0.0, 0.0, 2e-4))]
@@ -173,12 +183,12 @@ def marked(tmp_path_factory):
 
 def test_a_marker_on_it_tells_where_it_is_at_first(marked):
     start = {"marker": {"size": 0.8 * MARKED, "pose": [*TAG[0], *TAG[1]]}}
-    asked = flying(marked, options={"model_start": start})
+    asked = flying(marked, controller_parameters={"model_start": start})
     result = run(asked)
     assert result.converged
     assert result.verdict.distance < 3e-4
     assert result.verdict.angle < 1e-3
-    gone = asked.with_(target={"shape": str(Path(marked).with_name("plain.obj"))})
+    gone = asked.with_changes(target={"shape": str(Path(marked).with_name("plain.obj"))})
     write_obj(Path(gone.target.shape), [(corners_of("box"), 0.6)])
     with pytest.raises(ExperimentError, match="no marker of .* is in view"):
         assemble(gone)

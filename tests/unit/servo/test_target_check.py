@@ -5,13 +5,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.moments import Moments
+from aras_visual_servo_controller.diagnosis.target_check import TargetCheck, _fit_columns
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.judging.target_check import TargetCheck, _left
 
 DT, ROW = 1 / 30, 4 / 30  # s: four images are more than the 0.12 s of a row
-POSE = transform((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
+POSE = matrix_from_xyz_rpy((0.3, -0.2, 0.5), (2.9, 0.2, -0.4))
 
 
 def twist(*six):
@@ -39,7 +39,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
     error, said = np.zeros(count), []
     for k in range(images):
         t = begin + k * dt
-        pose = POSE @ transform((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
+        pose = POSE @ matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.0, 0.0, turns * t))
         camera_R_world = pose[:3, :3].T
         own = -np.hstack([L[:, :3] @ camera_R_world, L[:, 3:] @ camera_R_world]) @ moves(t)
         motion = camera(t) + [0.0, 0.0, 0.0, 0.0, 0.0, turns * dt]
@@ -49,7 +49,7 @@ def watched(images, moves, camera=swaying, count=6, known=0.0, check=None, L=Non
             error = error + 2.0 * np.pi * np.eye(count)[1]
         off = noise * draw.normal(size=count) + jumps * (-1) ** (k // 4)
         said.append(check.add(
-            SimpleNamespace(error=error + off * tolerances, L=L, rate=known * own),
+            SimpleNamespace(error=error + off * tolerances, L=L, error_drift=known * own),
             SimpleNamespace(**{"stamp": t, "dt": dt, "motion": motion, "world_T_camera": pose,
                                **seen}), None, tolerances, True,
         ))  # fmt: skip
@@ -65,10 +65,10 @@ def test_a_steady_target_s_speed_is_told():
 
 def test_a_turn_is_told_by_more_than_two_numbers_an_image():
     turn = twist(0.0, 0.0, 0.0, 0.1, -0.15, 0.2)
-    assert watched(60, turn)[-1] == "it turns"
+    assert watched(60, turn)[-1] == "it rotates"
     for axis in np.eye(3):  # of five numbers neither
-        assert "it turns" not in watched(200, twist(0.0, 0.0, 0.0, *(0.2 * axis)), count=5)
-    assert "it turns" not in watched(200, turn, count=2)
+        assert "it rotates" not in watched(200, twist(0.0, 0.0, 0.0, *(0.2 * axis)), count=5)
+    assert "it rotates" not in watched(200, turn, count=2)
 
 
 def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_seconds():
@@ -76,9 +76,9 @@ def test_a_swing_is_told_with_its_frequency_once_it_was_seen_for_two_and_a_half_
         return np.cos(2.0 * np.pi * 0.6 * t) * np.array([0.05, -0.03, 0.02, 0.0, 0.0, 0.0])
 
     said = watched(160, swing)
-    told = float(said[-1].removeprefix("it swings at ").removesuffix(" Hz"))
+    told = float(said[-1].removeprefix("it oscillates at ").removesuffix(" Hz"))
     assert told == pytest.approx(0.6, abs=0.05)
-    assert not any("swings" in words for words in said[:77])
+    assert not any("oscillates" in words for words in said[:77])
 
 
 def test_a_target_that_the_camera_follows_moves():
@@ -132,9 +132,11 @@ def test_one_direction_alone_has_no_place_of_a_target():
 def test_columns_that_are_all_but_alike_explain_nothing(scale):
     """To a millionth: by factors as large as that would take. To a thousandth is no matter."""
     for apart, left in ((1e-6, 1.0), (1e-3, 0.0)):
-        found, factors = _left(scale * np.array([[1.0, 1.0], [0.0, apart]]), np.array([0.0, 1.0]))
+        found, factors = _fit_columns(
+            scale * np.array([[1.0, 1.0], [0.0, apart]]), np.array([0.0, 1.0])
+        )
         assert left - 1e-3 < found < left + 1e-3 and found < 1.0 and factors[0] < 0.0 < factors[1]
-    assert _left(np.zeros((2, 2)), np.array([0.6, 0.8]))[0] == pytest.approx(1.0)
+    assert _fit_columns(np.zeros((2, 2)), np.array([0.6, 0.8]))[0] == pytest.approx(1.0)
 
 
 def test_other_features_and_images_without_any_begin_anew():
@@ -151,7 +153,7 @@ def test_other_features_and_images_without_any_begin_anew():
 def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
     seen = Moments.from_polygon(np.array([(-0.1, -0.05), (0.12, -0.04), (0.08, 0.06)]), 2)
     none = Moments(2, "dense", 0.0, 0.0, 0.0, np.zeros((3, 3)))
-    error = SimpleNamespace(error=np.zeros(4), L=None, rate=0.0)
+    error = SimpleNamespace(error=np.zeros(4), L=None, error_drift=0.0)
     for now, goal in ((seen, Goal(moments=seen)), (none, Goal(moments=seen, depth=0.5)),
                       (None, Goal(moments=seen, depth=0.5)), (seen, Goal(depth=0.5))):  # fmt: skip
         check = TargetCheck()
@@ -159,7 +161,7 @@ def test_what_has_no_centre_or_no_depth_is_not_judged_by_it():
             image = SimpleNamespace(stamp=k * DT, dt=DT, motion=swaying(k * DT),
                                     world_T_camera=POSE, moments=now)  # fmt: skip
             assert not check.add(error, image, goal, np.ones(4), False)
-        assert check._before[0].shape == (0,)
+        assert check._last_measurement[0].shape == (0,)
 
 
 @pytest.mark.parametrize("unknown", ["motion", "world_T_camera"])
@@ -178,7 +180,7 @@ def test_what_is_long_ago_is_forgotten():
 @pytest.mark.parametrize("scale", [0.7, 1.0, 2.0])
 def test_a_camera_that_sits_turned_is_no_target_that_moves(scale):
     """Though one that moves would look the same while the camera goes straight on."""
-    sits = scale * transform((0.0, 0.0, 0.0), (0.2, -0.3, 0.7))[:3, :3]
+    sits = scale * matrix_from_xyz_rpy((0.0, 0.0, 0.0), (0.2, -0.3, 0.7))[:3, :3]
     ahead = STEADY(0.0) * DT
     assert not any(watched(120, STILL, lambda t: ahead, sits=sits, noise=0.1))
 
@@ -237,7 +239,7 @@ class Looked:
         many = len(b) >= 6 * len(stamps)
         known = np.column_stack([along, drift if many else drift[:, :3]])
         if self.rest(known, b)[0] < bound:
-            return "it turns"
+            return "it rotates"
         time = np.concatenate([np.full(len(m), t) for t, m in zip(stamps, moved, strict=True)])
         time = time - stamps[0]
         if time[-1] < 2.5:
@@ -248,7 +250,7 @@ class Looked:
                      for wave in (np.sin, np.cos)]  # fmt: skip
             found.append((self.rest(np.column_stack([known, *waves]), b)[0], frequency))
         least, frequency = min(found)
-        return f"it swings at {frequency:.2f} Hz" if least < bound else ""
+        return f"it oscillates at {frequency:.2f} Hz" if least < bound else ""
 
     def by_another_camera(self):
         _, moved, Ls, motions, _ = zip(*self.rows, strict=True)
@@ -274,16 +276,18 @@ class Looked:
 
 @pytest.mark.parametrize(("kind", "count", "seed"), [
     (kind, count, seed) for seed, count in enumerate((3, 6, 7))
-    for kind in ("", "it moves", "it turns", "it swings", "another camera")
+    for kind in ("", "it moves", "it rotates", "it oscillates", "another camera")
 ])  # fmt: skip
 def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, seed):
     """Images come irregularly, views, poses and tolerances change, the scheme knows a part."""
     draw = np.random.default_rng(seed)
     check, rows, stamp = TargetCheck(), Looked(), 40.0
-    size = {"it moves": 1.0, "it swings": 3.0}.get(kind, 0.0)
+    size = {"it moves": 1.0, "it oscillates": 3.0}.get(kind, 0.0)
     velocity = 0.02 * size * draw.normal(size=3)
-    turning = 0.2 * (kind == "it turns") * draw.normal(size=3)
-    sits = transform((0, 0, 0), (0.2, 0.6, -0.9) if kind == "another camera" else (0, 0, 0))
+    turning = 0.2 * (kind == "it rotates") * draw.normal(size=3)
+    sits = matrix_from_xyz_rpy(
+        (0, 0, 0), (0.2, 0.6, -0.9) if kind == "another camera" else (0, 0, 0)
+    )
     base, error = draw.normal(size=(count, 6)), 0.02 * draw.normal(size=count)
     pose, before, said = POSE, None, set()
     for k in range(170):
@@ -292,9 +296,9 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
         L = base + 0.3 * np.sin(0.1 * k + np.arange(6))
         tolerances = 1e-3 * (1.0 + np.arange(count)) * (1.0 + 2e-4 * np.sin(0.9 * k))
         motion = 3e-3 * np.sin(np.array([3.1, 2.3, 4.4, 5.0, 1.9, 2.8]) * stamp)
-        pose = pose @ transform(motion[:3], motion[3:])
+        pose = pose @ matrix_from_xyz_rpy(motion[:3], motion[3:])
         world = np.kron(np.eye(2), pose[:3, :3].T)
-        wave = np.cos(2.0 * np.pi * 0.55 * stamp) if kind == "it swings" else 1.0
+        wave = np.cos(2.0 * np.pi * 0.55 * stamp) if kind == "it oscillates" else 1.0
         own = -L @ world @ np.concatenate([velocity * wave, turning])
         rate = 0.3 * own if seed % 2 else np.array([0.02])
         known = own + (0.0 if seed % 2 else 0.02)
@@ -306,14 +310,14 @@ def test_the_target_is_judged_as_least_squares_over_all_rows_say(kind, count, se
             error = error + 3.0  # an angle that wrapped
         noisy = error + 0.02 * tolerances * draw.normal(size=count)
         told = check.add(
-            SimpleNamespace(error=noisy, L=L, rate=rate),
+            SimpleNamespace(error=noisy, L=L, error_drift=rate),
             SimpleNamespace(stamp=stamp, dt=dt, motion=motion, world_T_camera=pose), None,
             tolerances, True,
         )  # fmt: skip
         wanted = rows.add(stamp, noisy, L, np.resize(rate, count), tolerances, motion, pose)
         assert told == wanted, k
         said.add(told)
-    if count > 5 or kind != "it turns":  # of so few numbers a turn may look like anything
+    if count > 5 or kind != "it rotates":  # of so few numbers a turn may look like anything
         assert said == {""} if "camera" in kind else any(word.startswith(kind) for word in said)
 
 
@@ -355,7 +359,7 @@ def test_how_fast_a_swing_is_looked_for(frequency, told):
     def swing(t):
         return np.cos(2.0 * np.pi * frequency * t) * np.array([0.09, -0.05, 0.04, 0.0, 0.0, 0.0])
 
-    assert ("swings" in watched(160, swing, dt=0.125)[-1]) is told
+    assert ("oscillates" in watched(160, swing, dt=0.125)[-1]) is told
 
 
 @pytest.mark.parametrize(("loud", "told"), [(0.048, False), (0.052, True)])
@@ -366,7 +370,7 @@ def test_a_centre_has_to_move_by_a_thousandth_s_part(loud, told):
     goal, check = Goal(moments=Moments.from_polygon(corners, 2), depth=0.5), TargetCheck()
     step = loud * 1e-3 * np.sqrt(2.0) / 4.0
     said = [check.add(
-        SimpleNamespace(error=np.zeros(3), L=None, rate=0.0),
+        SimpleNamespace(error=np.zeros(3), L=None, error_drift=0.0),
         SimpleNamespace(stamp=k * DT, dt=DT, motion=np.zeros(6), world_T_camera=POSE,
                         moments=Moments.from_polygon(corners + [k * step, 0.0], 2)),
         goal, np.ones(3), False) for k in range(165)]  # fmt: skip

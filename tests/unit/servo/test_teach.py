@@ -11,49 +11,51 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, CONFIG, URDF, lost, the_arm, the_goal
 
-from aras_visual_servo_base.poses import inverse, transform
-from aras_visual_servo_bench.targets.outlines import shape_of
-from aras_visual_servo_camera.contour import corners_of
+from aras_visual_servo_base.poses import inverse, matrix_from_xyz_rpy
+from aras_visual_servo_bench.targets.target_factory import make_target
+from aras_visual_servo_camera.contour import find_corners
 from aras_visual_servo_camera.errors import ModelError
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
 from aras_visual_servo_controller.loop.teaching import (
     Teacher,
-    _along,
-    by_geometry,
-    goal_of,
-    mean_of,
+    _sample_sides,
+    average_entries,
+    complete_by_geometry,
+    make_mean_goal,
 )
+from aras_visual_servo_controller.observation.camera_rig import CameraRig
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
 from aras_visual_servo_controller.records.state import ServoSettings
-from aras_visual_servo_controller.ros.teach_goal import from_geometry, main
+from aras_visual_servo_controller.ros.teach_goal import main, make_goal_from_geometry
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observer import Observer
-from aras_visual_servo_controller.seeing.rig import Rig
 from aras_visual_servo_controller.settings import Settings
 
 
 def view_at(observer, stamp, joints):
-    outline = the_goal("2016").target.outline(the_arm().pose(joints.positions))
-    return observer.of_exact(stamp, CAMERA, joints, contour=outline)
+    outline = the_goal("2016").target.compute_outline(the_arm().pose(joints.positions))
+    return observer.observe_exact_features(stamp, CAMERA, joints, contour=outline)
 
 
 def test_the_pose_is_driven_to_and_what_was_seen_is_stored():
     arm, scheme = the_arm(), create_scheme("moments+points")
-    wanted = the_goal("2016").joint_values(arm.names)
+    wanted = the_goal("2016").get_joints(arm.names)
     sent, q = [], np.zeros(6)
-    teacher = Teacher(arm, Rig([Observer(arm, scheme.needs)]), wanted, sent.append)
+    teacher = Teacher(arm, CameraRig([FeatureObserver(arm, scheme.needs)]), wanted, sent.append)
     sag = np.array([0.0, 0.0, 0.002, -0.003, 0.0, 0.004])  # where the joints really come to rest
     for i in range(600):
         t = 20.0 + 0.01 * i
-        teacher.joints(arm.names, q, np.zeros(6), t)
+        teacher.add_joint_state(arm.names, q, np.zeros(6), t)
         if sent:
             q = sent[-1] + sag if np.abs(sent[-1] - wanted).max() < 0.02 else sent[-1]
-        teacher.image(t, lambda joints, commands, t=t: view_at(teacher.rig.control, t, joints))
-    assert teacher.there
+        teacher.add_image(
+            t, lambda joints, commands, t=t: view_at(teacher.camera_rig.control, t, joints)
+        )
+    assert teacher.is_ready
     assert len(teacher.views) > 50
     assert np.abs(np.diff(sent, axis=0)).max() < 0.3 * 0.01 * 1.01  # slowly
-    goal = goal_of(teacher.views, scheme, arm, "mine", like=the_goal("2016"))
-    stored = goal.joint_values(arm.names)
+    goal = make_mean_goal(teacher.views, scheme, arm, "mine", target_goal=the_goal("2016"))
+    stored = goal.get_joints(arm.names)
     np.testing.assert_allclose(stored, teacher.views[-1].joints.positions, atol=2e-3)
     assert np.abs(stored - wanted).max() > 1e-3  # not the nominal ones
     assert goal.moments.order == 6
@@ -65,59 +67,63 @@ def test_the_pose_is_driven_to_and_what_was_seen_is_stored():
 def test_at_the_pose_without_images_it_is_images_that_are_missed():
     """Where the camera node does not run, the way there is not what to blame."""
     arm, sent, reasons = the_arm(), [], []
-    wanted = the_goal("2016").joint_values(arm.names)
-    teacher = Teacher(arm, Rig([Observer(arm)]), wanted, sent.append)
+    wanted = the_goal("2016").get_joints(arm.names)
+    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
     for i in range(600):
-        teacher.joints(arm.names, sent[-1] if sent else np.zeros(6), np.zeros(6), 0.01 * i)
+        teacher.add_joint_state(arm.names, sent[-1] if sent else np.zeros(6), np.zeros(6), 0.01 * i)
         reasons.append(teacher.reason)
-    assert teacher.there
-    assert "on the way" in reasons[0] and reasons[-1] == "no images arrive"
+    assert teacher.is_ready
+    assert "moving to" in reasons[0] and reasons[-1] == "no images arrive"
 
 
 def test_views_of_an_arm_that_was_moved_away_from_the_pose_do_not_count():
     arm, sent = the_arm(), []
-    wanted = the_goal("2016").joint_values(arm.names)
-    teacher = Teacher(arm, Rig([Observer(arm)]), wanted, sent.append)
+    wanted = the_goal("2016").get_joints(arm.names)
+    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
 
     def step(t, q):
-        teacher.joints(arm.names, q, np.zeros(6), t)
-        teacher.image(t, lambda joints, commands: view_at(teacher.rig.control, t, joints))
+        teacher.add_joint_state(arm.names, q, np.zeros(6), t)
+        teacher.add_image(
+            t, lambda joints, commands: view_at(teacher.camera_rig.control, t, joints)
+        )
 
     for i in range(600):
         step(0.01 * i, sent[-1] if sent else np.zeros(6))
-    assert teacher.there and teacher.views
+    assert teacher.is_ready and teacher.views
     count = len(sent)
     step(6.0, wanted + 0.1 * np.eye(6)[5])
-    assert not teacher.there and not teacher.views
+    assert not teacher.is_ready and not teacher.views
     for i in range(600):
         step(6.01 + 0.01 * i, sent[-1])
-    assert teacher.there and teacher.views
+    assert teacher.is_ready and teacher.views
     assert np.abs(np.diff(sent[count:], axis=0)).max() < 0.01
 
 
 def test_a_joint_that_hangs_is_pushed_by_the_time_that_passed_and_rests_a_second():
     """Not by how many joint states came: a gap counts as 0.1 s, a way back as none."""
     arm, sent = the_arm(), []
-    wanted = the_goal("2016").joint_values(arm.names)
-    teacher = Teacher(arm, Rig([Observer(arm)]), wanted, sent.append)
+    wanted = the_goal("2016").get_joints(arm.names)
+    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]), wanted, sent.append)
     hangs = wanted - [0.0, 0.0, 0.02, 0.0, 0.0, 0.03]
     for stamp in (5.0, 5.5, 5.51, 5.51, 5.4, 5.43, 9.0):
-        teacher.joints(arm.names, hangs, np.zeros(6), stamp)
+        teacher.add_joint_state(arm.names, hangs, np.zeros(6), stamp)
     pushes = np.outer([0.01, 0.0, 0.0, 0.03], ServoSettings.push * (wanted - hangs))
     np.testing.assert_allclose(np.diff(sent[1:-1], axis=0), pushes, atol=1e-12)
     assert sent[-1].max() - wanted.max() < 0.1 and "waiting" in teacher.reason
     for stamp, there in ((10.0, False), (10.99, False), (11.0, True)):
-        teacher.joints(arm.names, wanted, np.zeros(6), stamp)
-        assert teacher.there is there
+        teacher.add_joint_state(arm.names, wanted, np.zeros(6), stamp)
+        assert teacher.is_ready is there
 
 
 def test_the_way_to_the_pose_is_slow_and_as_long_as_the_farthest_joint_s():
     """0.3 rad/s at the most, of joints that could be faster."""
     arm, sent = the_arm(), []
     arm.velocity = np.full(6, 4.0)
-    teacher = Teacher(arm, Rig([Observer(arm)]), np.array([0.2, 0, 0, -0.6, 0, 0]), sent.append)
+    teacher = Teacher(
+        arm, CameraRig([FeatureObserver(arm)]), np.array([0.2, 0, 0, -0.6, 0, 0]), sent.append
+    )
     for i in range(320):
-        teacher.joints(arm.names, np.zeros(6), np.zeros(6), 0.01 * i)
+        teacher.add_joint_state(arm.names, np.zeros(6), np.zeros(6), 0.01 * i)
     assert np.abs(np.diff(sent, axis=0)).max() == pytest.approx(0.3 * 0.01, rel=0.01)
 
 
@@ -134,22 +140,22 @@ def test_what_a_users_feature_keeps_of_the_plane_is_told_by_the_target_s_geometr
             return {"own": {"plane": list(observation.plane), "stamp": observation.stamp}}
 
     goal, seen = replace(the_goal("2016").for_arm(the_arm()), camera=CAMERA), []
-    known = by_geometry(goal, Own())
-    outline = goal.target.outline(goal.world_T_camera)
-    np.testing.assert_array_equal(seen[0].contour, _along(outline))
-    np.testing.assert_allclose(seen[0].corners, corners_of(_along(outline)))
+    known = complete_by_geometry(goal, Own())
+    outline = goal.target.compute_outline(goal.world_T_camera)
+    np.testing.assert_array_equal(seen[0].contour, _sample_sides(outline))
+    np.testing.assert_allclose(seen[0].corners, find_corners(_sample_sides(outline)))
     np.testing.assert_array_equal(seen[0].world_T_camera, goal.world_T_camera)
     assert seen[0].camera is CAMERA
     for unknown in (replace(goal, target=None), replace(goal, world_T_camera=None)):
-        assert by_geometry(unknown, Own()) is unknown
+        assert complete_by_geometry(unknown, Own()) is unknown
     assert known.features["own"] == {"plane": list(goal.plane), "stamp": 0.0}
-    assert by_geometry(known, Own()) is known  # it holds that already
+    assert complete_by_geometry(known, Own()) is known  # it holds that already
 
 
 @pytest.mark.parametrize("size", [1e-3, 1.0, 50.0])
 def test_four_hundred_points_lie_along_an_outline_as_far_apart_everywhere(size):
     corners = size * np.array([[0.0, 0.0], [3.0, 0.4], [3.1, 2.0], [3.1, 2.001], [-0.5, 1.2]])
-    found = _along(corners)
+    found = _sample_sides(corners)
     assert abs(len(found) - 400) <= len(corners)
     steps = np.linalg.norm(np.roll(found, -1, axis=0) - found, axis=1)
     ahead = np.linalg.norm(np.roll(corners, -1, axis=0) - corners, axis=1)
@@ -164,58 +170,67 @@ def test_four_hundred_points_lie_along_an_outline_as_far_apart_everywhere(size):
 
 def test_views_are_averaged():
     arm, scheme = the_arm(), create_scheme("moments")
-    observer = Observer(arm, scheme.needs)
-    q = the_goal("2016").joint_values(arm.names)
+    observer = FeatureObserver(arm, scheme.needs)
+    q = the_goal("2016").get_joints(arm.names)
     views = []
     for i, off in enumerate((-0.001, 0.003, 0.004)):
-        from aras_visual_servo_controller.arm.joint_sample import JointSample
+        from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
-        views.append(view_at(observer, float(i), JointSample.of(i, arm.names, q + off)))
-    goal = goal_of(views, scheme, arm, "mine", depth=0.2)
-    np.testing.assert_allclose(goal.joint_values(arm.names), q + 0.002)
+        views.append(view_at(observer, float(i), JointSample.from_values(i, arm.names, q + off)))
+    goal = make_mean_goal(views, scheme, arm, "mine", depth=0.2)
+    np.testing.assert_allclose(goal.get_joints(arm.names), q + 0.002)
     np.testing.assert_allclose(goal.world_T_camera, arm.pose(q + 0.002), atol=1e-12)
     expected = np.mean([v.moments.mu_array for v in views], axis=0)
     np.testing.assert_allclose(goal.moments.mu_array, expected)
     numbers = np.array([np.arange(20.0), np.arange(20.0) ** 2, np.ones(20)])
     kernels = [replace(v, kernel=one) for v, one in zip(views, numbers, strict=True)]
-    found = goal_of(kernels, scheme, arm, "mine", depth=0.2).kernel.features
+    found = make_mean_goal(kernels, scheme, arm, "mine", depth=0.2).kernel.features
     np.testing.assert_allclose(found, numbers.mean(axis=0)[16:])
-    assert mean_of([{"a": [1.0, 2.0], "b": "x"}, {"a": [3.0, 2.0], "b": "y"}]) == {
+    assert average_entries([{"a": [1.0, 2.0], "b": "x"}, {"a": [3.0, 2.0], "b": "y"}]) == {
         "a": [2.0, 2.0], "b": "y",
     }  # fmt: skip
-    assert mean_of([[1.0], [1.0, 2.0]]) == [1.0, 2.0]
-    assert mean_of([{"a": 1.0}, {"a": 3.0, "b": 5.0}, {"a": 8.0, "b": 6.0}]) == {"a": 4.0, "b": 5.5}
-    assert mean_of([{"p": {"q": [[1, 2]]}}, {"p": {"q": [[3, 6]]}}]) == {"p": {"q": [[2.0, 4.0]]}}
-    assert mean_of([None, "last"]) == "last"
-    with pytest.raises(ConfigurationError, match="nothing was seen"):
-        goal_of([], scheme, arm, "mine", depth=0.2)
+    assert average_entries([[1.0], [1.0, 2.0]]) == [1.0, 2.0]
+    assert average_entries([{"a": 1.0}, {"a": 3.0, "b": 5.0}, {"a": 8.0, "b": 6.0}]) == {
+        "a": 4.0,
+        "b": 5.5,
+    }
+    assert average_entries([{"p": {"q": [[1, 2]]}}, {"p": {"q": [[3, 6]]}}]) == {
+        "p": {"q": [[2.0, 4.0]]}
+    }
+    assert average_entries([None, "last"]) == "last"
+    with pytest.raises(ConfigurationError, match="no valid view"):
+        make_mean_goal([], scheme, arm, "mine", depth=0.2)
 
 
 def test_bad_views_and_bad_joints_are_not_kept():
     arm = the_arm()
-    teacher = Teacher(arm, Rig([Observer(arm)]))
-    teacher.image(0.0, lambda *_: pytest.fail("not there yet"))
-    teacher.joints(arm.names[:3], [0.0] * 3, [], 0.0)
+    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]))
+    teacher.add_image(0.0, lambda *_: pytest.fail("not there yet"))
+    teacher.add_joint_state(arm.names[:3], [0.0] * 3, [], 0.0)
     assert "lack" in teacher.reason
-    teacher.joints(arm.names, np.zeros(6), [], 0.0)
-    teacher.image(0.1, lambda joints, _: lost(view_at(teacher.rig.control, 0.1, joints), "gone"))
-    assert (teacher.views, teacher.reason, teacher.refused) == ([], "gone", 1)
+    teacher.add_joint_state(arm.names, np.zeros(6), [], 0.0)
+    teacher.add_image(
+        0.1, lambda joints, _: lost(view_at(teacher.camera_rig.control, 0.1, joints), "gone")
+    )
+    assert (teacher.views, teacher.reason, teacher.refused_count) == ([], "gone", 1)
     for _ in range(3):
-        gone = lambda joints, _: lost(view_at(teacher.rig.control, 0.2, joints), "gone")  # noqa: E731
-        teacher.image(0.2, gone)
-    assert teacher.refused == 4
-    teacher.joints(arm.names, the_goal("2016").joint_values(arm.names), [], 0.3)
-    teacher.image(0.3, lambda joints, _: view_at(teacher.rig.control, 0.3, joints))
-    assert (len(teacher.views), teacher.refused) == (1, 0)
+        gone = lambda joints, _: lost(view_at(teacher.camera_rig.control, 0.2, joints), "gone")  # noqa: E731
+        teacher.add_image(0.2, gone)
+    assert teacher.refused_count == 4
+    teacher.add_joint_state(arm.names, the_goal("2016").get_joints(arm.names), [], 0.3)
+    teacher.add_image(0.3, lambda joints, _: view_at(teacher.camera_rig.control, 0.3, joints))
+    assert (len(teacher.views), teacher.refused_count) == (1, 0)
     sent = []
-    driven = Teacher(arm, teacher.rig, np.full(6, 0.1), sent.append)
+    driven = Teacher(arm, teacher.camera_rig, np.full(6, 0.1), sent.append)
     for names, count in ((arm.names[:3], 0), (arm.names, 1), (arm.names[:3], 1), (arm.names, 2)):
-        driven.joints(names, np.zeros(len(names)), [], 0.4)
+        driven.add_joint_state(names, np.zeros(len(names)), [], 0.4)
         assert len(sent) == count
-    two = Teacher(arm, Rig([Observer(arm, name="left"), Observer(arm, name="right")]))
-    two.joints(arm.names, np.zeros(6), [], 0.0)
-    two.image(0.0, lambda *_: pytest.fail("alone"), "left")
-    assert two.reason == "no image of camera right of the same time arrives"
+    two = Teacher(
+        arm, CameraRig([FeatureObserver(arm, name="left"), FeatureObserver(arm, name="right")])
+    )
+    two.add_joint_state(arm.names, np.zeros(6), [], 0.0)
+    two.add_image(0.0, lambda *_: pytest.fail("alone"), "left")
+    assert two.reason == "no image of camera right with the same stamp arrives"
 
 
 def test_the_command_line_that_is_written_works(tmp_path, capsys):
@@ -238,7 +253,7 @@ def test_the_command_line_that_is_written_works(tmp_path, capsys):
 
 def test_what_is_asked_of_the_graph_where_nothing_is_said(tmp_path, monkeypatch, capsys):
     asked, goal = [], replace(the_goal("2016"), moments=None)
-    graph = SimpleNamespace(live=lambda arguments: asked.append(arguments) or goal)
+    graph = SimpleNamespace(collect_views=lambda arguments: asked.append(arguments) or goal)
     monkeypatch.setitem(sys.modules, "aras_visual_servo_controller.ros.teach", graph)
     file = tmp_path / "mine.yaml"
     assert main([str(file)]) == 0
@@ -267,7 +282,7 @@ def test_files_are_read_and_written_in_utf_8_wherever_it_runs(tmp_path, monkeypa
     assert "größe.yaml" in (tmp_path / "größe.yaml").read_bytes().decode("utf-8")
     (latin := tmp_path / "robot.urdf").write_bytes("<!-- größe -->".encode("latin-1"))
     with pytest.raises(ConfigurationError, match="cannot read the robot description .*robot.urdf"):
-        from_geometry(CONFIG / "goal_2016.yaml", latin)
+        make_goal_from_geometry(CONFIG / "goal_2016.yaml", latin)
 
 
 def test_its_help_says_what_each_argument_is(capsys):
@@ -285,7 +300,7 @@ def test_its_help_says_what_each_argument_is(capsys):
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
-        (["--geometry", "/dev/zero", "--urdf", str(URDF)], "no ordinary file"),
+        (["--geometry", "/dev/zero", "--urdf", str(URDF)], "not a regular file"),
         (["--geometry", str(CONFIG / "goal_2016.yaml")], "needs --urdf"),
         (["--geometry", str(CONFIG / "goal_2016.yaml"), "--urdf", "/none"], "cannot read"),
         (["--depth", "0"], "--depth"),
@@ -305,31 +320,31 @@ def test_what_cannot_be_taught_is_one_line(arguments, words, tmp_path, capsys):
 
 def test_a_view_that_cannot_be_taught_is_refused_with_its_reason():
     arm = the_arm()
-    teacher = Teacher(arm, Rig([Observer(arm)]))
-    teacher.joints(arm.names, np.zeros(6), np.zeros(6), 0.0)
+    teacher = Teacher(arm, CameraRig([FeatureObserver(arm)]))
+    teacher.add_joint_state(arm.names, np.zeros(6), np.zeros(6), 0.0)
 
     def look(joints, commands):
         raise ModelError("no plane fits the outline of it")
 
-    teacher.image(0.0, look)
-    teacher.image(0.1, look)
-    assert (teacher.views, teacher.refused) == ([], 2)
+    teacher.add_image(0.0, look)
+    teacher.add_image(0.1, look)
+    assert (teacher.views, teacher.refused_count) == ([], 2)
     assert teacher.reason == "no plane fits the outline of it"
 
 
 def test_moments_of_a_model_are_taught_with_the_plane_of_its_outline():
-    box = shape_of("box", (0.08, 0.05, 0.06))
-    arm, q = the_arm(), the_goal("2016").joint_values(the_arm().names)
+    box = make_target("box", (0.08, 0.05, 0.06))
+    arm, q = the_arm(), the_goal("2016").get_joints(the_arm().names)
     pose = arm.pose(q)
     place = [pose[0, 3], pose[1, 3], pose[2, 3] - 0.3, 0.0, 0.0, 0.2]  # below the camera
     given = {"scheme": "moments", "model": str(box.path), "model_start": {"pose": place}}
     settings = Settings.from_mapping(given)
     scheme = settings.make_scheme()
-    rig = settings.rig({"camera": arm}, scheme)
-    outline = box.outline(inverse(transform(place[:3], place[3:])) @ pose)
-    joints = arm.sample(arm.names, q)
-    view = rig.control.of_exact(0.0, CAMERA, joints, contour=outline)
-    goal = goal_of([view], scheme, arm, "mine")
+    rig = settings.make_camera_rig({"camera": arm}, scheme)
+    outline = box.outline(inverse(matrix_from_xyz_rpy(place[:3], place[3:])) @ pose)
+    joints = arm.read_joints(arm.names, q)
+    view = rig.control.observe_exact_features(0.0, CAMERA, joints, contour=outline)
+    goal = make_mean_goal([view], scheme, arm, "mine")
     upper = pose[2, 3] - 0.3 + 0.03
     assert goal.plane == pytest.approx(goal_plane(pose, upper), abs=1e-6)
     assert goal.depth == pytest.approx(1.0 / goal.plane.C)

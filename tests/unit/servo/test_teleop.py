@@ -10,29 +10,29 @@ import numpy as np
 import pytest
 from loop_rig import the_arm, the_limits
 
-from aras_visual_servo_controller.hands import teleop
-from aras_visual_servo_controller.hands.gamepad import (
+from aras_visual_servo_controller.teleop import keyboard
+from aras_visual_servo_controller.teleop.gamepad import (
     AXIS,
     BUTTON,
-    DEAD,
+    DEADBAND,
     EVENT,
     FAST,
     INITIAL,
     SLOW,
     JoyDevice,
-    twist_of,
+    compute_twist,
 )
-from aras_visual_servo_controller.hands.jog import TWIST, Jog
-from aras_visual_servo_controller.hands.teleop import (
+from aras_visual_servo_controller.teleop.jog import MAX_TWIST, Jog
+from aras_visual_servo_controller.teleop.keyboard import (
     CAMERA_KEYS,
     JOINTS,
     SPEEDS,
-    Keys,
-    command_for,
-    keys_of,
-    pressed,
+    KeyboardState,
+    choose_step_joints,
     raw_terminal,
-    stepped,
+    read_keys,
+    split_keys,
+    step_joint,
 )
 
 
@@ -46,20 +46,20 @@ from aras_visual_servo_controller.hands.teleop import (
     ],
 )
 def test_arrows_step_the_first_joints_of_another_arm(names, across, along):
-    assert stepped(names) == {"across": across, "along": along}
+    assert choose_step_joints(names) == {"across": across, "along": along}
 
 
 def test_arrows_step_gantry_and_j2():
     command = np.zeros(6)
     for key in ("\x1b[C", "\x1b[C", "\x1b[A", "x", ""):
-        command, _ = command_for(key, command, the_limits(), JOINTS)
+        command, _ = step_joint(key, command, the_limits(), JOINTS)
     np.testing.assert_allclose(command, [0.1, 0.0, 0.05, 0.0, 0.0, 0.0])
-    after, told = command_for("\x1b[B", command, the_limits(), JOINTS)
+    after, told = step_joint("\x1b[B", command, the_limits(), JOINTS)
     assert (after[2], command[2], told) == (0.0, 0.05, "J2 to 0.000")
     to_the_end = the_limits(upper={"gantry": command[0] + 0.05})
-    assert command_for("\x1b[C", command, to_the_end, JOINTS)[1] == "gantry to 0.150"
+    assert step_joint("\x1b[C", command, to_the_end, JOINTS)[1] == "gantry to 0.150"
     to_the_end = the_limits(lower={"gantry": command[0] - 0.05})
-    assert command_for("\x1b[D", command, to_the_end, JOINTS)[1] == "gantry to 0.050"
+    assert step_joint("\x1b[D", command, to_the_end, JOINTS)[1] == "gantry to 0.050"
 
 
 @pytest.mark.parametrize(("key", "place"), [("\x1b[C", "upper"), ("\x1b[D", "lower")])
@@ -67,11 +67,11 @@ def test_a_step_beyond_the_limit_is_not_taken(key, place):
     command = np.zeros(6)
     bound = getattr(the_limits(), place)[0]
     command[0] = bound - np.sign(bound) * 0.02
-    after, told = command_for(key, command, the_limits(), JOINTS)
+    after, told = step_joint(key, command, the_limits(), JOINTS)
     np.testing.assert_array_equal(after, command)
     assert "gantry is at its limit" in told
     command[0] = bound - np.sign(bound) * 0.051
-    after, told = command_for(key, command, the_limits(), JOINTS)
+    after, told = step_joint(key, command, the_limits(), JOINTS)
     assert after[0] == pytest.approx(bound - np.sign(bound) * 0.001)
 
 
@@ -82,13 +82,13 @@ class Asked(Jog):
         super().__init__(the_arm(), the_limits())
         self.heard = []
 
-    def twist(self, twist, t):
-        super().twist(twist, t)
+    def set_twist(self, twist, t):
+        super().set_twist(twist, t)
         self.heard.append(list(twist))
 
-    def joint(self, name, part, t):
-        super().joint(name, part, t)
-        self.heard.append((name, part))
+    def set_joint_speed(self, name, speed_fraction, t):
+        super().set_joint_speed(name, speed_fraction, t)
+        self.heard.append((name, speed_fraction))
 
 
 @pytest.mark.parametrize(("key", "row", "sign"), [
@@ -96,15 +96,15 @@ class Asked(Jog):
     ("i", 3, 1), ("k", 3, -1), ("o", 4, 1), ("u", 4, -1), ("l", 5, 1), ("j", 5, -1),
 ])  # fmt: skip
 def test_each_key_moves_the_camera_in_its_direction(key, row, sign):
-    jog, keys = Asked(), Keys(the_arm().names)
+    jog, keys = Asked(), KeyboardState(the_arm().names)
     assert keys.press(key, jog, 0.0) == (True, "")
     expected = np.zeros(6)
-    expected[row] = sign * SPEEDS[keys.speed] * TWIST[row]
+    expected[row] = sign * SPEEDS[keys.speed] * MAX_TWIST[row]
     np.testing.assert_allclose(jog.heard, [expected])
 
 
 def test_a_chosen_joint_is_moved_and_no_other():
-    jog, keys = Asked(), Keys(the_arm().names)
+    jog, keys = Asked(), KeyboardState(the_arm().names)
     assert keys.press("=", jog, 0.0) == (True, "")
     assert keys.press("3", jog, 0.0) == (False, "+ and - move J2")
     keys.press("+", jog, 0.0)
@@ -112,12 +112,12 @@ def test_a_chosen_joint_is_moved_and_no_other():
     assert jog.heard == [("gantry", 0.2), ("J2", 0.2), ("J2", -0.2)]
     assert keys.press("x", jog, 0.0) == (False, "") and len(jog.heard) == 3
     assert keys.press("7", jog, 0.0)[1].startswith("there are 6 joints: gantry")
-    assert keys.press("0", jog, 0.0) == (False, "") and keys.chosen == 2
+    assert keys.press("0", jog, 0.0) == (False, "") and keys.selected_joint == 2
     assert keys.press("6", jog, 0.0) == (False, "+ and - move J6")
 
 
 def test_speed_stays_between_the_least_and_the_greatest():
-    keys, jog = Keys(the_arm().names), Asked()
+    keys, jog = KeyboardState(the_arm().names), Asked()
     assert [keys.press("<", jog, 0.0) for _ in range(6)][-1] == (False, "speed 5 %")
     told = [keys.press(">", jog, 0.0)[1] for _ in range(6)]
     assert told == [f"speed {part} %" for part in (10, 20, 40, 70, 100, 100)]
@@ -125,28 +125,28 @@ def test_speed_stays_between_the_least_and_the_greatest():
 
 
 def test_no_key_means_two_things_and_the_help_names_all():
-    taken = set(CAMERA_KEYS) | set(teleop.SIGNS) | {"<", ">", "h", "q", " "}
-    assert len(taken) == len(CAMERA_KEYS) + len(teleop.SIGNS) + 5
-    words = set(teleop.__doc__.replace(",", " ").split())
+    taken = set(CAMERA_KEYS) | set(keyboard.SIGNS) | {"<", ">", "h", "q", " "}
+    assert len(taken) == len(CAMERA_KEYS) + len(keyboard.SIGNS) + 5
+    words = set(keyboard.__doc__.replace(",", " ").split())
     assert set(CAMERA_KEYS) | {"+", "-", "<", ">", "h", "q"} <= words
 
 
 def test_a_held_key_and_arrows_are_told_apart():
-    assert keys_of("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"]
-    assert keys_of("") == []
+    assert split_keys("dd\x1b[Cq") == ["d", "d", "\x1b[C", "q"]
+    assert split_keys("") == []
 
 
 def test_keys_are_read_as_they_come_also_such_as_are_no_text(monkeypatch):
     end, begin = os.pipe()
     with os.fdopen(end) as terminal:
         monkeypatch.setattr(sys, "stdin", terminal)
-        assert pressed(0.0) == []
+        assert read_keys(0.0) == []
         os.write(begin, 70 * b"d")
-        assert [len(pressed(0.0)) for _ in range(2)] == [64, 6]
+        assert [len(read_keys(0.0)) for _ in range(2)] == [64, 6]
         os.write(begin, b"d\xff\x1b[C")
-        assert pressed(5.0) == ["d", "\ufffd", "\x1b[C"]
+        assert read_keys(5.0) == ["d", "\ufffd", "\x1b[C"]
         os.close(begin)
-        assert pressed(5.0) == ["\x04"]  # the terminal is gone: as its end of input
+        assert read_keys(5.0) == ["\x04"]  # the terminal is gone: as its end of input
 
 
 def test_a_terminal_is_as_before_once_its_keys_were_read(monkeypatch):
@@ -161,26 +161,28 @@ def test_a_terminal_is_as_before_once_its_keys_were_read(monkeypatch):
 
 
 def test_a_pad_moves_nothing_until_a_shoulder_button_is_held():
-    axes, none = DEAD + (1.0 - DEAD) * 0.1 * np.arange(1.0, 9.0), [0] * 8
-    assert (DEAD, SLOW, FAST) == (0.12, 4, 5)
-    assert twist_of(axes, none) is None
-    assert twist_of(axes, []) is None and twist_of(axes, [1] * 4) is None
-    assert twist_of(axes, [0] * 4 + [1]) is not None
+    axes, none = DEADBAND + (1.0 - DEADBAND) * 0.1 * np.arange(1.0, 9.0), [0] * 8
+    assert (DEADBAND, SLOW, FAST) == (0.12, 4, 5)
+    assert compute_twist(axes, none) is None
+    assert compute_twist(axes, []) is None and compute_twist(axes, [1] * 4) is None
+    assert compute_twist(axes, [0] * 4 + [1]) is not None
     slow, fast = list(none), list(none)
     slow[SLOW], fast[FAST] = 1, 1
     # left and up: the picture's left and up; nearer; turned to the left
     np.testing.assert_allclose(
-        twist_of(axes, fast), np.array(TWIST) * [-0.1, -0.2, 0.5, 0.8, -0.7, -0.4])
-    np.testing.assert_allclose(twist_of(axes, slow), 0.3 * twist_of(axes, fast))
+        compute_twist(axes, fast), np.array(MAX_TWIST) * [-0.1, -0.2, 0.5, 0.8, -0.7, -0.4])
+    np.testing.assert_allclose(compute_twist(axes, slow), 0.3 * compute_twist(axes, fast))
     slow[FAST] = 1  # of both the faster
-    np.testing.assert_allclose(twist_of(-axes, slow), -twist_of(axes, fast))
+    np.testing.assert_allclose(compute_twist(-axes, slow), -compute_twist(axes, fast))
 
 
 def test_a_stick_near_its_middle_counts_as_none():
     buttons = [0, 0, 0, 0, 1, 0]
-    assert not twist_of([0.9 * DEAD, -0.9 * DEAD, float("nan")], buttons).any()
-    assert abs(twist_of([1.02 * DEAD], buttons)[0]) < 0.03 * TWIST[0]
-    assert [twist_of([way], buttons)[0] for way in (5.0, -5.0)] == pytest.approx([-0.075, 0.075])
+    assert not compute_twist([0.9 * DEADBAND, -0.9 * DEADBAND, float("nan")], buttons).any()
+    assert abs(compute_twist([1.02 * DEADBAND], buttons)[0]) < 0.03 * MAX_TWIST[0]
+    assert [compute_twist([way], buttons)[0] for way in (5.0, -5.0)] == pytest.approx(
+        [-0.075, 0.075]
+    )
 
 
 def test_the_kernels_events_are_a_pads_state(tmp_path):
@@ -189,15 +191,15 @@ def test_the_kernels_events_are_a_pads_state(tmp_path):
     pad = JoyDevice(path)
     pad.axes, pad.buttons = [0.0] * 8, [0] * 16
     assert (BUTTON, AXIS) == (1, 2)
-    pad.take(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
-    pad.take(EVENT.pack(2, 1, BUTTON, SLOW))
-    pad.take(EVENT.pack(3, 1, BUTTON, len(pad.buttons)))
-    pad.take(EVENT.pack(3, 1, AXIS, len(pad.axes)))
-    pad.take(EVENT.pack(3, 1, 0x40, 3))  # an event of a kind to come
+    pad.handle_event(EVENT.pack(1, -32767, AXIS | INITIAL, 0))  # the kernel's left is negative
+    pad.handle_event(EVENT.pack(2, 1, BUTTON, SLOW))
+    pad.handle_event(EVENT.pack(3, 1, BUTTON, len(pad.buttons)))
+    pad.handle_event(EVENT.pack(3, 1, AXIS, len(pad.axes)))
+    pad.handle_event(EVENT.pack(3, 1, 0x40, 3))  # an event of a kind to come
     assert not any(pad.axes[1:])
     assert pad.axes[0] == 1.0
     assert pad.buttons[SLOW] == 1
-    pad.take(EVENT.pack(4, 0, BUTTON, SLOW))
+    pad.handle_event(EVENT.pack(4, 0, BUTTON, SLOW))
     assert not any(pad.buttons)
 
 
@@ -206,13 +208,13 @@ def test_a_pad_that_is_unplugged_asks_for_nothing(tmp_path):
     os.mkfifo(path)
     cable = os.open(path, os.O_RDWR)
     pad = JoyDevice(path)
-    assert (pad.axes, pad.buttons, pad.gone) == ([0.0] * 8, [0] * 16, False)
+    assert (pad.axes, pad.buttons, pad.is_disconnected) == ([0.0] * 8, [0] * 16, False)
     os.write(cable, EVENT.pack(1, -32767, AXIS, 0) + EVENT.pack(2, 1, BUTTON, FAST))
-    _wait(lambda: twist_of(pad.axes, pad.buttons) is not None)
+    _wait(lambda: compute_twist(pad.axes, pad.buttons) is not None)
     os.close(cable)
-    _wait(lambda: pad.gone and not any(pad.buttons))
+    _wait(lambda: pad.is_disconnected and not any(pad.buttons))
     assert (pad.axes, pad.buttons) == ([0.0] * 8, [0] * 16)
-    assert twist_of(pad.axes, pad.buttons) is None
+    assert compute_twist(pad.axes, pad.buttons) is None
 
 
 def _wait(until):

@@ -4,8 +4,13 @@ import numpy as np
 import pytest
 from test_driver import Bench
 
-from aras_visual_servo_controller.driving.ticks import ODD, SENT_ON, Ticks, ticked
 from aras_visual_servo_controller.records.state import Command
+from aras_visual_servo_controller.runner.compiled_updates import (
+    NEEDS_PYTHON,
+    NEW_COMMAND,
+    CompiledUpdates,
+    process_joint_state,
+)
 
 
 class Joined(Bench):
@@ -13,21 +18,21 @@ class Joined(Bench):
 
     def __init__(self, **given):
         super().__init__(**given)
-        self.ticks, self.one_by_one = Ticks(self.driver), self.driver.joints
-        self.driver.joints, self.answered = self.answer, 0
+        self.ticks, self.one_by_one = CompiledUpdates(self.driver), self.driver.add_joint_state
+        self.driver.add_joint_state, self.answered = self.answer, 0
 
     def answer(self, names, positions, velocities, stamp):
-        state = self.ticks.begin()
+        state = self.ticks.make_arguments()
         q, v = np.array(positions), np.array(velocities)
-        if state is None or (became := ticked(q, v, stamp, *state)) == ODD:
+        if state is None or (became := process_joint_state(q, v, stamp, *state)) == NEEDS_PYTHON:
             if state is not None:
-                self.ticks.end([], np.empty((0, 2, 6)), np.empty((0, 6)))
+                self.ticks.apply_results([], np.empty((0, 2, 6)), np.empty((0, 6)))
             self.one_by_one(names, positions, velocities, stamp)
             return
         command = self.ticks.command.copy()
-        self.ticks.end([stamp], np.array([[q, v]]), command[None])
+        self.ticks.apply_results([stamp], np.array([[q, v]]), command[None])
         self.answered += 1
-        if became == SENT_ON:
+        if became == NEW_COMMAND:
             self.send(Command(stamp, names, command))
 
 
@@ -36,7 +41,7 @@ def jump(bench):
     bench.step(40)
     (_, before), (_, now) = bench.sent[-2:]
     bench.q = bench.q + 0.3 * np.sign(now.values - before.values)
-    bench.driver.joints(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.zeros(6), bench.t + 0.001)
     bench.step(60)
 
 
@@ -44,7 +49,7 @@ def implausible(bench):
     bench.step(90)
     bench.step(5, position=1e9)
     bench.step(60)
-    bench.driver.joints(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
+    bench.driver.add_joint_state(bench.arm.names, bench.q, np.full(6, 1e9), bench.t + 0.001)
     bench.step(60)
 
 
@@ -82,11 +87,11 @@ def late(bench):
 def seldom(bench):
     """Joint states come 0.16 s apart, and a step is 0.1 s at most."""
     bench.step(61)
-    watch, bench.driver.watch = bench.driver.watch, lambda: None
+    check, bench.driver.check_timeouts = bench.driver.check_timeouts, lambda: None
     bench.joints = bench.images = False
     bench.step(13)
     bench.joints = bench.images = True
-    bench.driver.watch = watch
+    bench.driver.check_timeouts = check
     bench.step(60)
 
 

@@ -8,12 +8,12 @@ import numpy as np
 import pytest
 from loop_rig import CAMERA, STARTS, Rig, lost, the_arm, the_goal, the_servo
 
-from aras_visual_servo_controller.arm.joint_sample import JointSample
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 from aras_visual_servo_controller.laws import Proportional
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver
+from aras_visual_servo_controller.observation.observation import SEGMENTED, Need
 from aras_visual_servo_controller.schemes import create_scheme
-from aras_visual_servo_controller.seeing.observation import SEGMENTED, Need
-from aras_visual_servo_controller.seeing.observer import Observer
 
 EXAMPLES = Path(__file__).parents[3] / "docs" / "examples"
 NAMES = {
@@ -41,18 +41,18 @@ def picture(outline):
 
 def look(observer, stamp, joints):
     """As the camera does: pictures where they are asked for, exact features else."""
-    outline = the_goal("2016").target.outline(the_arm().pose(joints.positions))
+    outline = the_goal("2016").target.compute_outline(the_arm().pose(joints.positions))
     if Need.IMAGE in observer.needs:
-        return observer.of_image(stamp, picture(outline), CAMERA, joints)
-    return observer.of_exact(stamp, CAMERA, joints, contour=outline)
+        return observer.observe_image(stamp, picture(outline), CAMERA, joints)
+    return observer.observe_exact_features(stamp, CAMERA, joints, contour=outline)
 
 
 def taught(scheme):
     """The goal of 2016 as this scheme sees it, written to a file and read again."""
     known = the_goal("2016")
     names = the_arm().names
-    joints = JointSample.of(0.0, names, known.joint_values(names))
-    seen = look(Observer(the_arm(), scheme.needs | {Need.MOMENTS}), 0.0, joints)
+    joints = JointSample.from_values(0.0, names, known.get_joints(names))
+    seen = look(FeatureObserver(the_arm(), scheme.needs | {Need.MOMENTS}), 0.0, joints)
     goal = Goal.teach(scheme, seen, "mine.yaml", depth=known.depth)
     import yaml
 
@@ -75,11 +75,11 @@ def closed(name, start, **options):
 )
 def test_the_goal_is_reached(name, part, seconds, distance, angle):
     """Photometric needs pictures; bench/test_user_schemes_run has it."""
-    goal = np.array(the_goal("2016").joint_values(the_arm().names))
+    goal = np.array(the_goal("2016").get_joints(the_arm().names))
     start = goal + part * (np.array(STARTS["2016"]) - goal)
     rig = closed(name, start)
     last = rig.run(seconds)[-1]
-    assert last.phase == "converged", (last.reason, last.decision and last.decision.error)
+    assert last.phase == "converged", (last.reason, last.scheme_output and last.scheme_output.error)
     assert rig.missed[0] < distance
     assert rig.missed[1] < np.radians(angle)
     assert last.outcome == "converged"
@@ -105,7 +105,7 @@ def test_a_scheme_with_its_own_eyes_decides_itself_what_is_valid():
     states = rig.run(0.8)
     assert states[0].phase == "servoing"  # the segmentation's word does not count
     assert {s.reason for s in states if 0.3 <= s.stamp < 0.5} == {
-        "own_corners: nothing dark in the picture"
+        "own_corners: no dark shape in the image"
     }
     assert states[-1].phase == "servoing"
 
@@ -115,12 +115,14 @@ def test_the_photometric_task_is_reduced_and_its_gradient_right():
     goal = taught(scheme).for_arm(the_arm())
     scheme.check(goal)
     names = the_arm().names
-    q = goal.joint_values(names)
-    observer = Observer(the_arm(), scheme.needs)
-    seen = look(observer, 0.0, JointSample.of(0.0, names, q))
+    q = goal.get_joints(names)
+    observer = FeatureObserver(the_arm(), scheme.needs)
+    seen = look(observer, 0.0, JointSample.from_values(0.0, names, q))
     assert scheme.compute(seen, goal, 0.0).features[0] < 0.2
     moved = q + 0.001 * np.array([1.0, 0.5, 0.1, 0.2, -0.3, 0.4])
-    decision = scheme.compute(look(observer, 0.1, JointSample.of(0.1, names, moved)), goal, 0.1)
+    decision = scheme.compute(
+        look(observer, 0.1, JointSample.from_values(0.1, names, moved)), goal, 0.1
+    )
     assert decision.task.L.shape == (6, 6)
     # the way back, to first order: the camera's motion that the joints made
     back = -5.0 * the_arm().jacobian(q) @ (moved - q)
@@ -135,4 +137,4 @@ def test_the_second_orders_limits_hold():
     rig = closed("second_order:SecondOrder", STARTS["2016"])
     rig.run(1.0)
     speed = np.diff([c.positions for c in rig.commands], axis=0) / 0.01
-    assert (np.abs(speed) <= rig.servo.resolver.limits.velocity * (1 + 1e-9)).all()
+    assert (np.abs(speed) <= rig.servo.differential_ik.limits.velocity * (1 + 1e-9)).all()

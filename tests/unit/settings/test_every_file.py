@@ -15,21 +15,21 @@ from aras_sim_bridge.camera import mounting
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import CameraError, ControllerError
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters as BridgeParameters
-from aras_visual_servo_base.settings import build, defaults
+from aras_visual_servo_base.settings import build, list_defaults
 from aras_visual_servo_base.yaml_files import parse_yaml
-from aras_visual_servo_bench.asked.cameras import model_of, preset
-from aras_visual_servo_bench.asked.experiment import Experiment
-from aras_visual_servo_bench.asked.overrides import parsed
-from aras_visual_servo_bench.asked.packages import PackagePath
 from aras_visual_servo_bench.errors import BenchError
-from aras_visual_servo_bench.ros.move_target import motion_of
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.experiment.cameras import make_camera_model, read_preset
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.experiment.overrides import parse_overrides
+from aras_visual_servo_bench.experiment.packages import PackagePath
+from aras_visual_servo_bench.ros.move_target import parse_motion
+from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_camera.errors import ParameterError
 from aras_visual_servo_camera.parameters import VisionParameters
-from aras_visual_servo_controller.arm import Arm
 from aras_visual_servo_controller.errors import ConfigurationError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.goals.starts import start_joints
+from aras_visual_servo_controller.goals.starts import find_start_joints
+from aras_visual_servo_controller.kinematics import Arm
 from aras_visual_servo_controller.settings import Settings
 from aras_visual_servo_ros.parameters import InvalidParameterError
 
@@ -59,14 +59,15 @@ class Kind:
 
 
 def world_camera(values: dict[str, Any]) -> float:
-    return mounting.world_camera("c", {**values, "parent": "world", "pose": "0 0 1 0 0 0"}, {},
-                                 0)[0].latency
+    return mounting.configure_world_camera(
+        "c", {**values, "parent": "world", "pose": "0 0 1 0 0 0"}, {}, 0
+    )[0].latency
 
 
 def world_preset(path: Path) -> float:
-    settings = preset(str(path), PackagePath(), "aras_visual_servo_gazebo")
-    model_of(settings)
-    return mounting.world_camera(
+    settings = read_preset(str(path), PackagePath(), "aras_visual_servo_gazebo")
+    make_camera_model(settings)
+    return mounting.configure_world_camera(
         "c", {**settings, "parent": "world", "pose": [0.0] * 6}, {}, 0
     )[0].latency
 
@@ -82,11 +83,11 @@ def robot(path: Path) -> float:
 def starts(path: Path) -> float:
     (path.parent / "config").mkdir(exist_ok=True)
     (path.parent / "config" / "starts.yaml").symlink_to(path)
-    return start_joints("s", Arm.from_urdf(URDF.read_text()), path.parent)[5]
+    return find_start_joints("s", Arm.from_urdf(URDF.read_text()), path.parent)[5]
 
 
 def first_trial(path: Path) -> float:
-    return Study.from_yaml(path).trials()[0].delay
+    return Study.from_yaml(path).make_trials()[0].delay
 
 
 KINDS = {
@@ -221,13 +222,13 @@ def test_a_pipe_is_refused_at_once(kind, tmp_path):
 
 
 def test_words_of_a_command_line_are_read_like_files():
-    assert motion_of(["circle=1e-1", "frequency=.5"]).circle == 0.1
+    assert parse_motion(["circle=1e-1", "frequency=.5"]).circle == 0.1
     with pytest.raises(BenchError, match="motion.circle is 'wide', must be a finite number"):
-        motion_of(["circle=wide"])
+        parse_motion(["circle=wide"])
     with pytest.raises(BenchError, match="the value of 'gain' is not valid YAML: Exceeds"):
-        parsed([f"gain={DIGITS}"])
+        parse_overrides([f"gain={DIGITS}"])
 
 
 @pytest.mark.parametrize("cls", [Experiment, Study, Settings, VisionParameters, BridgeParameters])
 def test_the_defaults_are_values_that_may_be_given(cls):
-    assert build(cls, defaults(cls), "", AssertionError) == cls()
+    assert build(cls, list_defaults(cls), "", AssertionError) == cls()

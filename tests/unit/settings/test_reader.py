@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from aras_visual_servo_base.names import imported, nearest, resolve_name
+from aras_visual_servo_base.names import import_object, resolve_name, suggest
 from aras_visual_servo_base.registry import Registry
-from aras_visual_servo_base.settings import build, check, defaults, parameter, read, to_mapping
+from aras_visual_servo_base.settings import build, check, list_defaults, parameter, read, to_mapping
 from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
 
 
@@ -45,9 +45,9 @@ class Outer:
     start: str | tuple[float, ...] | Inner | Other = parameter("none", name=True)
     limit: float | None = None
     pair: tuple[float, float] = (0.0, 0.0)
-    names: tuple[str, ...] = parameter((), words=True)
+    names: tuple[str, ...] = parameter((), splits_words=True)
     lead: float | tuple[float, ...] | Mapping[str, float] = parameter(
-        0.1, least=0.0, wanted="a number, or one by joint"
+        0.1, least=0.0, expected="a number, or one by joint"
     )
     options: Mapping[str, Any] = parameter({})
     folder: Path = parameter(Path("."), internal=True)
@@ -191,8 +191,8 @@ def test_settings_made_in_python_hold_what_a_file_would_give():
 
 
 def test_defaults_are_listed_once_and_settings_go_to_other_processes():
-    assert defaults(Outer)["gain"] == 2.0 and defaults(Other) == {}
-    assert "folder" not in defaults(Outer)
+    assert list_defaults(Outer)["gain"] == 2.0 and list_defaults(Other) == {}
+    assert "folder" not in list_defaults(Outer)
     settings = of({"options": {"a": 1}})
     assert pickle.loads(pickle.dumps(settings)) == settings
 
@@ -214,7 +214,7 @@ def test_a_file_is_read_or_refused_at_once(tmp_path):
     assert read_yaml(good, OwnError) == {"a": {"b": [1, 2]}}  # the caller's own
     os.mkfifo(tmp_path / "pipe")
     for path in (tmp_path / "pipe", tmp_path, "/dev/zero"):
-        with pytest.raises(OwnError, match="no ordinary file"):
+        with pytest.raises(OwnError, match="not a regular file"):
             read_yaml(path, OwnError)
     with pytest.raises(OwnError, match="cannot read .*none.yaml: No such file"):
         read_yaml(tmp_path / "none.yaml", OwnError)
@@ -243,14 +243,14 @@ def test_what_is_no_yaml_is_said_in_one_line(tmp_path, text, words):
 
 def test_a_file_of_another_encoding_is_told(tmp_path):
     (tmp_path / "bad.yaml").write_bytes(b"\xff\xfe")
-    with pytest.raises(OwnError, match="bad.yaml is no text in UTF-8: "):
+    with pytest.raises(OwnError, match="bad.yaml is not UTF-8 text: "):
         read_yaml(tmp_path / "bad.yaml", OwnError)
 
 
 def test_the_nearest_name_is_asked_after_or_all_are_told():
-    assert nearest("cuont", ["count", "rate"]) == "did you mean 'count'?"
-    assert nearest("xyz", ["count", "rate"]) == "known are count, rate"
-    assert nearest(2015, ["2016", "x"]) == "did you mean '2016'?"
+    assert suggest("cuont", ["count", "rate"]) == "did you mean 'count'?"
+    assert suggest("xyz", ["count", "rate"]) == "known are count, rate"
+    assert suggest(2015, ["2016", "x"]) == "did you mean '2016'?"
 
 
 def test_a_class_is_found_by_name_or_by_its_module():
@@ -260,7 +260,7 @@ def test_a_class_is_found_by_name_or_by_its_module():
     assert known.find(f"{__name__}:Outer") is Outer
     with pytest.raises(OwnError, match=f"scheme 'outer' is already {__name__}:Outer"):
         known.register("outer")(Inner)
-    assert imported("metric", "math:pi", OwnError) == math.pi
+    assert import_object("metric", "math:pi", OwnError) == math.pi
     for name, words in (
         ("outre", "unknown scheme 'outre': did you mean 'outer'? known are outer, or 'pack"),
         ("a:", "unknown scheme 'a:'"),
@@ -308,7 +308,7 @@ def test_an_entry_is_one_file_of_its_folder(tmp_path, monkeypatch):
     assert kind.create("second", gain=3.0).gain == 3.0 and loaded() == {"second"}
     assert "b" in kind and loaded() == {"first", "second"}
     assert list(kind) == ["a", "b", "c", "second"] and len(kind) == 4 and "d" not in kind
-    (parameter,) = kind.parameters("c")
+    (parameter,) = kind.list_parameters("c")
     assert parameter == ("gain", "a finite number", 2.0, "1/s", "> 0 and <= 9", "how fast")
     both = Registry("one", "xml", (object,), ValueError, (kind,))
     assert both["c"] is kind["c"] and list(both) == list(kind)

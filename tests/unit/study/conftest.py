@@ -2,7 +2,7 @@
 
 import pytest
 
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies.study import Study
 
 TINY = {
     "experiment": {"plant": "free", "duration": 0.1, "lag": 0.0},

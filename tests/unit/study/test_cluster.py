@@ -14,11 +14,11 @@ import distributed
 import pytest
 
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.study import engine, pools, versions, work
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import DaskPool
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.work import ONE_THREAD
+from aras_visual_servo_bench.studies import engine, pools, versions, work
+from aras_visual_servo_bench.studies.pools import DaskPool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.studies.work import ONE_THREAD
 
 
 def parts(path):
@@ -36,7 +36,7 @@ def hanging(tiny, tmp_path_factory):
     """A study of three runs, the second of which never ends; `PYTHONPATH` leads to its metric."""
     folder = tmp_path_factory.mktemp("hanging")
     (folder / "my_hanging.py").write_text(
-        "import time\nfrom aras_visual_servo_bench.numbers.metrics import metric\n"
+        "import time\nfrom aras_visual_servo_bench.metrics.metrics import metric\n"
         "@metric('', 'smaller', 'me')\ndef hanging(run):\n    'Never ends at a gain of 2.'\n"
         "    time.sleep(1e6 if run.experiment.gain == 2.0 else 0.0)\n    return 0.0\n"
     )
@@ -54,13 +54,13 @@ def history(hanging, tmp_path_factory):
     chunks it is made anew."""
     path = tmp_path_factory.mktemp("history")
     # Both at once, for their rows say which code the checkout has, and somebody may edit it.
-    here, made = (Folder.create(path / name, hanging, "") for name in ("here", "there"))
+    here, made = (StudyFolder.create(path / name, hanging, "") for name in ("here", "there"))
     found = SimpleNamespace(here=here, path=path)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(pools, "APPEAR", 1.0)
-        patch.setattr(pools, "LOOK", 0.2)
+        patch.setattr(pools, "WORKER_TIMEOUT", 1.0)
+        patch.setattr(pools, "COUNT_PERIOD", 0.2)
         dask.config.set({"distributed.scheduler.worker-ttl": "2s"})
-        with DaskPool(1, renew=2) as pool:
+        with DaskPool(1, chunks_before_restart=2) as pool:
             def worker():
                 (number,) = pool.client.run(os.getpid).values()
                 return number
@@ -72,12 +72,12 @@ def history(hanging, tmp_path_factory):
             os.kill(found.begun, signal.SIGSTOP)
             threading.Timer(8.0, os.kill, (found.begun, signal.SIGCONT)).start()
             pool.submit(work.StudyTask(json.dumps(hanging.to_mapping()), 0))
-            task, done = pool.next()
-            made.write(task.chunk, done)
-            assert pool.room  # and it need not be made anew for that
+            task, done = pool.wait_for_chunk()
+            made.write_chunk(task.chunk, done)
+            assert pool.has_room  # and it need not be made anew for that
             found.stood_still = worker()
             patch.undo()
-            engine.carry_out(made, pool, Progress(hanging.runs, out=io.StringIO()))
+            engine.carry_out(made, pool, Progress(hanging.run_count, out=io.StringIO()))
             found.ended = worker()
     return found
 
@@ -87,12 +87,14 @@ def test_a_worker_that_stands_still_for_a_while_is_slow_and_not_dead(history):
 
 
 def test_a_run_that_hangs_and_a_worker_made_anew_leave_the_bytes_of_one_process(history, hanging):
-    made = Folder.open(history.path / "there")
-    assert made.results()["outcome"].to_pylist() == ["timed_out", "time_limit", "timed_out"]
+    made = StudyFolder.open(history.path / "there")
+    assert made.read_results()["outcome"].to_pylist() == ["timed_out", "time_limit", "timed_out"]
     assert history.ended != history.begun
     here = history.here
     for chunk in (0, 2):
-        here.write(chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk)))
+        here.write_chunk(
+            chunk, work.carry_out(work.StudyTask(json.dumps(hanging.to_mapping()), chunk))
+        )
     there = parts(made.path)
     assert parts(here.path) == {name: there[name] for name in parts(here.path)} and len(there) == 3
 
@@ -104,7 +106,7 @@ def test_workers_have_one_thread_for_each_library_and_seldom_look_at_themselves(
 
 
 def test_dask_neither_moves_chunks_nor_tries_them_again_nor_ends_workers():
-    pools._configured()
+    pools._configure_dask()
     told = dask.config.get("distributed")
     assert told["scheduler"]["allowed-failures"] == 0
     assert told["scheduler"]["worker-ttl"] is None
@@ -134,7 +136,7 @@ def test_without_a_number_there_is_a_worker_a_core(monkeypatch):
 @pytest.mark.parametrize("address", ["tcp://127.0.0.1:9", "nowhere", "http://127.0.0.1:9"])
 def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch, address):
     """And no Client was made, which would wait for 20 s at the end and write a traceback."""
-    monkeypatch.setattr(pools, "ANSWER", 0.5)
+    monkeypatch.setattr(pools, "ANSWER_TIMEOUT", 0.5)
     monkeypatch.setattr(distributed, "Client", None)
     with pytest.raises(StudyError, match=f"no scheduler answers at {address}") as caught:
         DaskPool(scheduler=address)
@@ -146,7 +148,7 @@ def test_a_scheduler_that_does_not_answer_is_one_line(monkeypatch, address):
     ("class: distributed.LocalClutser\n", "no attribute|cannot import"),
     ("clas: x\n", "names no cluster"),
     ("class: x.Y\nworker: 3\n", "unknown key 'worker': did you mean 'workers'"),
-    ("class: x.Y\nworkers: [3]\n", "workers is .3., must be a number, or .least, most."),
+    ("class: x.Y\nworkers: [3]\n", "workers is .3., must be a number, or .minimum, maximum."),
     ("class: x.Y\nworkers: [3, 1]\n", "workers is .3, 1., must be"),
     ("class: x.Y\nworkers: many\n", "workers is 'many', must be"),
 ])  # fmt: skip
@@ -168,13 +170,13 @@ def test_a_named_cluster_is_asked_for_its_workers(tmp_path, monkeypatch, workers
     monkeypatch.setattr(distributed, "Mine", lambda queue: {"long": cluster}[queue], False)
     (tmp_path / "cluster.yaml").write_text(
         f"class: distributed.Mine\narguments: {{queue: long}}\n{workers}")
-    assert pools._named_cluster(str(tmp_path / "cluster.yaml")) == (cluster, most)
+    assert pools._create_cluster(str(tmp_path / "cluster.yaml")) == (cluster, most)
     assert told == asked
 
 
 def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkeypatch):
     """It begins with none, and more are begun for chunks that wait: two for the first would do."""
-    monkeypatch.setattr(pools, "LOOK", 0.0)
+    monkeypatch.setattr(pools, "COUNT_PERIOD", 0.0)
     file = tmp_path / "cluster.yaml"
     file.write_text(
         "class: distributed.LocalCluster\nworkers: [1, 2]\n"
@@ -182,19 +184,19 @@ def test_a_named_clusters_workers_are_used_when_they_come(tiny, tmp_path, monkey
         " dashboard_address: null}\n"
     )
     study = tiny(chunk=1, repeats=8)
-    made = Folder.create(tmp_path / "out", study, "")
+    made = StudyFolder.create(tmp_path / "out", study, "")
     with DaskPool(cluster=str(file)) as pool:
         assert pool.cluster.scheduler.WORKER_SATURATION == 1.0  # what waits is nobody's yet
         sent = 0
-        while pool.room:
+        while pool.has_room:
             pool.submit(work.StudyTask(json.dumps(study.to_mapping()), sent))
             sent += 1
         assert sent == 4  # two for each that there may be
         for _ in range(sent):
-            task, rows = pool.next()
-            made.write(task.chunk, rows)
-        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
-    assert made.missing() == []
+            task, rows = pool.wait_for_chunk()
+            made.write_chunk(task.chunk, rows)
+        engine.carry_out(made, pool, Progress(study.run_count, out=io.StringIO()))
+    assert made.find_missing_chunks() == []
 
 
 @pytest.fixture(scope="module")
@@ -209,23 +211,23 @@ def other():
 
 def test_a_scheduler_of_somebody_else_is_used_and_left_as_it_was(tiny, tmp_path, other):
     study = tiny(chunk=1)
-    made = Folder.create(tmp_path, study, "")
-    with DaskPool(scheduler=other.scheduler_address, renew=2) as pool:
-        engine.carry_out(made, pool, Progress(study.runs, out=io.StringIO()))
+    made = StudyFolder.create(tmp_path, study, "")
+    with DaskPool(scheduler=other.scheduler_address, chunks_before_restart=2) as pool:
+        engine.carry_out(made, pool, Progress(study.run_count, out=io.StringIO()))
         with pytest.raises(ValueError, match="No client"):  # that others would use unasked
             distributed.default_client()
-    assert made.missing() == [] and len(other.scheduler.workers) == 1
+    assert made.find_missing_chunks() == [] and len(other.scheduler.workers) == 1
 
 
 def test_workers_of_another_version_or_with_threads_are_refused(monkeypatch, other):
     address = other.scheduler_address
-    there = {**versions.versions(), "numba": "0.1"}
+    there = {**versions.read_versions(), "numba": "0.1"}
     monkeypatch.setattr(distributed.Client, "run", lambda self, asked: {"tcp://one": there})
-    told = "worker at tcp://one has another version: numba"
+    told = "worker at tcp://one has other versions: numba"
     with pytest.raises(StudyError, match=told) as caught:
         DaskPool(scheduler=address)
     assert "\n" not in str(caught.value)
     monkeypatch.undo()
     monkeypatch.setattr(distributed.Client, "nthreads", lambda self: {"one": 2})
-    with pytest.raises(StudyError, match="several threads each: start them with --nthreads 1"):
+    with pytest.raises(StudyError, match="several threads each, .*: start them with --nthreads 1"):
         DaskPool(scheduler=address)

@@ -14,21 +14,21 @@ import pyarrow.parquet as pq
 import pytest
 import yaml
 
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_bench.commands import main
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.running.loop import Loop
+from aras_visual_servo_bench.runner.loop import Loop
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.study import card, engine, images, replay, rows
-from aras_visual_servo_bench.study.folder import TRACES, Folder
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies import card, engine, images, replay, rows
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import TRACES, StudyFolder
 from aras_visual_servo_camera.images import Image
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
 
 MOVING = {"pose": [0.01, 0.02, 0.591, 0.0, 0.0, 0.3], "shape": "l_shape", "size": [0.08, 0.06],
           "motion": {"velocity": [0.01, 0.004, 0.0, 0.0, 0.0, 0.0]}}  # fmt: skip
 SEVERAL = {
-    "plant": "free", "features": "pictures", "duration": 0.2, "scheme": "points@right",
+    "plant": "free", "features": "images", "duration": 0.2, "scheme": "points@right",
     "target": {"shape": "square", "size": [0.1, 0.1]},
     "goal": {"pose": [0.0, 0.0, 0.4, 3.14159265, 0.0, 0.0]},
     "start": {"pose": [0.01, 0.02, 0.45, 3.14159265, 0.0, 0.1]},
@@ -48,20 +48,29 @@ def pixels(png):
 @pytest.fixture(scope="module")
 def arm():
     """A run of the arm before a target that moves, whose answers come late: its images."""
-    study = study_of({"plant": "bullet", "duration": 0.5, "linger": None, "target": MOVING,
-                      "delay": 0.1, "scheme": "points",
-                      "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
-                      "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]}}, depth=True)
-    return study, rows.row_of(study, 0)
+    study = study_of(
+        {
+            "plant": "bullet",
+            "duration": 0.5,
+            "time_after_convergence": None,
+            "target": MOVING,
+            "delay": 0.1,
+            "scheme": "points",
+            "goal": {"pose": [0.01, 0.02, 0.85, 3.14159265, 0.0, 0.0]},
+            "start": {"pose": [0.03, 0.0, 0.9, 3.14159265, 0.0, 0.2]},
+        },
+        depth=True,
+    )
+    return study, rows.compute_row(study, 0)
 
 
 def test_poses_are_those_of_the_exposures(arm):
     """Corners of the target, by the poses that are kept, are where the picture has them."""
     study, done = arm
     assert len(done.images) == done.values[0]["images"] >= 10
-    parts = assemble(study.experiment_of(0))
+    parts = assemble(study.make_experiment(0))
     parts.plant.close()
-    shape, camera = parts.target.shape, parts.eyes["camera"].true
+    shape, camera = parts.target.shape, parts.cameras["camera"].true_camera
     speed = 0.0
     for row in done.images:
         T = np.reshape(row["camera_T_target"], (4, 4))
@@ -75,7 +84,7 @@ def test_poses_are_those_of_the_exposures(arm):
         found = [(dark * of).sum() / dark.sum() for of in (u, v)]
         wanted = _centre(outline)
         np.testing.assert_allclose(found, wanted, atol=0.005)
-        speed = max(speed, np.abs(row["achieved"]).max())
+        speed = max(speed, np.abs(row["achieved_twist"]).max())
     assert speed > 0.02  # at which a pose of the answer, 0.1 s later, would be 1 px off
 
 
@@ -93,7 +102,7 @@ def test_the_goal_moves_with_the_target(arm):
     np.testing.assert_allclose(
         goals[1][:3, 3] - goals[0][:3, 3],
         (last["stamp"] - first["stamp"]) * np.array([0.01, 0.004, 0.0]), atol=1e-9)  # fmt: skip
-    at_zero = transform((0.01, 0.02, 0.85), (3.14159265, 0.0, 0.0))
+    at_zero = matrix_from_xyz_rpy((0.01, 0.02, 0.85), (3.14159265, 0.0, 0.0))
     at_zero[:3, 3] += first["stamp"] * np.array([0.01, 0.004, 0.0])
     np.testing.assert_allclose(goals[0], at_zero, atol=2e-5)
 
@@ -111,7 +120,7 @@ def test_depth_is_kept_in_tenths_of_a_millimetre(arm):
 
 def test_a_depth_beyond_what_two_bytes_hold_is_none():
     depth = np.array([[0.5, 65535 * images.DEPTH_STEP, 6.6, np.inf, np.nan]])
-    found = pixels(images._depth(SimpleNamespace(depth=depth)))
+    found = pixels(images._encode_depth(SimpleNamespace(depth=depth)))
     assert found.tolist() == [[5000, 65535, 0, 0, 0]]
 
 
@@ -121,18 +130,18 @@ def test_a_picture_keeps_its_colours():
     for image, encoding, kept in (
         (rgb, "rgb8", [[[40, 130, 220]]]), (grey, "mono8", [[90]]),  # OpenCV's order
     ):  # fmt: skip
-        assert pixels(images._picture(Frame(0, image, encoding))).tolist() == kept
+        assert pixels(images._encode_image(Frame(0, image, encoding))).tolist() == kept
 
 
 def test_of_each_camera_the_latest_image_is_kept_with_a_row():
     control = SimpleNamespace(name="camera")
     loop = SimpleNamespace(parts=SimpleNamespace(rig=SimpleNamespace(control=control)))
-    kept = images.Keeper(pictures=True)
+    kept = images.ImageRecorder(records_images=True)
     for k, stamp in enumerate((0.1, 0.2)):
-        kept.add(loop, SimpleNamespace(name="left", stamp=stamp, image=None,
+        kept.add_frame(loop, SimpleNamespace(name="left", stamp=stamp, image=None,
                                        depth=np.full((2, 2), 1.0 + k)))  # fmt: skip
     for stamp, depth in ((0.0998, None), (0.1, 10000), (0.1995, 10000), (0.2, 20000)):
-        found = kept._at(stamp)
+        found = kept._find_images(stamp)
         assert found["picture_left"] is None
         assert depth == (found["depth_left"] and pixels(found["depth_left"])[0, 0])
 
@@ -141,13 +150,13 @@ def test_of_each_camera_the_latest_image_is_kept_with_a_row():
     (999.0, "999 bytes"), (1000.0, "1 kB"), (1.5e6, "1.5 MB"), (2e12, "2 TB"),
 ])  # fmt: skip
 def test_room_is_told_in_a_unit_that_fits(count, told):
-    assert images._size(count) == told
+    assert images._format_size(count) == told
 
 
 def test_what_is_kept_changes_no_run(arm):
     study, done = arm
     plain = Study.from_mapping({**study.to_mapping(), "pictures": "none", "depth": False})
-    without = rows.row_of(plain, 0)
+    without = rows.compute_row(plain, 0)
     assert without.images == []
     for name, value in without.values[0].items():
         assert value == done.values[0][name] or value != value, name
@@ -155,18 +164,18 @@ def test_what_is_kept_changes_no_run(arm):
 
 def test_numbers_are_the_loops_own(arm):
     study, done = arm
-    experiment = study.experiment_of(0)
+    experiment = study.make_experiment(0)
     seen = []
-    loop = Loop(experiment, assemble(experiment), watch=lambda of, one: seen.append(one))
-    loop.to_end()
-    run = loop.result()
+    loop = Loop(experiment, assemble(experiment), on_frame=lambda of, one: seen.append(one))
+    loop.run_to_end()
+    run = loop.make_run()
     loop.close()
     for row, state in zip(done.images, run.states, strict=True):
         assert (row["stamp"], row["phase"]) == (state.stamp, state.phase)
         np.testing.assert_array_equal(row["joints"], state.joints.positions)
-        if state.decision is not None:
-            np.testing.assert_array_equal(row["error"], state.decision.error)
-            np.testing.assert_array_equal(row["asked"], state.twist)
+        if state.scheme_output is not None:
+            np.testing.assert_array_equal(row["error"], state.scheme_output.error)
+            np.testing.assert_array_equal(row["desired_twist"], state.desired_twist)
         reading = next(one for one in seen if one.stamp == state.stamp)
         rgb = Image(reading.image, reading.encoding).rgb
         np.testing.assert_array_equal(pixels(row["picture"])[..., ::-1], rgb)
@@ -174,23 +183,23 @@ def test_numbers_are_the_loops_own(arm):
 
 def test_each_camera_has_columns_of_its_own():
     study = study_of(SEVERAL)
-    row = rows.row_of(study, 0).images[2]
+    row = rows.compute_row(study, 0).images[2]
     assert pixels(row["picture_left"]).shape == (100, 200)
     assert pixels(row["picture_right"]).shape == (240, 320)
-    assert images.schema(study).names[-2:] == ["picture_left", "picture_right"]
-    assert images.schema(study_of(SEVERAL, depth=True)).names[-4:] == [
+    assert images.make_schema(study).names[-2:] == ["picture_left", "picture_right"]
+    assert images.make_schema(study_of(SEVERAL, depth=True)).names[-4:] == [
         "picture_left", "depth_left", "picture_right", "depth_right"]
     run = replay.run_with_images(
-        study.experiment_of(0).with_(duration=0.05), "again", "here")
+        study.make_experiment(0).with_changes(duration=0.05), "again", "here")
     assert (run.name, run.source) == ("again", "here")
-    assert run.cameras["left"].film and not run.cameras["left"].pictures
-    assert len(run.images.pictures) == len(run.stamp)
+    assert run.cameras["left"].film and not run.cameras["left"].images
+    assert len(run.control_record.images) == len(run.stamp)
 
 
 @pytest.mark.parametrize(("place", "frame", "row"), [
     ({}, "the first camera's frame", "1, 0, 0, -0.01, 0, 1, 0, 0.02, 0, 0, 1, -0.05"),
     ({"pose": [0.1, 0.2, 0.6, 3.141592653589793, 0.0, 0.0]},
-     "the frame in which the first camera's target stands", "1, 0, 0, 0.1, 0, -1, "),
+     "the frame of the first camera's target (world or link)", "1, 0, 0, 0.1, 0, -1, "),
 ])  # fmt: skip
 def test_the_card_says_of_each_camera_what_it_is_and_where(
     tmp_path, monkeypatch, place, frame, row
@@ -209,14 +218,14 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(
     left = place or {"xyz": [-0.05, 0.01, -0.02]}
     several = {**SEVERAL, "cameras": {"left": {"model": lens, **left}, "right": {"rate": 15.0}}}
     study = study_of(several, repeats=5)
-    folder = Folder.create(tmp_path, study, "")
+    folder = StudyFolder.create(tmp_path, study, "")
     ends = ("joint_limit", "timed_out", "timed_out", "converged", "timed_out")
-    folder.write(0, rows.Rows([{**rows.blank(study, run), "outcome": end}
+    folder.write_chunk(0, rows.Rows([{**rows.make_blank_row(study, run), "outcome": end}
                                for run, end in enumerate(ends)]))
-    told = card.card(folder)
+    told = card.make_card(folder)
     assert "Outcomes: timed_out 3, converged 1, joint_limit 1." in told and len(closed) == 1
     assert f"```\n\nCode {folder.labels['code']}; {folder.labels['versions']}.\n" in told
-    made = re.search(r"## How it was made\n\n```yaml\n(.*?)```", told, re.S).group(1)
+    made = re.search(r"## Study\n\n```yaml\n(.*?)```", told, re.S).group(1)
     assert yaml.safe_load(made) == study.to_mapping()
     first, other = (line for line in told.splitlines() if "pixels, " in line)
     assert first.startswith("- right: 320 x 240 pixels, 15 Hz, K row by row 102.735, 0, 159.5, 0, ")
@@ -227,20 +236,20 @@ def test_the_card_says_of_each_camera_what_it_is_and_where(
 
 def test_first_keeps_a_view_of_each_start():
     start = {"height": [0.2, 0.3], "side": 0.05}
-    study = study_of({"plant": "free", "features": "pictures", "start": start}, repeats=3,
+    study = study_of({"plant": "free", "features": "images", "start": start}, repeats=3,
                      pictures="first")  # fmt: skip
-    found = [rows.row_of(study, run) for run in range(3)]
+    found = [rows.compute_row(study, run) for run in range(3)]
     assert [len(one.images) for one in found] == [1, 1, 1]
     poses = np.array([one.images[0]["pose"] for one in found])
     assert np.ptp(poses[:, 11]) > 0.01  # drawn anew
-    whole = rows.row_of(study_of(dict(study.experiment) | {"duration": 0.1}), 0)
+    whole = rows.compute_row(study_of(dict(study.experiment) | {"duration": 0.1}), 0)
     assert whole.images[0] == found[0].images[0] and len(whole.images) > 2
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
-    ({"experiment": {"plant": "free"}}, "features: pictures"),
+    ({"experiment": {"plant": "free"}}, "features: images"),
     ({"pictures": "none", "depth": True}, "pictures: all, or first"),
-    ({"pictures": "some"}, "pictures"),
+    ({"pictures": "some"}, "known are none, first, all"),
     ({"experiment": SEVERAL, "vary": {"cameras": [SEVERAL["cameras"], {"right": {}}]}},
      "left, right in one, right in another"),
 ])  # fmt: skip
@@ -250,7 +259,7 @@ def test_what_cannot_be_kept_is_refused(changes, complaint):
 
 
 def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
-    study = study_of({"plant": "free", "features": "pictures", "duration": 0.99}, repeats=100)
+    study = study_of({"plant": "free", "features": "images", "duration": 0.99}, repeats=100)
     told = images.check_room(study, tmp_path / "not" / "there")
     size = float(re.match(r"([\d.]+) MB at most: 100 runs of up to 32 images", told).group(1))
     assert 3.0 < size < 20.0
@@ -262,23 +271,23 @@ def test_a_data_set_larger_than_the_disk_is_refused(monkeypatch, tmp_path):
     assert "up to 62 images" in images.check_room(quick, tmp_path)
     Usage = namedtuple("Usage", "total used free")
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, int(0.99e6 * size)))
-    with pytest.raises(StudyError, match="would take .* MB at most: 100 runs"):
+    with pytest.raises(StudyError, match="needs .* MB at most: 100 runs"):
         images.check_room(study, tmp_path)
-    images.check_room(study, tmp_path, done=50)
+    images.check_room(study, tmp_path, finished_runs=50)
     monkeypatch.setattr(shutil, "disk_usage", lambda path: Usage(0, 0, 0))
     assert images.check_room(Study.from_mapping({}), tmp_path) == ""
 
 
 def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys):
     file, out = tmp_path / "study.yaml", tmp_path / "out"
-    file.write_text("experiment: {plant: free, features: pictures, duration: 0.2}\n"
+    file.write_text("experiment: {plant: free, features: images, duration: 0.2}\n"
                     "vary: {gain: [1.0, 2.0]}\n")  # fmt: skip
     words = ["dataset", str(file), "--out", str(out), "--in-process"]
     assert main(words) == 0
     told = capsys.readouterr().out
     assert "MB at most" in told or "kB at most" in told
-    assert "2 of 2 runs" in told and "README.md says what is kept" in told
-    table = Folder.open(out).results(TRACES)
+    assert "2 of 2 runs" in told and "README.md describes" in told
+    table = StudyFolder.open(out).read_results(TRACES)
     assert table.num_rows == sum(pq.read_table(out / "parts")["images"].to_pylist())
     card = (out / "README.md").read_text()
     for name in table.schema.names:
@@ -307,4 +316,4 @@ def test_the_command_makes_a_data_set_and_its_card(tmp_path, monkeypatch, capsys
     assert main([*words, "--views"]) == 1
     assert "pictures was all, is first" in capsys.readouterr().err
     assert main(["dataset", str(file), "features=exact", "--out", str(tmp_path / "no")]) == 1
-    assert "features: pictures" in capsys.readouterr().err and not (tmp_path / "no").exists()
+    assert "features: images" in capsys.readouterr().err and not (tmp_path / "no").exists()

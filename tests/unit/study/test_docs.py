@@ -6,10 +6,10 @@ from pathlib import Path
 import pytest
 import yaml
 
-from aras_visual_servo_bench.commands.running import study_file
-from aras_visual_servo_bench.numbers import metrics
-from aras_visual_servo_bench.study.engine import check_study
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.cli.run import find_study_file
+from aras_visual_servo_bench.metrics import metrics
+from aras_visual_servo_bench.studies.engine import check_study
+from aras_visual_servo_bench.studies.study import Study
 
 ROOT = Path(__file__).resolve().parents[3]
 DOCS = (ROOT / "docs" / "studies.md").read_text(encoding="utf-8")
@@ -30,7 +30,7 @@ def test_shipped_studies_can_be_run(path):
 
 
 def test_shipped_studies_are_in_the_documentation_by_name():
-    assert study_file(Path("decay")) == SHIPPED / "decay.yaml"
+    assert find_study_file(Path("decay")) == SHIPPED / "decay.yaml"
     assert all(f"| `{path.stem}` |" in DOCS for path in SHIPPED.glob("*.yaml"))
 
 
@@ -40,7 +40,7 @@ def test_the_pictures_of_the_page_are_there():
 
 
 def test_every_metric_and_key_is_in_the_documentation():
-    assert all(f"`{name}`" in DOCS for name in metrics.TABLE)
+    assert all(f"`{name}`" in DOCS for name in metrics.METRICS)
     assert all(f"`{name}`" in DOCS for name in Study.__dataclass_fields__)
 
 
@@ -48,7 +48,7 @@ def test_the_documentations_own_metric_is_one(tmp_path, monkeypatch):
     code = re.search(r"```python\n(.*?)```", DOCS, re.DOTALL)[1]
     (tmp_path / "my_metrics.py").write_text(code)
     monkeypatch.syspath_prepend(tmp_path)
-    found = metrics.find("my_metrics:closest")
+    found = metrics.find_metric("my_metrics:closest")
     assert (found.unit, found.better) == ("m", "smaller") and "near" in found.text
 
 

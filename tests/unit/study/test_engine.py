@@ -21,13 +21,13 @@ import cv2
 import pytest
 
 from aras_visual_servo_bench.errors import ExperimentError, StudyError
-from aras_visual_servo_bench.numbers.metrics import metric
-from aras_visual_servo_bench.running.loop import run
-from aras_visual_servo_bench.study import engine, folder, replay, rows, versions, work
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Bar, Progress, duration
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.metrics.metrics import metric
+from aras_visual_servo_bench.runner.loop import run
+from aras_visual_servo_bench.studies import engine, replay, rows, study_folder, versions, work
+from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.progress import Progress, ProgressBar, format_duration
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 
 @metric("", "smaller", "these tests")
@@ -64,12 +64,12 @@ def failing(finished):
 
 
 def quiet(study):
-    return Progress(study.runs, out=io.StringIO())
+    return Progress(study.run_count, out=io.StringIO())
 
 
 def carried(study, path, pool=None, **options):
-    made = Folder.create(path, study, "as given")
-    engine.carry_out(made, pool or ThisProcess(), quiet(study), **options)
+    made = StudyFolder.create(path, study, "as given")
+    engine.carry_out(made, pool or InProcessPool(), quiet(study), **options)
     return made
 
 
@@ -80,28 +80,28 @@ def hashes(path, kinds=("parts",)):
     }  # fmt: skip
 
 
-class Backwards(ThisProcess):
+class Backwards(InProcessPool):
     """Takes four chunks at a time and gives the last one first."""
 
-    room = property(lambda self: len(self._waiting) < 4)
+    has_room = property(lambda self: len(self._task) < 4)
 
-    def next(self):
-        task = self._waiting.pop()
+    def wait_for_chunk(self):
+        task = self._task.pop()
         return task, work.carry_out(task)
 
 
-class Dying(ThisProcess):
+class Dying(InProcessPool):
     """Whose worker dies over the first chunk, unless that is guarded."""
 
     def submit(self, task):
-        self._waiting.append(task)
+        self._task.append(task)
 
-    def next(self):
-        task = self._waiting.popleft()
+    def wait_for_chunk(self):
+        task = self._task.popleft()
         if task.chunk:
             return task, work.carry_out(task)
         self.died += 1
-        return task, None if self.died == 1 else work._guarded(task)
+        return task, None if self.died == 1 else work._run_isolated_chunk(task)
 
     def __init__(self):
         super().__init__()
@@ -122,7 +122,7 @@ class Forked:
             os.dup2(out, 1)
             os.close(stdin)
             sys.stdin = os.fdopen(0)
-            work._child()
+            work._run_as_child()
             os._exit(0)
         os.close(told)
         os.close(out)
@@ -138,23 +138,23 @@ class Forked:
 def test_every_run_is_a_row_with_what_was_set_and_measured(tiny, tmp_path):
     study = tiny()
     made = carried(study, tmp_path / "out")
-    table = made.results()
+    table = made.read_results()
     assert table["run"].to_pylist() == list(range(6))
     assert table["gain"].to_pylist() == [1.0, 1.0, 2.0, 2.0, 4.0, 4.0]
     assert table["repeat"].to_pylist() == [0, 1] * 3
-    assert table["seed"].to_pylist() == [study.seed_of(run) for run in range(6)]
+    assert table["seed"].to_pylist() == [study.compute_seed(run) for run in range(6)]
     assert set(table["outcome"].to_pylist()) == {"timed_out"}
     far = table["final_distance"].to_pylist()
     assert far[0] > far[2] > far[4] > 0.01
     assert all(0.1 < s < 0.3 for s in table["simulated"].to_pylist())
     assert set(table["images"].to_pylist()) == {5}
     assert "numpy=" in table["versions"][0].as_py() and table["code"][0].as_py()
-    times = made.results(folder.TIMES)
+    times = made.read_results(study_folder.TIMES)
     assert times["run"].to_pylist() == list(range(6))
     for kind in ("wall", "processor"):
         assert all(0.0 < seconds < 60.0 for seconds in times[kind].to_pylist())
     assert (tmp_path / "out" / "study.yaml").read_text() == "as given"
-    assert not (tmp_path / "out" / folder.TRACES).exists()
+    assert not (tmp_path / "out" / study_folder.TRACES).exists()
 
 
 def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):
@@ -162,54 +162,61 @@ def test_the_order_of_chunks_changes_nothing(tiny, tmp_path):
     carried(study, tmp_path / "one")
     carried(study, tmp_path / "two", Backwards())
     assert hashes(tmp_path / "one") == hashes(tmp_path / "two")
-    assert Folder.open(tmp_path / "one").manifest == Folder.open(tmp_path / "two").manifest
+    assert (
+        StudyFolder.open(tmp_path / "one").manifest == StudyFolder.open(tmp_path / "two").manifest
+    )
 
 
 def test_a_part_of_other_runs_is_run_again_and_not_taken_for_its_own(tiny, tmp_path):
     """In a study that is done, and in one that is under way."""
     whole = carried(tiny(), tmp_path / "whole")
-    begun = Folder.create(tmp_path / "begun", tiny(), "")
+    begun = StudyFolder.create(tmp_path / "begun", tiny(), "")
     for chunk in (0, 1):
-        begun.write(chunk, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), chunk)))
+        begun.write_chunk(
+            chunk, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), chunk))
+        )
     for made, foreign, own in ((whole, 1, 2), (begun, 0, 1)):
-        made.part(own).write_bytes(made.part(foreign).read_bytes())
-        with pytest.raises(StudyError, match=f"00000{own}.parquet is not as it was written"):
-            Folder.open(made.path).results()
-        again = Folder.open(made.path)
-        assert own in again.missing()
-        engine.carry_out(again, ThisProcess(), quiet(tiny()))
-        assert again.results()["run"].to_pylist() == list(range(tiny().runs))
+        made.find_part(own).write_bytes(made.find_part(foreign).read_bytes())
+        with pytest.raises(StudyError, match=f"00000{own}.parquet was changed since it was"):
+            StudyFolder.open(made.path).read_results()
+        again = StudyFolder.open(made.path)
+        assert own in again.find_missing_chunks()
+        engine.carry_out(again, InProcessPool(), quiet(tiny()))
+        assert again.read_results()["run"].to_pylist() == list(range(tiny().run_count))
     assert hashes(whole.path) == hashes(begun.path)
 
 
 def test_the_last_part_is_counted_by_its_own_runs_and_read_as_it_is_now(tiny, tmp_path):
     study = tiny(repeats=1)  # parts of two runs and of one
     made = carried(study, tmp_path)
-    before = made.results()
-    made.part(1).unlink()
-    assert made.done() == 2
+    before = made.read_results()
+    made.find_part(1).unlink()
+    assert made.count_stored_runs() == 2
     done = work.carry_out(work.StudyTask(json.dumps(study.to_mapping()), 1))
     done.values[0]["reason"] = "of another day"
-    made.write(1, done)
-    assert made.results()["reason"].to_pylist() == [
+    made.write_chunk(1, done)
+    assert made.read_results()["reason"].to_pylist() == [
         *before["reason"].to_pylist()[:2], "of another day"]
 
 
 def test_a_part_that_is_no_table_is_run_again_whatever_its_hash_says(tiny, tmp_path):
     made = carried(tiny(), tmp_path)
-    for content, told in ((b"no table", "^cannot read .*000001.parquet: "),
-                          (made.part(0).read_bytes(), ""), (None, "000001.parquet is no file: ")):
-        made.part(1).unlink()
+    for content, told in (
+        (b"no table", "^cannot read .*000001.parquet: "),
+        (made.find_part(0).read_bytes(), ""),
+        (None, "000001.parquet is no file: "),
+    ):
+        made.find_part(1).unlink()
         if content is None:
-            made.part(1).mkdir()
+            made.find_part(1).mkdir()
         else:
-            made.part(1).write_bytes(content)
-            with open(tmp_path / folder.SUMS, "a") as sums:
+            made.find_part(1).write_bytes(content)
+            with open(tmp_path / study_folder.CHECKSUM_FILE, "a") as sums:
                 print(f"{hashlib.sha256(content).hexdigest()}  parts/000001.parquet", file=sums)
-        assert Folder.open(tmp_path).missing() == [1]
+        assert StudyFolder.open(tmp_path).find_missing_chunks() == [1]
         if told:
             with pytest.raises(StudyError, match=told):
-                Folder.open(tmp_path).results()
+                StudyFolder.open(tmp_path).read_results()
 
 
 def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, monkeypatch):
@@ -242,93 +249,95 @@ def test_a_run_that_hangs_ends_as_a_row_and_its_worker_goes_on(tiny, tmp_path, m
             return self._cancelled.is_set()
 
     monkeypatch.setattr(work, "threading", SimpleNamespace(Timer=Watch, Event=threading.Event))
-    rows.row_of(tiny(), 0)  # what the first run of a process loads counts for none
-    for name, pool, limit in (("hanging", ThisProcess(), 2.0), ("deaf", Dying(), 600.0)):
+    rows.compute_row(tiny(), 0)  # what the first run of a process loads counts for none
+    for name, pool, limit in (("hanging", InProcessPool(), 2.0), ("deaf", Dying(), 600.0)):
         study = tiny(metrics=["success", f"test_engine:{name}"], chunk=3, repeats=1, limit=limit)
-        table = carried(study, tmp_path / name, pool).results()
+        table = carried(study, tmp_path / name, pool).read_results()
         assert table["outcome"].to_pylist() == ["timed_out", rows.LATE, "timed_out"]
-        assert table["reason"][1].as_py() == f"not done after {limit:g} s of wall time"
+        assert table["reason"][1].as_py() == f"not finished after {limit:g} s of wall time"
         assert "limit" in table["remedy"][1].as_py()
     assert asked and set(asked.values()) == {660.0} and all(watch.over for watch in asked)
 
 
 def test_a_folder_of_another_study_is_refused_with_the_difference(tiny, tmp_path):
     carried(tiny(), tmp_path)
-    Folder.create(tmp_path, tiny(), "")
-    with pytest.raises(StudyError, match="holds another study: repeats was 2, is 3"):
-        Folder.create(tmp_path, tiny(repeats=3), "")
+    StudyFolder.create(tmp_path, tiny(), "")
+    with pytest.raises(StudyError, match="has another study: repeats was 2, is 3"):
+        StudyFolder.create(tmp_path, tiny(repeats=3), "")
     many = {"repeats": 3, "seed": 1, "limit": 5.0, "seeds": "repeats", "chunk": 3}
-    assert folder.difference(tiny(), tiny(**many)).count(";") == 4
-    assert folder.difference(tiny(), tiny(**many, traces=True)).endswith("; and 1 more")
+    assert study_folder.describe_difference(tiny(), tiny(**many)).count(";") == 4
+    assert study_folder.describe_difference(tiny(), tiny(**many, traces=True)).endswith(
+        "; and 1 more"
+    )
     other = tiny(experiment={"plant": "free", "duration": 0.2})
     told = "experiment.duration was 0.1, is 0.2.*lag was 0.0, is not"
     with pytest.raises(StudyError, match=told):
-        Folder.create(tmp_path, other, "")
+        StudyFolder.create(tmp_path, other, "")
 
 
 def test_a_folder_of_which_no_run_was_kept_takes_another_study(tiny, tmp_path):
     """A scheduler did not answer, and the study was corrected since."""
-    made = Folder.create(tmp_path, tiny(), "one")
-    with made.locked(), pytest.raises(StudyError, match="being written by another bench"):
-        Folder.create(tmp_path, tiny(repeats=3), "two")
-    assert Folder.create(tmp_path, tiny(repeats=3), "two").study.repeats == 3
+    made = StudyFolder.create(tmp_path, tiny(), "one")
+    with made.lock(), pytest.raises(StudyError, match="being written by another process"):
+        StudyFolder.create(tmp_path, tiny(repeats=3), "two")
+    assert StudyFolder.create(tmp_path, tiny(repeats=3), "two").study.repeats == 3
     assert (tmp_path / "study.yaml").read_text() == "two"
     (tmp_path / "study.yaml").unlink()  # by whoever wanted to begin anew
-    assert Folder.create(tmp_path, tiny(repeats=4), "three").study.repeats == 4
+    assert StudyFolder.create(tmp_path, tiny(repeats=4), "three").study.repeats == 4
 
 
 def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
     study = tiny()
     import yaml
 
-    made = Folder.create(tmp_path, study, yaml.safe_dump(study.to_mapping()))
+    made = StudyFolder.create(tmp_path, study, yaml.safe_dump(study.to_mapping()))
     made.check_file()
     (tmp_path / "study.yaml").write_text(yaml.safe_dump({**study.to_mapping(), "repeats": 9}))
     with pytest.raises(StudyError, match="repeats was 2, is 9"):
-        Folder.open(tmp_path).check_file()
+        StudyFolder.open(tmp_path).check_file()
 
 
 def test_folders_that_are_none(tiny, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter").write_text("dear")
-    with pytest.raises(StudyError, match="is not empty and holds no study"):
-        Folder.create(tmp_path / "full", tiny(), "")
-    with pytest.raises(StudyError, match="holds no study: manifest.json"):
-        Folder.open(tmp_path / "nowhere")
+    with pytest.raises(StudyError, match="is not empty and has no study"):
+        StudyFolder.create(tmp_path / "full", tiny(), "")
+    with pytest.raises(StudyError, match="has no study: manifest.json"):
+        StudyFolder.open(tmp_path / "nowhere")
     with pytest.raises(StudyError, match="cannot write /dev/null/out"):
-        Folder.create(tmp_path / "/dev/null/out", tiny(), "")
+        StudyFolder.create(tmp_path / "/dev/null/out", tiny(), "")
     (tmp_path / "manifest.json").write_text("{}")
     with pytest.raises(StudyError, match="damaged"):
-        Folder.open(tmp_path)
-    whole = Folder.create(tmp_path / "whole", tiny(), "")
-    for key, told in (("chunk", "was cut into other chunks"), ("format", "in format 3, not")):
-        changed = json.dumps({**whole.manifest, key: 3})
+        StudyFolder.open(tmp_path)
+    whole = StudyFolder.create(tmp_path / "whole", tiny(), "")
+    for key, told in (("chunk", "has chunks of another size"), ("format", "in format 4, not 3")):
+        changed = json.dumps({**whole.manifest, key: 4})
         (whole.path / "manifest.json").write_text(changed)
         with pytest.raises(StudyError, match=told):
-            Folder.open(whole.path)
+            StudyFolder.open(whole.path)
 
 
 def test_runs_that_a_folder_keeps_are_counted(tiny, tmp_path):
-    assert folder.kept_runs(tmp_path) == 0
-    made = Folder.create(tmp_path, tiny(), "")
-    assert folder.kept_runs(tmp_path) == 0
+    assert study_folder.count_stored_runs(tmp_path) == 0
+    made = StudyFolder.create(tmp_path, tiny(), "")
+    assert study_folder.count_stored_runs(tmp_path) == 0
     with pytest.raises(StudyError, match="has no parts yet"):
-        made.results()
-    made.write(2, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), 2)))
-    assert folder.kept_runs(tmp_path) == 2
+        made.read_results()
+    made.write_chunk(2, work.carry_out(work.StudyTask(json.dumps(tiny().to_mapping()), 2)))
+    assert study_folder.count_stored_runs(tmp_path) == 2
 
 
 def test_other_code_does_not_go_on_with_a_study(tiny, tmp_path, monkeypatch):
-    made = Folder.create(tmp_path, tiny(), "")
+    made = StudyFolder.create(tmp_path, tiny(), "")
     made.check_code()
     there = {**made.manifest["versions"], "numpy": "1.0"}
-    monkeypatch.setattr(folder.versions, "versions", lambda: there)
-    with pytest.raises(StudyError, match="begun with other code .numpy 1.0 here and"):
+    monkeypatch.setattr(study_folder.versions, "read_versions", lambda: there)
+    with pytest.raises(StudyError, match="started with other code .numpy 1.0 here and"):
         made.check_code()
-    with pytest.raises(StudyError, match="another version: numpy"):
-        engine.carry_out(made, ThisProcess(), quiet(tiny()))
+    with pytest.raises(StudyError, match="a worker has other versions: numpy"):
+        engine.carry_out(made, InProcessPool(), quiet(tiny()))
     task = work.StudyTask("{}", 0, versions=tuple(made.manifest["versions"].items()))
-    with pytest.raises(StudyError, match="a worker has another version: numpy"):
+    with pytest.raises(StudyError, match="a worker has other versions: numpy"):
         work.carry_out(task)
 
 
@@ -336,25 +345,25 @@ def test_changed_code_of_a_user_does_not_go_on_with_a_study(tiny, tmp_path, monk
     """Neither here nor at a worker: its runs would not go together."""
     monkeypatch.syspath_prepend(tmp_path)
     mine = tmp_path / "my_own_metrics.py"
-    mine.write_text("from aras_visual_servo_bench.numbers.metrics import metric\n"
+    mine.write_text("from aras_visual_servo_bench.metrics.metrics import metric\n"
                     "@metric('', 'smaller', 'me')\ndef one(finished):\n    return 1.0\n")
-    made = Folder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
+    made = StudyFolder.create(tmp_path / "out", tiny(metrics=["my_own_metrics:one"]), "")
     made.check_code()
     mine.write_text(mine.read_text().replace("1.0", "2.0"))
-    with pytest.raises(StudyError, match="begun with other code .my_own_metrics [0-9a-f]{16} here"):
-        Folder.open(tmp_path / "out").check_code()
+    with pytest.raises(StudyError, match="with other code .my_own_metrics [0-9a-f]{16} here"):
+        StudyFolder.open(tmp_path / "out").check_code()
     known = tuple(made.manifest["versions"].items())
     task = work.StudyTask(json.dumps(made.study.to_mapping()), 0, versions=known)
-    with pytest.raises(StudyError, match="a worker has another version: my_own_metrics"):
+    with pytest.raises(StudyError, match="a worker has other versions: my_own_metrics"):
         work.carry_out(task)
 
 
 def test_a_module_or_library_without_a_file_is_unknown(monkeypatch):
     named = {"metrics": ["nowhere.at_all:it", "sys:exit"], "scheme": "moments"}
     monkeypatch.setattr(versions, "LIBRARIES", ("numpy", "no-such-library"))
-    versions.versions.cache_clear()
-    found = versions.of_study(named)
-    versions.versions.cache_clear()
+    versions.read_versions.cache_clear()
+    found = versions.read_study_versions(named)
+    versions.read_versions.cache_clear()
     assert [name for name, told in found.items() if told == versions.UNKNOWN] == [
         "no-such-library", "nowhere.at_all", "sys"]
 
@@ -367,20 +376,20 @@ def test_a_module_or_library_without_a_file_is_unknown(monkeypatch):
 def test_the_commit_is_unknown_where_git_tells_none(monkeypatch, git):
     monkeypatch.setattr(versions, "subprocess", SimpleNamespace(
         run=git, TimeoutExpired=subprocess.TimeoutExpired))
-    assert versions.code() == versions.UNKNOWN
+    assert versions.read_commit() == versions.UNKNOWN
 
 
 def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, monkeypatch):
     """Of a workspace, and of an install, where code and data stand apart."""
     def digest():
-        versions.sources.cache_clear()
-        return versions.sources()
+        versions.compute_source_digest.cache_clear()
+        return versions.compute_source_digest()
 
     share, code = tmp_path / "share", tmp_path / "code"
     for place in (share, code):
         place.mkdir()
     monkeypatch.setattr(versions, "PACKAGES", ("one",))
-    monkeypatch.setattr(versions, "_folders", lambda package: [share, code])
+    monkeypatch.setattr(versions, "_find_folders", lambda package: [share, code])
     seen = {digest()}
     for name in ("world.urdf", "learned.npz", "poster.png", "plate.mtl", "law.py"):
         for place in (share, code):
@@ -393,19 +402,19 @@ def test_every_file_that_decides_a_run_is_in_the_digest_of_the_code(tmp_path, mo
     assert digest() in seen
     (code / "law.py").rename(code / "lore.py")
     assert digest() not in seen
-    versions.sources.cache_clear()
+    versions.compute_source_digest.cache_clear()
 
 
 def test_code_that_is_installed_is_beside_its_data(tmp_path, monkeypatch):
     installed, share = tmp_path / "python", tmp_path / "share"
-    monkeypatch.setattr(versions, "INSTALLED", installed)
+    monkeypatch.setattr(versions, "INSTALL_FOLDER", installed)
     found = {"one": share / "one", "two": share / "two", "here": tmp_path}
     monkeypatch.setattr(versions, "PackagePath", lambda: SimpleNamespace(find=places(found)))
     (installed / "one").mkdir(parents=True)
-    assert versions._folders("one") == [share / "one", installed / "one"]
-    assert versions._folders("two") == [share / "two"]  # data alone
-    assert versions._folders("here") == [tmp_path]  # a workspace
-    assert versions._folders("lost") == [installed / "lost"]
+    assert versions._find_folders("one") == [share / "one", installed / "one"]
+    assert versions._find_folders("two") == [share / "two"]  # data alone
+    assert versions._find_folders("here") == [tmp_path]  # a workspace
+    assert versions._find_folders("lost") == [installed / "lost"]
 
 
 def places(found):
@@ -419,7 +428,9 @@ def places(found):
 
 def test_the_code_of_all_packages_is_found():
     for package in versions.PACKAGES:
-        files = {path.name for folder in versions._folders(package) for path in folder.rglob("*")}
+        files = {
+            path.name for folder in versions._find_folders(package) for path in folder.rglob("*")
+        }
         assert "package.xml" in files and (package.endswith("gazebo") or "__init__.py" in files)
 
 
@@ -430,30 +441,33 @@ def test_the_digest_is_the_same_where_catkins_stubs_come_first(tmp_path):
     place = importlib.util.find_spec(stub.name).submodule_search_locations[0]
     (stub / "__init__.py").write_text(f"__path__.append({place!r})\n")
     (stub / "generated.py").write_text("")
-    command = "from aras_visual_servo_bench.study import versions; print(versions.sources())"
+    command = (
+        "from aras_visual_servo_bench.studies.versions import compute_source_digest\n"
+        "print(compute_source_digest())"
+    )
     told = subprocess.run(
         [sys.executable, "-c", command], capture_output=True, text=True, check=True,
         env={**os.environ, "PYTHONPATH": os.pathsep.join([str(tmp_path), *sys.path])},
     )  # fmt: skip
-    assert told.stdout.strip() == versions.sources()
+    assert told.stdout.strip() == versions.compute_source_digest()
 
 
 def test_two_at_once_are_refused(tiny, tmp_path):
-    made = Folder.create(tmp_path, tiny(), "")
+    made = StudyFolder.create(tmp_path, tiny(), "")
     with (
-        made.locked(),
+        made.lock(),
         pytest.raises(StudyError, match="being written by another"),
-        Folder.open(tmp_path).locked(),
+        StudyFolder.open(tmp_path).lock(),
     ):
         pass
-    with made.locked():
+    with made.lock():
         pass
 
 
 def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
     study = tiny()
     carried(study, tmp_path / "whole")
-    made = Folder.create(tmp_path / "full", study, "")
+    made = StudyFolder.create(tmp_path / "full", study, "")
     real, left = os.replace, [2]  # parts and times of one chunk
 
     def full(old, new):
@@ -464,37 +478,37 @@ def test_a_full_disk_keeps_what_was_done(tiny, tmp_path, monkeypatch):
 
     monkeypatch.setattr(os, "replace", full)
     with pytest.raises(StudyError, match="disk of .*full is full.*bench resume"):
-        engine.carry_out(made, ThisProcess(), quiet(study))
+        engine.carry_out(made, InProcessPool(), quiet(study))
     monkeypatch.undo()
-    assert not list((tmp_path / "full").glob("*/.*.new")) and made.missing() == [1, 2]
-    engine.carry_out(Folder.open(tmp_path / "full"), ThisProcess(), quiet(study))
+    assert not list((tmp_path / "full").glob("*/.*.new")) and made.find_missing_chunks() == [1, 2]
+    engine.carry_out(StudyFolder.open(tmp_path / "full"), InProcessPool(), quiet(study))
     assert hashes(tmp_path / "full") == hashes(tmp_path / "whole")
 
 
 def test_what_goes_wrong_in_a_run_is_its_outcome_and_the_others_go_on(tiny, tmp_path):
     study = tiny(metrics=["success", f"{__name__}:failing"], chunk=6)
-    assert rows._cell(MappingProxyType({"b": [1], "a": 2})) == '{"a": 2, "b": [1]}'
-    assert rows._line("two\n lines " + "x" * 600) == "two lines " + "x" * 490
-    table = carried(study, tmp_path).results()
+    assert rows._to_cell(MappingProxyType({"b": [1], "a": 2})) == '{"a": 2, "b": [1]}'
+    assert rows._to_line("two\n lines " + "x" * 600) == "two lines " + "x" * 490
+    table = carried(study, tmp_path).read_results()
     assert table["outcome"].to_pylist() == ["timed_out"] * 4 + [rows.FAULT] * 2
     assert table["reason"][5].as_py() == "ZeroDivisionError: two lines"
     assert table["failing"].to_pylist()[:4] == [1.0] * 4
     starts = {"height": [0.15, 0.2], "side": 5.0, "attempts": 1}
     refused = tiny(experiment={"plant": "free", "start": starts})
-    table = carried(refused, tmp_path / "refused").results()
+    table = carried(refused, tmp_path / "refused").read_results()
     assert set(table["outcome"].to_pylist()) == {rows.REFUSED}
     assert set(table["images"].to_pylist()) == set(table["simulated"].to_pylist()) == {0}
     assert "no start found" in table["reason"][0].as_py()
     with pytest.raises(StudyError, match="^run 0: .*no start found"):
-        replay.replay(Folder.open(tmp_path / "refused"), 0)
+        replay.replay(StudyFolder.open(tmp_path / "refused"), 0)
 
 
 def test_fail_fast_sends_nothing_more(tiny, tmp_path):
     study = tiny(chunk=4)  # the last part is a short one
-    made = Folder.create(tmp_path, study, "")
-    done = engine.carry_out(made, ThisProcess(), quiet(study), fail_fast=True)
+    made = StudyFolder.create(tmp_path, study, "")
+    done = engine.carry_out(made, InProcessPool(), quiet(study), fail_fast=True)
     assert done.stopped["run"] == 0 and done.stopped["outcome"] == "timed_out"
-    assert (done.runs, done.failed, made.missing()) == (4, 4, [1])
+    assert (done.runs, done.failed, made.find_missing_chunks()) == (4, 4, [1])
     assert "parts" not in made.manifest
 
 
@@ -504,9 +518,9 @@ def test_a_run_that_kills_its_process_is_found_named_and_recorded(tiny, tmp_path
     monkeypatch.setattr(work.sys, "path", [*work.sys.path, os.path.dirname(__file__)])
     name = "test_engine:killing"
     study = tiny(metrics=["success", name], chunk=3, repeats=1)
-    made = Folder.create(tmp_path / "killed", study, "")
+    made = StudyFolder.create(tmp_path / "killed", study, "")
     engine.carry_out(made, Dying(), quiet(study))
-    table = made.results()
+    table = made.read_results()
     assert table["outcome"].to_pylist() == ["timed_out", rows.DIED, "timed_out"]
     assert table["reason"][1].as_py() == "its process was ended by SIGKILL"
     assert table["killing"].to_pylist()[2] == 0.0 and table["gain"][1].as_py() == 2.0
@@ -530,16 +544,16 @@ def test_a_child_tells_rows_on_its_standard_output_and_nothing_else(tiny, tmp_pa
             with open(tmp_path / str(number), "wb") as file:
                 os.dup2(file.fileno(), number)
         cv2.setNumThreads(2)
-        work._child()
+        work._run_as_child()
         os.write(1, b"more\n")
     finally:
         for number, saved in kept.items():
             os.dup2(saved, number)
             os.close(saved)
     with open(tmp_path / "1", "rb") as pipe:
-        found = list(work._pickles(pipe))
+        found = list(work._read_pickles(pipe))
     assert [row["run"] for one in found for row in one.values] == [1, 2]
-    assert {row["worker"] for one in found for row in one.times} == {work.worker_name()}
+    assert {row["worker"] for one in found for row in one.times} == {work.make_worker_name()}
     assert (tmp_path / "2").read_text().endswith("more\n") and cv2.getNumThreads() == 1
 
 
@@ -549,8 +563,8 @@ def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monk
     ended = SimpleNamespace(stdin=os.fdopen(stdin, "wb"), stdout=io.BytesIO(), wait=lambda: 3)
     monkeypatch.setattr(work, "subprocess", SimpleNamespace(
         Popen=lambda *given, **keys: ended, PIPE=None))
-    done, how = work._in_child("{}", range(3), 60.0)
-    assert not done.values and how == "its process ended by itself with 3"
+    done, how = work._run_child("{}", range(3), 60.0)
+    assert not done.values and how == "its process ended with exit code 3"
 
 
 @pytest.mark.parametrize(("children", "begun", "lost"), [
@@ -560,7 +574,7 @@ def test_a_child_that_ended_before_it_was_told_anything_is_known_by_its_end(monk
      {3: (rows.DIED, "late")}),
     ([(0, "killed"), (0, "late"), (0, "killed"), (4, "done")], [0, 0, 1, 1],
      {0: (rows.DIED, "late")}),
-    ([(2, None), (2, "done")], [0, 3], {2: (rows.LATE, "not done after 9 s of wall time")}),
+    ([(2, None), (2, "done")], [0, 3], {2: (rows.LATE, "not finished after 9 s of wall time")}),
 ])  # fmt: skip
 def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
     tiny, monkeypatch, children, begun, lost
@@ -573,8 +587,8 @@ def test_a_run_is_lost_when_its_process_ends_twice_or_hangs_once(
         count, end = children[len(asked) - 1]
         return rows.Rows([{"run": n, "outcome": "x"} for n in todo[:count]]), end
 
-    monkeypatch.setattr(work, "_in_child", child)
-    done = work._guarded(work.StudyTask(json.dumps(study.to_mapping()), 0, True))
+    monkeypatch.setattr(work, "_run_child", child)
+    done = work._run_isolated_chunk(work.StudyTask(json.dumps(study.to_mapping()), 0, True))
     assert asked == begun and [row["run"] for row in done.values] == list(range(5))
     found = {row["run"]: (row["outcome"], row["reason"]) for row in done.values
              if row["outcome"] != "x"}  # fmt: skip
@@ -585,7 +599,7 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
     """As it does a worker of Dask; in children here, of which one would end otherwise after 9 s,
     and one is done in time."""
     def limited(may, takes):
-        with rows.limited(may):
+        with rows.limit_time(may):
             threading.Event().wait(takes)
 
     def within(may, takes):
@@ -610,11 +624,11 @@ def test_a_thread_s_run_that_takes_too_long_ends_its_process():
         assert os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]) == code
 
 
-@pytest.mark.parametrize(("pictures", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
+@pytest.mark.parametrize(("images", "eyes"), [("none", {"right"}), ("all", {"left", "right"})])
 def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
-    monkeypatch, pictures, eyes
+    monkeypatch, images, eyes
 ):  # fmt: skip
-    experiment = {"plant": "free", "features": "pictures", "scheme": "points@right",
+    experiment = {"plant": "free", "features": "images", "scheme": "points@right",
                   "cameras": {"left": {}, "right": {"xyz": [0.05, 0.0, 0.0]}}}  # fmt: skip
     seen, real = [], rows.assemble
 
@@ -624,16 +638,16 @@ def test_cameras_that_no_scheme_reads_see_nothing_where_no_pictures_are_kept(
         raise ExperimentError("seen enough")
 
     monkeypatch.setattr(rows, "assemble", assemble)
-    rows.row_of(Study.from_mapping({"experiment": experiment, "pictures": pictures}), 0)
-    assert set(seen[0].eyes) == eyes
+    rows.compute_row(Study.from_mapping({"experiment": experiment, "pictures": images}), 0)
+    assert set(seen[0].cameras) == eyes
 
 
 def test_traces_are_beside_the_results(tiny, tmp_path):
     made = carried(tiny(traces=True), tmp_path)
-    traces = made.results(folder.TRACES)
+    traces = made.read_results(study_folder.TRACES)
     first = traces.filter([run == 0 for run in traces["run"].to_pylist()])
-    assert first.num_rows == made.results()["images"][0].as_py()
-    assert len(first["pose"][0].as_py()) == 16 and len(first["asked"][0].as_py()) == 6
+    assert first.num_rows == made.read_results()["images"][0].as_py()
+    assert len(first["pose"][0].as_py()) == 16 and len(first["desired_twist"][0].as_py()) == 6
     size = [sum(e * e for e in errors) for errors in first["error"].to_pylist()]
     assert size[2] < size[0]
     manifest = (tmp_path / "manifest.json").read_text()
@@ -650,30 +664,30 @@ def test_the_line_of_progress():
     out = io.StringIO()
     progress = Progress(100, 20, out, clock=lambda: now[0])
     now[0] = 10.0
-    progress.more(20, 3, walls("a", *[1.0] * 20), 2)
+    progress.add_runs(20, 3, walls("a", *[1.0] * 20), 2)
     assert "40/100 runs, 2/s, 3 without success, 30 s left" in out.getvalue()
-    progress.more(1, 0)
+    progress.add_runs(1, 0)
     assert out.getvalue().count("\n") == 1  # nobody wants a line a chunk in a log
     now[0] = 20.0
-    progress.more(1, 0)
+    progress.add_runs(1, 0)
     assert out.getvalue().count("\n") == 2
     now[0] = 21.0
-    progress.more(58, 0)
+    progress.add_runs(58, 0)
     assert "100/100" in out.getvalue() and "0 s left" in out.getvalue()
-    assert Progress(0).line().endswith("#] 0/0 runs, 0 without success, 0 s left")
+    assert Progress(0).make_line().endswith("#] 0/0 runs, 0 without success, 0 s left")
     untimed = Progress(2, 1, io.StringIO())
-    untimed.more(1, 0)
-    assert untimed.line().endswith(" 2/2 runs, 0 without success, 0 s left")
+    untimed.add_runs(1, 0)
+    assert untimed.make_line().endswith(" 2/2 runs, 0 without success, 0 s left")
     quick = Progress(9, out=io.StringIO(), clock=lambda: 0.0)  # sooner than any clock shows
-    quick.more(2, 0, walls("a", 0.0, 0.0))
-    assert quick.line().endswith(" 2/9 runs, 0 without success, 0 s left")
+    quick.add_runs(2, 0, walls("a", 0.0, 0.0))
+    assert quick.make_line().endswith(" 2/9 runs, 0 without success, 0 s left")
 
 
 @pytest.mark.parametrize("terminal", [True, False])
 def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
     out = io.StringIO()
     out.isatty = lambda: terminal
-    shown = Bar(out)
+    shown = ProgressBar(out)
     shown.show(0.25, "the first " + "x" * 40)
     shown.show(1.0, "the second")
     shown.close()
@@ -683,7 +697,7 @@ def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
     progress = Progress(4, 0, out, clock=lambda: 0.0)
     out.truncate(0)
     for _ in range(3):
-        progress.more(1, 0)
+        progress.add_runs(1, 0)
     progress.close()
     assert out.getvalue().count("\r") == 3 * terminal
     assert out.getvalue().count("\n") == 1 and out.getvalue().endswith("\n")
@@ -695,24 +709,24 @@ def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
     (float("inf"), "unknown time"),
 ])  # fmt: skip
 def test_times_are_told_in_a_unit_that_fits(seconds, told):
-    assert duration(seconds) == told
+    assert format_duration(seconds) == told
 
 
 def test_the_first_line_does_not_take_compiling_for_the_rate():
     """A run that compiles loops takes 40 s, every other 1 s: of 160 runs 40 minutes were told."""
     now = [40.0]
     progress = Progress(160, 0, io.StringIO(), clock=lambda: now[0])
-    progress.more(1, 0, walls("a", 40.0), 2)
-    assert "1/160 runs, 0 without success, unknown time left" in progress.line()
+    progress.add_runs(1, 0, walls("a", 40.0), 2)
+    assert "1/160 runs, 0 without success, unknown time left" in progress.make_line()
     now[0] = 41.0
-    progress.more(3, 0, walls("b", 41.0, 1.0, 1.0), 2)
-    assert "2/s, 0 without success, 78 s left" in progress.line()
+    progress.add_runs(3, 0, walls("b", 41.0, 1.0, 1.0), 2)
+    assert "2/s, 0 without success, 78 s left" in progress.make_line()
     now[0] = 45.0
-    progress.more(8, 0, walls("a", *[1.0] * 8), 2)
-    assert "74 s left" in progress.line()
+    progress.add_runs(8, 0, walls("a", *[1.0] * 8), 2)
+    assert "74 s left" in progress.make_line()
     now[0] = 85.0  # the workers wait for chunks: the clock knows better than the runs
-    progress.more(2, 0, walls("a", 1.0, 1.0), 2)
-    assert "8 min left" in progress.line()
+    progress.add_runs(2, 0, walls("a", 1.0, 1.0), 2)
+    assert "8 min left" in progress.make_line()
 
 
 def test_a_study_of_the_ideal_camera_flies_it_as_a_run_does():
@@ -726,8 +740,8 @@ def test_a_study_of_the_ideal_camera_flies_it_as_a_run_does():
         },
         "repeats": 1,
     })  # fmt: skip
-    row = rows.row_of(study, 0).values[0]
-    flown = run(study.experiment_of(0))
+    row = rows.compute_row(study, 0).values[0]
+    flown = run(study.make_experiment(0))
     assert (row["outcome"], row["images"]) == ("converged", len(flown.stamp))
     assert row["final_distance"] == flown.verdict.distance
     assert row["simulated"] == pytest.approx(flown.stamp[-1])

@@ -8,14 +8,14 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
 from aras_visual_servo_bench.errors import StudyError, ViewError
-from aras_visual_servo_bench.numbers import decay as decays
-from aras_visual_servo_bench.numbers import metrics, summary
+from aras_visual_servo_bench.experiment.experiment import Experiment
+from aras_visual_servo_bench.metrics import decay as decays
+from aras_visual_servo_bench.metrics import metrics, summary
 from aras_visual_servo_bench.recording.run import CameraRecord, Run, Verdict
-from aras_visual_servo_bench.study.results import REAL_TIME
+from aras_visual_servo_bench.studies.results import REAL_TIME_MULTIPLE
 from aras_visual_servo_controller.records.state import ServoState
-from aras_visual_servo_controller.schemes import Decision
+from aras_visual_servo_controller.schemes import SchemeOutput
 
 STAMP = np.arange(90) / 30.0  # of images
 TIME = np.arange(-20, 300) / 100.0  # of joint states, which come before the first image too
@@ -24,8 +24,8 @@ TIME = np.arange(-20, 300) / 100.0  # of joint states, which come before the fir
 def state(stamp, error):
     """Of two features; NaN: not seen in this image."""
     names, zero = ("a", "b"), np.zeros(2)
-    decision = None if np.isnan(error).any() else Decision(names, error, zero, error)
-    return ServoState(stamp, "servoing", decision=decision)
+    decision = None if np.isnan(error).any() else SchemeOutput(names, error, zero, error)
+    return ServoState(stamp, "servoing", scheme_output=decision)
 
 
 def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", outcome="converged",
@@ -39,16 +39,17 @@ def run(error=None, x=None, joints=None, speed=None, verdict="goal_reached", out
     column = np.zeros((m, 1))
     return Run(
         states=tuple(map(state, STAMP, error)), pose=images, joint_names=("j",), joint_stamp=TIME,
-        measured=column if joints is None else joints[:, None],
-        measured_speed=column if speed is None else speed[:, None], commanded=column,
+        measured_positions=column if joints is None else joints[:, None],
+        measured_velocities=column if speed is None else speed[:, None], joint_commands=column,
         true_pose=poses,
         goal_pose=np.eye(4), outcome=outcome, reason="", remedy="",
-        verdict=Verdict(verdict, 0.002, 0.03), limits=(np.array([-1.0]), np.array([2.0])), **parts,
+        verdict=Verdict(verdict, 0.002, 0.03), position_limits=(np.array([-1.0]), np.array([2.0])),
+        **parts,
     )  # fmt: skip
 
 
 def measured(name, result):
-    return metrics.find(name).measure(result)
+    return metrics.find_metric(name).measure(result)
 
 
 def decay(rate, first=(1.0, 0.5)):
@@ -66,12 +67,12 @@ def test_the_end_of_a_run_begins_with_the_image_that_is_as_long_before_its_last(
 def test_a_camera_that_never_came_near_is_told_from_one_whose_goal_is_unknown():
     far = run(np.ones((90, 2)), np.full(len(TIME), 0.1))
     more = [summary.Quantity(f"final_error_{k}", 0.1, "m", "") for k in range(8)]
-    words = summary.told(far, [*summary.summarise(far), *more])
+    words = summary.describe_run(far, [*summary.summarise(far), *more])
     assert words.count("Error of ") == 8  # of ten
     none = Verdict("", np.nan, np.nan)
     for made, near, off in ((far, "never", "2.00 mm"),
                             (replace(far, verdict=none), "unknown", "unknown")):
-        words = summary.told(made, summary.summarise(made))
+        words = summary.describe_run(made, summary.summarise(made))
         assert f"Camera within 2 % after  {near}\n" in words
         assert "Error under 2 % after    never\n" in words
         assert f"Camera off its goal by   {off}" in words
@@ -83,9 +84,9 @@ def test_what_is_of_the_features_is_best_within_a_scheme_alone():
     for of_features, found in (((True,), set()), ((), {0})):
         columns = [[summary.Quantity("overshoot", value, "", "-", "smaller", *of_features)]
                    for value in (0.1, 0.5)]  # fmt: skip
-        assert summary.best([one, other], columns, "overshoot") == found
-        assert summary.best([one, one], columns, "overshoot") == {0}
-    assert summary.best([], [], "overshoot") == set()
+        assert summary.find_best_runs([one, other], columns, "overshoot") == found
+        assert summary.find_best_runs([one, one], columns, "overshoot") == {0}
+    assert summary.find_best_runs([], [], "overshoot") == set()
 
 
 def test_success_needs_the_loop_and_the_physics():
@@ -127,14 +128,15 @@ def test_what_is_summed_over_time_needs_two_joint_states(count):
     began = int(np.searchsorted(TIME, 0.0))
     found = run(joints=np.full(len(TIME), 2.0), speed=np.full(len(TIME), 3.0))
     cut = slice(0, began + count)
-    found = replace(found, joint_stamp=TIME[cut], measured=found.measured[cut],
-                    measured_speed=found.measured_speed[cut], commanded=found.commanded[cut],
+    found = replace(found, joint_stamp=TIME[cut], measured_positions=found.measured_positions[cut],
+                    measured_velocities=found.measured_velocities[cut],
+                    joint_commands=found.joint_commands[cut],
                     true_pose=found.true_pose[cut])  # fmt: skip
     lasted = 0.01 * (count - 1) if count > 1 else np.nan
     assert measured("limit_time", found) == pytest.approx(lasted, nan_ok=True)
     assert measured("energy", found) == pytest.approx(9.0 * lasted, nan_ok=True)
     # Limits of which nothing is known are never reached.
-    assert measured("limit_time", replace(found, limits=(np.zeros(0),) * 2)) == (
+    assert measured("limit_time", replace(found, position_limits=(np.zeros(0),) * 2)) == (
         pytest.approx(0.0 * lasted, nan_ok=True))
 
 
@@ -166,7 +168,7 @@ def test_excursion_is_the_farthest_corner_in_half_sizes_of_the_image():
 
     def seen(points):
         shape = SimpleNamespace(points=points)
-        target = SimpleNamespace(shape=shape, seen_from=lambda pose, time: time)
+        target = SimpleNamespace(shape=shape, target_T_camera=lambda pose, time: time)
         return run(target=target, cameras={"camera": CameraRecord(camera)})
 
     assert measured("image_excursion", seen(lambda time: corners)) == pytest.approx(0.25)
@@ -229,33 +231,37 @@ def test_reduced_wants_a_tenth_of_both_distance_and_angle(x, angle, reduced):
     ((-1.0, np.inf), -1.0, 1.0),
 ])  # fmt: skip
 def test_a_joint_is_at_a_limit_within_a_thousandth_of_its_range(limits, place, part):
-    found = replace(run(joints=np.full(len(TIME), place)), limits=tuple(np.array([limits]).T))
+    found = replace(
+        run(joints=np.full(len(TIME), place)), position_limits=tuple(np.array([limits]).T)
+    )
     assert measured("limit_time", found) == pytest.approx(2.99 * part)
 
 
 def test_the_predicted_decay_needs_two_images_and_a_gain_that_is_known():
     asked = Experiment(plant="free", gain=2.0, delay=0.02, lag=0.005)
-    assert decays.delay_of(asked) == pytest.approx(0.03)
-    assert decays.delay_of(asked.with_(plant="bullet")) == pytest.approx(0.028)
+    assert decays.compute_delay(asked) == pytest.approx(0.03)
+    assert decays.compute_delay(asked.with_changes(plant="bullet")) == pytest.approx(0.028)
     for count, known in ((0, False), (1, False), (2, True), (3, True)):
         found = replace(run(), states=run().states[:count], experiment=asked)
         told = measured("decay_predicted", found)
         rate = decays.predict_decay_rate(2.0, 0.03)
         assert told == pytest.approx(rate) if known else np.isnan(told)
-        unknown = replace(found, experiment=asked.with_(gain=None))
+        unknown = replace(found, experiment=asked.with_changes(gain=None))
         assert np.isnan(measured("decay_predicted", unknown))
 
 
 def test_the_real_time_factor_is_the_mean_since_the_first_image():
     pace = np.array([[-0.1, 9.0], [0.0, 2.0], [1.0, 4.0], [2.0, np.nan]])
-    assert measured("real_time_factor", run(pace=pace)) == 3.0
+    assert measured("real_time_factor", run(real_time_factors=pace)) == 3.0
 
 
 def test_a_run_that_ended_before_its_first_image_has_what_numbers_it_can():
     nothing, none = np.zeros((0, 1)), np.zeros((0, 4, 4))
-    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0), measured=nothing,
-                    measured_speed=nothing, commanded=nothing, true_pose=none)  # fmt: skip
-    known = {name: measured(name, found) for name in metrics.TABLE}
+    found = replace(run(), states=(), pose=none, joint_stamp=np.zeros(0),
+        measured_positions=nothing,
+                    measured_velocities=nothing, joint_commands=nothing,
+                    true_pose=none)  # fmt: skip
+    known = {name: measured(name, found) for name in metrics.METRICS}
     zero = ("reduced", "contradicts", "iterations", "servoing_time", "top_speed", "images",
             "images_late")
     told = {"success": 1.0, "reached": 1.0, "final_distance": 0.002, "final_angle": 0.03}
@@ -268,9 +274,9 @@ def test_nothing_is_a_success_where_the_goal_is_unknown():
 
 
 def test_metrics_say_what_they_are():
-    for metric in (*metrics.TABLE.values(), REAL_TIME):
-        assert metric is REAL_TIME or metrics.find(metric.name) is metric
-        assert metric is REAL_TIME or metric.text.endswith(".")
+    for metric in (*metrics.METRICS.values(), REAL_TIME_MULTIPLE):
+        assert metric is REAL_TIME_MULTIPLE or metrics.find_metric(metric.name) is metric
+        assert metric is REAL_TIME_MULTIPLE or metric.text.endswith(".")
         assert isinstance(metric.source, str) and callable(metric.measure)
         assert metric.better in ("smaller", "greater", "") and metric.source
     with pytest.raises(StudyError, match="better is 'less'"):
@@ -280,7 +286,7 @@ def test_metrics_say_what_they_are():
 def test_what_is_left_open_is_the_last_image_s():
     found = run()
     left = SimpleNamespace(distance=2e-4, angle=0.03)
-    last = replace(found.states[-1], arrived=SimpleNamespace(open=left))
+    last = replace(found.states[-1], arrival_status=SimpleNamespace(pose_uncertainty=left))
     found.states = (*found.states[:-1], last)
     assert measured("open_distance", found) == 2e-4
     assert measured("open_angle", found) == 0.03

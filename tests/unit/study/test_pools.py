@@ -11,9 +11,9 @@ from types import SimpleNamespace
 import pytest
 
 from aras_visual_servo_bench.errors import BenchError, StudyError
-from aras_visual_servo_bench.study import pools, rows, versions
-from aras_visual_servo_bench.study.pools import DEATHS, DaskPool
-from aras_visual_servo_bench.study.work import StudyTask
+from aras_visual_servo_bench.studies import pools, rows, versions
+from aras_visual_servo_bench.studies.pools import MAX_DEATHS, DaskPool
+from aras_visual_servo_bench.studies.work import StudyTask
 
 DONE, CANCELLED = rows.Rows([{"run": 1}]), "cancelled"
 
@@ -49,7 +49,7 @@ class Dask:
         assert count == 1
 
     def run(self, function):
-        return {f"tcp://{n}": versions.versions() for n in range(self.workers)}
+        return {f"tcp://{n}": versions.read_versions() for n in range(self.workers)}
 
     def nthreads(self):
         self.looks += 1
@@ -57,7 +57,7 @@ class Dask:
 
     def submit(self, function, task, key):
         end = self.ends.popleft() if self.ends else DONE
-        self.sent.append((key, task.guarded))
+        self.sent.append((key, task.is_isolated))
         status = "finished" if end is DONE else CANCELLED if end is CANCELLED else "error"
         told = {60: end}  # by the timeout, s
         return SimpleNamespace(key=key, status=status, result=lambda timeout: told[timeout],
@@ -106,8 +106,8 @@ def pool_of(monkeypatch):
 
     def make(workers=1, **keys):
         dask = Dask(workers)
-        monkeypatch.setattr(pools, "_configured", lambda: dask)
-        monkeypatch.setattr(pools, "_answering", answering)
+        monkeypatch.setattr(pools, "_configure_dask", lambda: dask)
+        monkeypatch.setattr(pools, "_check_scheduler", answering)
         made.append(DaskPool(workers, **keys))
         return dask, made[-1]
 
@@ -117,13 +117,13 @@ def pool_of(monkeypatch):
 
 
 def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_of):
-    dask, pool = pool_of(3, renew=4)
+    dask, pool = pool_of(3, chunks_before_restart=4)
     done, most = [], 0
     while len(done) < 30:
-        while pool.room:
+        while pool.has_room:
             pool.submit(StudyTask("", len(dask.sent)))
         most = max(most, len(dask.sent) - len(done))
-        task, found = pool.next()
+        task, found = pool.wait_for_chunk()
         assert found is DONE
         done.append(task.chunk)
     assert done == list(range(30)) and most == 6
@@ -139,34 +139,38 @@ def test_every_worker_has_one_chunk_waiting_and_is_made_anew_after_so_many(pool_
 def test_a_chunk_whose_worker_died_is_sent_again_with_its_runs_guarded(pool_of):
     dask, pool = pool_of()
     task = StudyTask("", 7)
-    for tries in range(2 * DEATHS):
+    for tries in range(2 * MAX_DEATHS):
         # Once it was done its deaths are forgotten.
-        dask.ends.append(DONE if tries == DEATHS else KilledError())
+        dask.ends.append(DONE if tries == MAX_DEATHS else KilledError())
         pool.submit(task)
-        assert pool.next() == (task, DONE if tries == DEATHS else None)
+        assert pool.wait_for_chunk() == (task, DONE if tries == MAX_DEATHS else None)
     dask.ends += [KilledError(), KilledError()]
     pool.submit(task)
-    pool.next()
+    pool.wait_for_chunk()
     pool.submit(task)
-    told = f"^{DEATHS + 1} workers died over chunk 7, even with its runs in processes of their own"
+    told = (
+        f"^{MAX_DEATHS + 1} workers died while they ran chunk 7, even with one process per run"
+    )
     with pytest.raises(StudyError, match=told):
-        pool.next()
-    assert dask.sent == [(f"chunk-7-{n}", n > 0) for n in (*range(DEATHS + 1), *range(DEATHS + 1))]
+        pool.wait_for_chunk()
+    assert dask.sent == [
+        (f"chunk-7-{n}", n > 0) for n in (*range(MAX_DEATHS + 1), *range(MAX_DEATHS + 1))
+    ]
 
 
 @pytest.mark.parametrize(("end", "told"), [
-    (StudyError("a worker has another version: numpy"), "^a worker has another version: numpy$"),
+    (StudyError("a worker has other versions: numpy"), "^a worker has other versions: numpy$"),
     (ValueError("of three"), "^chunk 0 failed: ValueError: of three$"),
-    (CANCELLED, "^the scheduler is gone$"),
+    (CANCELLED, "^the connection to the scheduler is lost$"),
 ])  # fmt: skip
 def test_what_went_wrong_with_a_chunk_is_told(pool_of, end, told):
     dask, pool = pool_of()
     dask.ends.append(end)
     pool.submit(StudyTask("", 0))
     with pytest.raises(StudyError, match=told):
-        pool.next()
-    with pytest.raises(StudyError, match="nothing left to do"):
-        pool.next()
+        pool.wait_for_chunk()
+    with pytest.raises(StudyError, match="submit one first"):
+        pool.wait_for_chunk()
 
 
 @pytest.mark.parametrize("keys", [{}, {"scheduler": "tcp://there"}])
@@ -179,7 +183,7 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
 
     def after(seconds, workers):
         now[0], dask.workers = now[0] + seconds, workers
-        return pool.room and pool.workers
+        return pool.has_room and pool.workers
 
     assert after(1.5, 2) == 1 and dask.looks == 1  # it looks every two seconds
     assert after(0.5, 2) == 2 and after(1.5, 3) == 2 and dask.looks == 2
@@ -191,15 +195,15 @@ def test_the_last_worker_may_be_gone_for_five_minutes_or_as_long_as_a_nanny_begi
         assert after(600.0, 0) == 1
         dask.nannies["one"].status.name = "failed"
     monkeypatch.setattr(dask, "is_empty", lambda: False)
-    for ask in (lambda: pool.room, pool.next):
+    for ask in (lambda: pool.has_room, pool.wait_for_chunk):
         now[0] += 2.0
-        with pytest.raises(StudyError, match="^no worker has been there for 300 s: look at the"):
+        with pytest.raises(StudyError, match="^no worker has been connected for 300 s: check the"):
             ask()
     dask.workers = 1
     monkeypatch.setattr(dask, "nthreads", lambda: {"one": 1, "two": 2})
     now[0] += 2.0
     with pytest.raises(StudyError, match="^the workers have several threads each"):
-        pool.next()
+        pool.wait_for_chunk()
 
 
 def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_told(
@@ -208,7 +212,7 @@ def test_workers_that_cannot_load_the_package_and_dask_that_is_not_there_are_tol
     def alien(dask, function):
         raise ModuleNotFoundError("No module named 'mine'")
 
-    real = pools._configured
+    real = pools._configure_dask
     monkeypatch.setattr(Dask, "run", alien)
     told = "^the workers cannot load this package .No module named 'mine'.: install it there, or"
     with pytest.raises(StudyError, match=told):
@@ -230,7 +234,7 @@ def test_nobody_is_kept_busy_by_waiting_for_a_chunk(pool_of, monkeypatch):
     monkeypatch.setattr(dask, "is_empty", lambda: False)
     monkeypatch.setattr(pools, "time", SimpleNamespace(monotonic=lambda: 0.0, sleep=sleep))
     pool.submit(StudyTask("", 3))
-    assert pool.next() == (StudyTask("", 3), DONE)  # it came while it slept
+    assert pool.wait_for_chunk() == (StudyTask("", 3), DONE)  # it came while it slept
 
 
 @pytest.mark.parametrize(("keys", "patience", "left"), [
@@ -247,24 +251,24 @@ def test_a_pool_to_which_no_worker_comes_is_none_and_leaves_nothing(
         raise TimeoutError(f"not within {timeout:g} s")
 
     monkeypatch.setattr(Dask, "wait_for_workers", none)
-    with pytest.raises(StudyError, match="^the scheduler at .* has no workers$"):
+    with pytest.raises(StudyError, match="^the scheduler at .* has no workers: start some$"):
         pool_of(**keys)
     assert asked[0].log == left
 
 
 @pytest.mark.parametrize("call", ["submit", "nthreads", "__next__", "scheduler_info"])
 def test_a_scheduler_that_is_gone_is_told_wherever_it_is_missed(pool_of, monkeypatch, call):
-    dask, pool = pool_of(renew=1)
+    dask, pool = pool_of(chunks_before_restart=1)
 
     def gone(*args, **keys):
         raise OSError("closed\nby its owner")
 
-    monkeypatch.setattr(pools, "LOOK", 0.0)
+    monkeypatch.setattr(pools, "COUNT_PERIOD", 0.0)
     if call != "submit":
         pool.submit(StudyTask("", 0))
     if call == "scheduler_info":
-        pool.next()
+        pool.wait_for_chunk()
     monkeypatch.setattr(Dask, call, gone)
-    with pytest.raises(StudyError, match=r"^the scheduler is gone \(closed\)"):
-        {"submit": lambda: pool.submit(StudyTask("", 0)), "__next__": pool.next}.get(
-            call, lambda: pool.room)()
+    with pytest.raises(StudyError, match=r"^the connection to the scheduler is lost \(closed\)"):
+        {"submit": lambda: pool.submit(StudyTask("", 0)), "__next__": pool.wait_for_chunk}.get(
+            call, lambda: pool.has_room)()

@@ -11,20 +11,20 @@ import numpy as np
 import pyarrow as pa
 import pytest
 
-from aras_visual_servo_bench.asked.experiment_keys import unit_of
-from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.cli import main
 from aras_visual_servo_bench.errors import StudyError
-from aras_visual_servo_bench.numbers import printing, statistics
-from aras_visual_servo_bench.numbers.metrics import metric
-from aras_visual_servo_bench.pictures import figures, style
-from aras_visual_servo_bench.study import compare, engine, replay, rows, tables
-from aras_visual_servo_bench.study.engine import carry_out
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.pools import ThisProcess
-from aras_visual_servo_bench.study.progress import Progress
-from aras_visual_servo_bench.study.results import Results
-from aras_visual_servo_bench.study.study import Study
-from aras_visual_servo_bench.study.tuner import Range, Tuner
+from aras_visual_servo_bench.experiment.experiment_keys import find_unit
+from aras_visual_servo_bench.metrics import formatting, statistics
+from aras_visual_servo_bench.metrics.metrics import metric
+from aras_visual_servo_bench.plots import study_figures, style
+from aras_visual_servo_bench.studies import compare, engine, replay, rows, tables
+from aras_visual_servo_bench.studies.engine import carry_out
+from aras_visual_servo_bench.studies.pools import InProcessPool
+from aras_visual_servo_bench.studies.progress import Progress
+from aras_visual_servo_bench.studies.results import Results
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
+from aras_visual_servo_bench.studies.tuner import SearchRange, Tuner
 from aras_visual_servo_bench.web.report.video import write_video, write_with_video
 
 
@@ -47,21 +47,21 @@ def made(success, settled, name="one", seeds=None, gains=(1.0, 2.0), **case):
 
 
 def test_a_table_of_several_studies_names_them():
-    several = tables.tabulated([made([1, 1], [1, 1]), made([0, 0], [1, 1], "two")])
+    several = tables.make_table([made([1, 1], [1, 1]), made([0, 0], [1, 1], "two")])
     assert several.keys[0] == "study" and several.rows[3][0] == ("two", 2.0)
 
 
 def test_a_column_is_written_in_one_notation():
     """A table had '0.00141 [9.80e-04, 0.00169]', and 2.50e-05 below 0.00125."""
     one = made([1] * 4, [0.00098, 0.00169, 2.5e-5, 0.00125])
-    told = tables.written(tables.tabulated([one], metrics=["settled"]), "md")
+    told = tables.format_table(tables.make_table([one], metrics=["settled"]), "md")
     assert "| 0.00134 [0.00098, 0.00169] |" in told
     assert "| 0.000638 [0.000025, 0.00125] |" in told
     small = made([1] * 4, [9.8e-5, 1.69e-4, 0.0, 1.25e-4])
-    told = tables.written(tables.tabulated([small], metrics=["settled"]), "md")
+    told = tables.format_table(tables.make_table([small], metrics=["settled"]), "md")
     assert "| 1.33e-04 [9.80e-05, 1.69e-04] |" in told and "[0, 1.25e-04]" in told
     assert "| 1 [0.342, 1] |" in told  # each column has its own
-    tex = tables.written(tables.tabulated([small], metrics=["settled"]), "tex")
+    tex = tables.format_table(tables.make_table([small], metrics=["settled"]), "tex")
     assert r"$9.80 \cdot 10^{-5}$" not in tex and r"[9.80 \cdot 10^{-5}, 1.69" in tex
 
 
@@ -72,20 +72,21 @@ def test_a_column_is_written_in_one_notation():
     (np.inf, "∞"), (-np.inf, "-∞"), (0.001, "0.001"), (100000.0, "1.00e+05"),
 ])  # fmt: skip
 def test_numbers_have_three_digits_and_no_more_zeros_than_they_need(value, shown):
-    assert printing.number(value) == shown
+    assert formatting.format_number(value) == shown
 
 
 def test_numbers_beside_each_other_are_all_plain_or_all_raised():
-    plain = printing.notation([0.002, 3e-5, 1e-12, np.nan, np.inf])
+    plain = formatting.make_number_format([0.002, 3e-5, 1e-12, np.nan, np.inf])
     assert [plain(v) for v in (0.002, 3e-5, -1e-12, 0.0)] == ["0.002", "0.00003", "≈0", "0"]
-    assert printing.notation([2.7e-11, 0.28])(2.7e-11) == "≈0"  # it is not 0
+    assert formatting.make_number_format([2.7e-11, 0.28])(2.7e-11) == "≈0"  # it is not 0
     for value, shown in ((4e-8, "≈0"), (6e-8, "6.00e-08"), (1e-5, "0.00001"), (9e-6, "9.00e-06")):
-        assert printing.notation([value, 0.28])(value) == shown
-    assert printing.notation([np.nan])(1e-7) == "0.0000001"
-    assert printing.notation([0.0, np.nan])(0.25) == "0.25"  # nothing that it could be next to
-    raised = printing.notation([0.0253, 6.33e-7])  # 0.000000633 cannot be read
+        assert formatting.make_number_format([value, 0.28])(value) == shown
+    assert formatting.make_number_format([np.nan])(1e-7) == "0.0000001"
+    # nothing that it could be next to
+    assert formatting.make_number_format([0.0, np.nan])(0.25) == "0.25"
+    raised = formatting.make_number_format([0.0253, 6.33e-7])  # 0.000000633 cannot be read
     assert [raised(v) for v in (0.0253, 6.33e-7)] == ["2.53e-02", "6.33e-07"]
-    raised = printing.notation([2e5, -1.0], 4)
+    raised = formatting.make_number_format([2e5, -1.0], 4)
     assert [raised(v) for v in (2e5, -1.0)] == ["2.000e+05", "-1.000e+00"]
 
 
@@ -100,18 +101,18 @@ def test_a_table_says_why_runs_failed():
     table = results.table.drop_columns(list(columns))
     for name, values in columns.items():
         table = table.append_column(name, pa.array(values))
-    found = tables.tabulated([Results("one", results.study, table)])
+    found = tables.make_table([Results("one", results.study, table)])
     assert found.failures[0] == "2 of 4 target_lost: over the left border at 0.31 s"
     assert found.failures[1].startswith("1 of 1 x: ca | b ca")
     assert found.failures[1].endswith("b ca | …") and len(found.failures[1]) == 100
-    assert r"| 1 of 1 x: ca \| b ca" in tables.written(found, "md")
-    assert "2 of 4 target_lost: over" in tables.written(found, "csv")
-    assert r"2 of 4 target\_lost: over" in tables.written(found, "tex")
+    assert r"| 1 of 1 x: ca \| b ca" in tables.format_table(found, "md")
+    assert "2 of 4 target_lost: over" in tables.format_table(found, "csv")
+    assert r"2 of 4 target\_lost: over" in tables.format_table(found, "tex")
     for reason, told in (("", ""), ("a b" * 30, ": " + "a b" * 30)):
         missed = results.table.take([4]).drop_columns(list(columns))
         for name, values in {**columns, "reason": [reason] * 5}.items():
             missed = missed.append_column(name, pa.array(values[4:5]))
-        found = tables.tabulated([Results("one", results.study, missed)])
+        found = tables.make_table([Results("one", results.study, missed)])
         assert found.failures == ("1 of 1 converged, goal_missed" + told,)
 
 
@@ -123,31 +124,32 @@ def test_a_map_has_the_units_of_its_settings():
         "run": list(range(4)), "delay": [0.01, 0.01, 0.1, 0.1], "gain": [1.0, 2.0] * 2,
         "success": [1.0, 1.0, 1.0, 0.0], "outcome": ["x"] * 4,
     })  # fmt: skip
-    axis = figures.success([Results("one", study, table)]).axes[0]
+    axis = study_figures.draw_success([Results("one", study, table)]).axes[0]
     assert (axis.get_ylabel(), axis.get_xlabel()) == ("delay (s)", "gain (1/s)")
     assert [t.get_text() for t in axis.get_yticklabels()] == ["0.01", "0.1"]
-    figures.plt.close("all")
+    study_figures.plt.close("all")
 
 
 @pytest.mark.parametrize(("key", "unit"), [
     ("delay", "s"), ("gain", "1/s"), ("start.side", "m"), ("target.size", "m"),
-    ("target.motion.frequency", "Hz"), ("options.max_velocity", "m/s or rad/s"),
-    ("options.smoothing", "s"), ("believed.focal", ""), ("law", ""), ("no_such_key", ""),
+    ("target.motion.frequency", "Hz"), ("controller_parameters.max_velocity", "m/s or rad/s"),
+    ("controller_parameters.smoothing", "s"), ("calibration_offset.focal", ""), ("law", ""),
+    ("no_such_key", ""),
     ("start.turn", ""),  # rad of a drawn start, degrees of a relative one
-    ("camera.width", ""), ("options", ""), ("options.none", ""),
+    ("camera.width", ""), ("options", ""), ("controller_parameters.none", ""),
 ])  # fmt: skip
 def test_a_setting_has_the_unit_that_its_class_says(key, unit):
-    assert unit_of(key) == unit
+    assert find_unit(key) == unit
 
 
 def test_words_are_safe_in_latex_and_markdown():
     table = tables.Table(("my_key",), (("success", ""),), ((("50 % | x",), (
         statistics.proportion(1, 2),)),))  # fmt: skip
-    tex = tables.written(table, "tex")
+    tex = tables.format_table(table, "tex")
     assert r"my\_key" in tex and r"50 \% | x" in tex
-    assert r"50 % \| x" in tables.written(table, "md")
+    assert r"50 % \| x" in tables.format_table(table, "md")
     small = tables.Table((), (("success", ""),), (((), (statistics.median([2e-5, 2e-5]),)),))
-    assert r"$2.00 \cdot 10^{-5}$" in tables.written(small, "tex")
+    assert r"$2.00 \cdot 10^{-5}$" in tables.format_table(small, "tex")
 
 
 @pytest.mark.parametrize(("numbers", "told"), [
@@ -156,7 +158,7 @@ def test_words_are_safe_in_latex_and_markdown():
 ])  # fmt: skip
 def test_a_number_and_its_interval_are_written_alike(numbers, told):
     table = tables.Table((), (("settled", "s"),), (((), (statistics.Estimate(*numbers, 3),)),))
-    assert f"| {told}" in tables.written(table, "md")
+    assert f"| {told}" in tables.format_table(table, "md")
 
 
 def test_differences_that_are_more_than_chance_are_told_with_their_direction():
@@ -165,45 +167,46 @@ def test_differences_that_are_more_than_chance_are_told_with_their_direction():
     one = made([1] * 40, times)
     faster = [*(times[:20] * 0.9), *(times[20:] * 1.1)]
     two = made([1] * 40, faster, "two")
-    found = {(d.group, d.metric): d for d in compare.differences(one, two)}
+    found = {(d.group, d.metric): d for d in compare.find_differences(one, two)}
     assert found["gain=1.0", "settled"].verdict == compare.BETTER
     assert found["gain=2.0", "settled"].verdict == compare.WORSE
     assert found["gain=1.0", "success"].verdict == compare.CHANCE
-    assert found["gain=1.0", "settled"].found.paired
+    assert found["gain=1.0", "settled"].comparison.paired
     found = list(found.values())
     sure = sorted((d for d in found if d.verdict != compare.CHANCE), key=lambda d: d.p)
     for shown in (sure, found):
-        *lines, last = compare.told(found, shown is found).splitlines()
+        *lines, last = compare.describe_differences(found, shown is found).splitlines()
         assert [line.split()[:2] for line in lines] == [[d.verdict, d.metric] for d in shown]
-        assert last.startswith("2 of 4 comparisons")
+        assert last.startswith("2 of 4 differences")
     prompt, late = made([1] * 40, times, delay=0.0), made([1] * 40, faster, "two", delay=0.1)
-    assert all(d.found.paired and d.found.count == 20
-               for d in compare.differences(prompt, late, by=["gain"]))
+    assert all(d.comparison.paired and d.comparison.count == 20
+               for d in compare.find_differences(prompt, late, by=["gain"]))
     other_seeds = made([1] * 40, faster, "two", seeds=range(100, 140))
-    found = compare.differences(one, other_seeds)
-    assert not any(d.found.paired for d in found)
+    found = compare.find_differences(one, other_seeds)
+    assert not any(d.comparison.paired for d in found)
     for shift, paired in ((1, True), (2, False)):  # nine of ten must have a partner
         found = [made([1] * 10, range(10), name, range(first, first + 10), gains=[1.0])
                  for name, first in (("one", 0), ("two", shift))]  # fmt: skip
-        assert {(d.found.paired, d.found.count) for d in compare.differences(*found)} == {
-            (paired, 10 - paired)}
+        assert {
+            (d.comparison.paired, d.comparison.count) for d in compare.find_differences(*found)
+        } == {(paired, 10 - paired)}
     found = [made([1, 1], [1, 2], name, seeds=[seed] * 2)
              for name, seed in (("one", 7), ("two", 7), ("three", 8))]
     for other, paired in zip(found[1:], (True, False), strict=True):
-        assert all(d.found.paired is paired for d in compare.differences(found[0], other))
+        assert all(d.comparison.paired is paired for d in compare.find_differences(found[0], other))
     with pytest.raises(StudyError, match="no settings .* in common"):
-        compare.differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
+        compare.find_differences(one, made([1, 1], [1, 1], gains=(7.0, 8.0)))
 
 
 def test_pictures_are_drawn_in_every_format(tmp_path):
     rng = np.random.default_rng(0)
     results = made([1, 0] * 10, rng.uniform(1, 2, 20), gains=(1.0, 2.0, 3.0, 4.0))
-    written = figures.write_all([results], tmp_path, ("png", "svg", "pdf"))
+    written = study_figures.write_figures([results], tmp_path, ("png", "svg", "pdf"))
     names = {path.name for path in written}
     assert {"success.png", "distributions.svg", "boxes.pdf", "sensitivity.png"} <= names
     assert all(path.stat().st_size > 1000 for path in written)
-    with pytest.raises(StudyError, match="no format 'gif'"):
-        figures.write_all([results], tmp_path, ("gif",))
+    with pytest.raises(StudyError, match="unknown format 'gif'"):
+        study_figures.write_figures([results], tmp_path, ("gif",))
 
 
 def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
@@ -211,26 +214,28 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
     study = Study.from_mapping({
         "experiment": {"plant": "free"}, "metrics": ["success", "settled", "final_distance"],
         "vary": {"start.height": [[0.1, 0.2], [0.2, 0.3], [0.3, 0.4]],
-                 "options.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
+                 "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0]}})  # fmt: skip
     rng = np.random.default_rng(0)
     table = pa.table({
         "start.height": [f"[{k}, 0.4]" for k in range(3) for _ in range(4)],
-        "options.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
+        "controller_parameters.max_velocity": [1.0, 2.0, 4.0, 8.0] * 3, "outcome": ["x"] * 12,
         "success": [1.0, 0.0, 1.0] * 4, "settled": rng.uniform(1, 2, 12),
         "final_distance": rng.uniform(1, 2, 12), "real_time_multiple": [10.0] * 12,
     })  # fmt: skip
     results = Results("one", study, table)
-    chosen = results.chosen(["settled", "final_distance"])
-    with figures.look():
+    chosen = results.select_metrics(["settled", "final_distance"])
+    with study_figures.apply_style():
         drawn = [
-            figures.success([results]), figures.distributions([results], chosen),
-            figures.boxes([results], chosen), figures.sensitivity(results, chosen),
+            study_figures.draw_success([results]),
+            study_figures.draw_distributions([results], chosen),
+            study_figures.draw_boxes([results], chosen),
+            study_figures.draw_sensitivity(results, chosen),
         ]  # fmt: skip
     for figure in drawn:
         figure.canvas.draw()
         inside = figure.get_tightbbox(figure.canvas.get_renderer()).extents
         assert min(inside[:2]) >= 0.0 and (inside[2:] <= figure.get_size_inches()).all()
-        figures.plt.close(figure)
+        study_figures.plt.close(figure)
     legend = drawn[1].legends[0]
     lowest = min(axis.get_tightbbox().y0 for axis in drawn[1].axes if axis.get_visible())
     assert legend.get_window_extent().y1 <= lowest
@@ -242,13 +247,13 @@ def test_nothing_of_a_picture_is_cut_off_or_lies_on_something_else():
 def test_sensitivity_is_the_rank_correlation():
     gains = (1.0, 2.0, 3.0, 4.0)
     results = made([1] * 8, [8, 8, 7, 7, 3, 3, 1, 1], gains=gains)
-    figure = figures.sensitivity(results, results.chosen(["settled"]))
+    figure = study_figures.draw_sensitivity(results, results.select_metrics(["settled"]))
     assert figure.axes[0].images[0].get_array()[0, 0] == pytest.approx(-1.0)
 
 
 def in_process(study, path):
-    folder = Folder.create(path, study, "")
-    carry_out(folder, ThisProcess(), Progress(study.runs, out=io.StringIO()))
+    folder = StudyFolder.create(path, study, "")
+    carry_out(folder, InProcessPool(), Progress(study.run_count, out=io.StringIO()))
 
 
 def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
@@ -260,19 +265,19 @@ def test_the_tuner_finds_the_gain_and_goes_on_where_it_was(tiny, tmp_path):
         folders.append(path)
         in_process(generation, path)
 
-    ranges = [Range.parsed("gain=0.5:4")]
-    tuner = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
+    ranges = [SearchRange.parse("gain=0.5:4")]
+    tuner = Tuner(study, ranges, "final_distance", tmp_path, carry, min_success=0.0)
     best = tuner.search(24)
     assert [path.name for path in folders] == [f"generation-{k:03d}" for k in range(len(folders))]
-    assert all(0.5 <= one.values[0] <= 4.0 for one in tuner.tried)
-    assert 16 < len(tuner.tried) <= 24
+    assert all(0.5 <= one.values[0] <= 4.0 for one in tuner.candidates)
+    assert 16 < len(tuner.candidates) <= 24
     assert best.values[0] > 3.5 and best.violation == 0.0
     assert len(folders) <= 4  # the first and two generations, and what their last steps ask again
-    assert best.cost == min(c.cost for c in tuner.tried)
+    assert best.cost == min(c.cost for c in tuner.candidates)
     lines = (tuner.write().parent / "candidates.csv").read_text().splitlines()
-    assert lines[0].startswith("gain,final_distance") and len(lines) == len(tuner.tried) + 1
+    assert lines[0].startswith("gain,final_distance") and len(lines) == len(tuner.candidates) + 1
     stamps = [path.stat().st_mtime_ns for path in tmp_path.glob("*/parts/*")]
-    again = Tuner(study, ranges, "final_distance", tmp_path, carry, needed=0.0)
+    again = Tuner(study, ranges, "final_distance", tmp_path, carry, min_success=0.0)
     assert again.search(24) == best
     assert stamps == [path.stat().st_mtime_ns for path in tmp_path.glob("*/parts/*")]
     assert len(set(folders)) == len(folders) / 2
@@ -290,15 +295,15 @@ def test_a_key_that_is_looked_for_no_longer_varies(tmp_path, capsys):
 
 def test_what_leaves_the_image_is_never_the_best(tmp_path):
     def candidate(cost, violation):
-        from aras_visual_servo_bench.study.tuner import Candidate
+        from aras_visual_servo_bench.studies.tuner import Candidate
 
         return Candidate((0.5, cost), cost, violation, 1.0, 1.0 + violation)
 
     tuner = Tuner(
         Study.from_mapping({"experiment": {"plant": "free"}}),
-        [Range("lag", 0.0, 1.0), Range("gain", 1.0, 2.0)], "settled", tmp_path, None,
+        [SearchRange("lag", 0.0, 1.0), SearchRange("gain", 1.0, 2.0)], "settled", tmp_path, None,
     )  # fmt: skip
-    tuner._known = {(c.cost,): c for c in (candidate(1.0, 0.2), candidate(3.0, 0.0))}
+    tuner._cached_candidates = {(c.cost,): c for c in (candidate(1.0, 0.2), candidate(3.0, 0.0))}
     assert tuner.best.cost == 3.0
     assert tuner.write().read_text() == "lag: 0.5\ngain: 3.0\n"
 
@@ -316,7 +321,7 @@ def test_a_search_ends_where_the_image_does(monkeypatch, seed):
 
     monkeypatch.setattr(Results, "read", lambda path: made[-1])
     study = Study.from_mapping({"experiment": {"plant": "free"}, "seed": seed})
-    tuner = Tuner(study, [Range("gain", 0.5, 4.0)], "settled", figures.Path("x"), carry)
+    tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], "settled", study_figures.Path("x"), carry)
     assert 1.95 < tuner.search(48).values[0] <= 2.0
 
 
@@ -326,34 +331,36 @@ def test_a_search_ends_where_the_image_does(monkeypatch, seed):
     ("gain=1.23456111:2", 0.0, 1.23456111), ("gain=1:1.23456789", 1.0, 1.23456789),
 ])  # fmt: skip
 def test_a_range_of_ten_times_or_more_is_searched_by_factors_in_six_digits(text, part, value):
-    assert Range.parsed(text).value(part) == value
+    assert SearchRange.parse(text).interpolate(part) == value
 
 
 @pytest.mark.parametrize(("words", "complaint"), [
     (["gain"], "is no range"),
-    (["gain=2:1"], "must rise"), (["gain=2:inf"], "must rise"), (["gain=-inf:2"], "must rise"),
+    (["gain=2:1"], "low < high"), (["gain=2:inf"], "finite"), (["gain=-inf:2"], "finite"),
     (["gian=1:2"], "did you mean gain"),
-    ([], "say what is looked for"),
+    ([], "nothing to search"),
     (["gain=1:2", "gain=1:3"], "given twice"),
     (["delay=0:1"], "given twice"),
 ])  # fmt: skip
 def test_searches_that_are_none(tiny, words, complaint):
     with pytest.raises(StudyError, match=complaint):
-        Tuner(tiny(vary={"delay": [0.0]}), list(map(Range.parsed, words)), "settled", None, None)
+        Tuner(
+            tiny(vary={"delay": [0.0]}), list(map(SearchRange.parse, words)), "settled", None, None
+        )
 
 
 def test_a_search_of_too_few_candidates_or_over_cases_is_none(tiny):
     def searched(evaluations=24, needed=1.0, **changes):
         study = tiny(**{"vary": {}, **changes})
-        tuner = Tuner(study, [Range("gain", 0.5, 4.0)], "settled", None, None, needed)
+        tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], "settled", None, None, needed)
         return tuner.search(evaluations)
 
-    with pytest.raises(StudyError, match="15 evaluations are too few: 16 are two rounds"):
+    with pytest.raises(StudyError, match="15 evaluations are too few: give at least 16"):
         searched(15)
     with pytest.raises(StudyError, match="a study with cases cannot be tuned"):
         searched(cases=[{"delay": 0.0}, {"delay": 0.1}])
     for needed in (-0.1, 1.1):
-        with pytest.raises(StudyError, match=f"must succeed is {needed:g}, must be from 0 to 1"):
+        with pytest.raises(StudyError, match=f"success rate is {needed:g}, must be from 0 to 1"):
             searched(needed=needed)
 
 
@@ -368,13 +375,13 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
 
     monkeypatch.setattr(replay, "Loop", Closing)
     in_process(study, tmp_path / "out")
-    run, changed = replay.replay(Folder.open(tmp_path / "out"), 3)
+    run, changed = replay.replay(StudyFolder.open(tmp_path / "out"), 3)
     assert len(closed) == 1
-    assert replay.replay(Folder.create(tmp_path / "none", study, ""), 0)[1] == {}
+    assert replay.replay(StudyFolder.create(tmp_path / "none", study, ""), 0)[1] == {}
     assert (run.name, run.source) == ("run 3", f"run 3 of the study {tmp_path / 'out'}")
-    row = rows.told(study, run)
+    row = rows.make_result_columns(study, run)
     assert changed == {} and run.experiment.gain == 2.0
-    pictures = [picture for _, picture in run.images.pictures]
+    pictures = [picture for _, picture in run.control_record.images]
     assert len(pictures) == row["images"]
     assert pictures[0].shape[2] == 3 and pictures[0].min() < 128  # the target is there
     names = {path.name for path in write_with_video(run, tmp_path / "show")}
@@ -382,12 +389,12 @@ def test_a_run_is_shown_again_as_it_was(tiny, tmp_path, monkeypatch):
     told = json.loads((tmp_path / "show" / "summary.json").read_text())
     assert study.metric_names
     for name in study.metric_names:
-        assert told[name] == row[rows.column(name)], name
+        assert told[name] == row[rows.find_column_name(name)], name
     video = cv2.VideoCapture(str(tmp_path / "show" / "video.mp4"))
     assert int(video.get(cv2.CAP_PROP_FRAME_COUNT)) == len(pictures)
     assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(30.0, abs=0.01)
     with pytest.raises(StudyError, match="no run 6: .* has runs 0 to 5"):
-        replay.replay(Folder.open(tmp_path / "out"), 6)
+        replay.replay(StudyFolder.open(tmp_path / "out"), 6)
     with pytest.raises(StudyError, match="cannot write the video .*nowhere/video.mp4"):
         write_video(run, tmp_path / "nowhere" / "video.mp4")
 
@@ -396,8 +403,8 @@ def test_a_video_has_the_colours_and_the_rate_of_its_pictures(tmp_path):
     red = np.zeros((32, 48, 3), np.uint8)
     red[..., 0] = 220
     for stamp, rate in (([0.0], 30.0), ([0.0, 0.1], 10.0)):
-        made = SimpleNamespace(stamp=np.array(stamp), images=SimpleNamespace(
-            pictures=[(at, red) for at in stamp]))  # fmt: skip
+        made = SimpleNamespace(stamp=np.array(stamp), control_record=SimpleNamespace(
+            images=[(at, red) for at in stamp]))  # fmt: skip
         video = cv2.VideoCapture(str(write_video(made, tmp_path / "video.mp4")))
         assert video.get(cv2.CAP_PROP_FPS) == pytest.approx(rate)
         blue, green, red_there = video.read()[1].mean(axis=(0, 1))
@@ -422,7 +429,7 @@ def test_a_run_that_was_a_fault_is_shown_as_a_line_and_where_it_was_raised(tmp_p
     assert f"stopped at run 0, fault: ZeroDivisionError: of mine; bench show {out} 0" in told
     assert main(["show", str(out), "0"]) == 1
     told = capsys.readouterr().err
-    assert "run 0: ZeroDivisionError: of mine; where it was raised" in told
+    assert "run 0: ZeroDivisionError: of mine; traceback" in told
     assert told.count("\n") == 1
     assert "in failing" in (out / "show-0" / "traceback.txt").read_text()
 
@@ -434,15 +441,15 @@ def test_runs_of_a_study_are_analyzed_beside_each_other(tiny, tmp_path, capsys):
     assert main(words) == 0
     told = json.loads((tmp_path / "both" / "summary.json").read_text())
     assert [one["name"] for one in told] == ["out:0", "out:3"]
-    kept = {row["run"]: row for row in Folder.open(out).results().to_pylist()}
+    kept = {row["run"]: row for row in StudyFolder.open(out).read_results().to_pylist()}
     for one, run in zip(told, (0, 3), strict=True):
         for name in study.metric_names:
-            assert one[name] == kept[run][rows.column(name)], name
+            assert one[name] == kept[run][rows.find_column_name(name)], name
     capsys.readouterr()
     assert main(["analyze", f"{out}:6", "--out", str(tmp_path / "none")]) == 1
     assert "there is no run 6" in capsys.readouterr().err
     assert main(["show", str(out)]) == 1
-    assert "say which run" in capsys.readouterr().err
+    assert "give the number of a run" in capsys.readouterr().err
 
 
 def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
@@ -466,18 +473,18 @@ def test_the_command_line_from_file_to_table(tmp_path, capsys, monkeypatch):
     assert main(["diff", str(out), str(out)]) == 0
     assert capsys.readouterr().out.startswith("0 of ")
     for words, complaint in (
-        (["run", str(file), "--out", str(out), "--in-process"], "holds another study"),
-        (["run", str(file)], "say where the results go"),
+        (["run", str(file), "--out", str(out), "--in-process"], "has another study"),
+        (["run", str(file)], "give an output folder"),
         (["run", str(tmp_path / "none.yaml"), "--dry-run"], "cannot read"),
         (["run", "calibratoin", "--dry-run"], "did you mean 'calibration'"),
         (["run", str(file), "--dry-run", "gian=2"], "did you mean gain"),
-        (["table", str(tmp_path)], "holds no study"),
+        (["table", str(tmp_path)], "has no study"),
         (["table", str(out), "--by", "gian"], "no column 'gian': did you mean 'gain'"),
         (["table", str(out), "--metrics", "setled"], "no metric 'setled'"),
-        (["table", str(out), "--format", "html"], "no format 'html'"),
+        (["table", str(out), "--format", "html"], "unknown format 'html'"),
         (["show", str(out), "99"], "no run 99"),
         (["run", str(file), "--out", str(tmp_path / "x"), "--in-process", "--scheduler", "tcp://x:1"],
-         "say one of"),
+         "use only one of"),
     ):  # fmt: skip
         assert main(words) == 1, words
         told = capsys.readouterr()
@@ -497,31 +504,33 @@ def test_candidates_cost_what_their_runs_show(monkeypatch, metric, cheapest):
         "image_excursion": [0.4, 0.9, 1.3, 0.2, 0.1, np.nan], "outcome": ["x"] * 6,
     })  # fmt: skip
     monkeypatch.setattr(Results, "read", lambda path: Results("one", study, table))
-    tuner = Tuner(study, [Range("gain", 0.5, 4.0)], metric, figures.Path("x"),
+    tuner = Tuner(study, [SearchRange("gain", 0.5, 4.0)], metric, study_figures.Path("x"),
                   lambda made, path: None)  # fmt: skip
     tuner._run([(1.0,), (2.0,), (3.0,)])
-    first, second, third = tuner.tried
+    first, second, third = tuner.candidates
     assert (third.cost, third.violation, third.excursion) == (np.inf, 11.0, np.inf)
     assert (first.violation, first.success, first.excursion) == (0.0, 1.0, 0.9)
     assert second.violation == pytest.approx(0.3 + 0.5) and second.success == 0.5
-    assert min(tuner.tried, key=lambda c: c.cost).values == (cheapest,)
+    assert min(tuner.candidates, key=lambda c: c.cost).values == (cheapest,)
     assert abs(first.cost) == 3.5 and tuner.best is first
 
 
 def test_a_study_is_judged_by_the_metric_that_it_names(tiny, tmp_path):
     study = tiny(judged="reduced", metrics=["success", "reduced"], repeats=1, vary={}, chunk=1)
-    folder = Folder.create(tmp_path / "out", study, "")
-    row = {**rows.blank(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0,
+    folder = StudyFolder.create(tmp_path / "out", study, "")
+    row = {**rows.make_blank_row(study, 0), "outcome": "timed_out", "success": 0.0, "reduced": 1.0,
            "simulated": 2.0}  # fmt: skip
-    folder.write(0, rows.Rows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}]))
+    folder.write_chunk(
+        0, rows.Rows([row], [{"run": 0, "wall": 0.0, "processor": 1.0, "worker": "w"}])
+    )
     found = Results.read(tmp_path / "out")
-    assert found.successes().tolist() == [1.0]
-    with pytest.raises(StudyError, match="outcome holds words, not numbers"):
-        found.numbers("outcome")
-    assert np.isnan(found.numbers("real_time_multiple"))  # sooner than any clock shows
-    assert engine.succeeded(row, study.judged) and not engine.succeeded(row)
+    assert found.compute_successes().tolist() == [1.0]
+    with pytest.raises(StudyError, match="column 'outcome' contains text, not numbers"):
+        found.read_numbers("outcome")
+    assert np.isnan(found.read_numbers("real_time_multiple"))  # sooner than any clock shows
+    assert engine.is_success(row, study.judged) and not engine.is_success(row)
     assert study.digest == tiny(metrics=["success", "reduced"], repeats=1, vary={}, chunk=1).digest
-    assert engine.succeeded({"outcome": "x"}) and not engine.succeeded({"outcome": rows.FAULT})
+    assert engine.is_success({"outcome": "x"}) and not engine.is_success({"outcome": rows.FAULT})
     with pytest.raises(StudyError, match="judged is 'reached', which is not among"):
         tiny(judged="reached")
 
@@ -530,9 +539,11 @@ def test_where_a_number_is_published_a_row_says_whether_it_is_met(tiny, tmp_path
     pace = [{"name": "slow", "set": {"gain": 0.5}, "published": {"outcome": "x", "images": 7}},
             {"name": "fast", "set": {"gain": 2.0}}]  # fmt: skip
     study = tiny(vary={}, cases={"pace": pace}, chunk=4)
-    folder = Folder.create(tmp_path / "out", study, "")
-    done = [{**rows.blank(study, run), "outcome": "x", "images": 7 + run} for run in range(4)]
-    folder.write(0, rows.Rows(done, [{"run": 0, "wall": 1.0, "worker": "w"}]))
+    folder = StudyFolder.create(tmp_path / "out", study, "")
+    done = [
+        {**rows.make_blank_row(study, run), "outcome": "x", "images": 7 + run} for run in range(4)
+    ]
+    folder.write_chunk(0, rows.Rows(done, [{"run": 0, "wall": 1.0, "worker": "w"}]))
     table = Results.read(tmp_path / "out").table
     assert table["published"].to_pylist() == ["outcome x, images 7"] * 2 + [""] * 2
     assert table["met"].to_pylist() == [True, False, None, None]
@@ -541,18 +552,18 @@ def test_where_a_number_is_published_a_row_says_whether_it_is_met(tiny, tmp_path
 def test_what_a_study_would_take_is_told_by_a_run_that_loads_nothing(tiny, monkeypatch):
     def told(workers, **changes):
         walls = iter((80.0, 2.5))
-        monkeypatch.setattr(engine.rows, "row_of", lambda study, run: rows.Rows(
+        monkeypatch.setattr(engine.rows, "compute_row", lambda study, run: rows.Rows(
             [{"outcome": rows.FAULT if workers == 1 else "x", "reason": "mine"}],
             [{"wall": next(walls)}]))
         return engine.dry_run(tiny(**changes), workers)
 
     assert told(1, repeats=1, vary={}, chunk=1) == [
         "1 run: 1 point, 1 of each; 1 chunk of 1", "about 2 s on 1 core: a run takes 2.5 s here",
-        "run 0: as it is; seed " + str(tiny(repeats=1, vary={}, chunk=1).seed_of(0)),
+        "run 0: base experiment; seed " + str(tiny(repeats=1, vary={}, chunk=1).compute_seed(0)),
         "run 0 as tried: fault: mine"]
     some = told(4, repeats=80)
     assert some[0] == "240 runs: 3 points, 80 of each; 120 chunks of 2"
     assert some[1] == "about 2 min on 4 cores: a run takes 2.5 s here"
-    assert some[2:] == [f"run {run}: gain=1.0; seed {tiny(repeats=80).seed_of(run)}"
+    assert some[2:] == [f"run {run}: gain=1.0; seed {tiny(repeats=80).compute_seed(run)}"
                         for run in range(3)]
     assert "about 8 s on 0 core" in told(0, repeats=1)[1]

@@ -21,13 +21,13 @@ import pytest
 import yaml
 from scipy import stats
 
-from aras_visual_servo_bench.commands import main
-from aras_visual_servo_bench.numbers import statistics
-from aras_visual_servo_bench.pictures import figures
-from aras_visual_servo_bench.study import compare, rows
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.results import Results
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.cli import main
+from aras_visual_servo_bench.metrics import statistics
+from aras_visual_servo_bench.plots import study_figures
+from aras_visual_servo_bench.studies import compare, rows
+from aras_visual_servo_bench.studies.results import Results
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 from aras_visual_servo_bench.web.browse import queries
 from aras_visual_servo_bench.web.browse.server import serve
 from aras_visual_servo_bench.web.browse.studies import Studies
@@ -49,7 +49,7 @@ def made_rows(study: Study, run: int, second: bool) -> tuple[dict, dict]:
     """A row and its times. The second study settles sooner, and ends nearer at small gains."""
     own = np.random.default_rng(1000 * second + run)
     common = np.random.default_rng(run)
-    values = rows.blank(study, run)
+    values = rows.make_blank_row(study, run)
     gain, delay = values["gain"], values["delay"]
     good = gain * delay * math.exp(0.8 * common.normal() + 0.3 * own.normal()) < 0.3
     ends = ["converged", "target_lost", "oscillating", "refused"]
@@ -82,10 +82,10 @@ def path(tmp_path_factory):
     path = tmp_path_factory.mktemp("recomputed")
     study = Study.from_mapping(MAPPING)
     for name, missing in MISSING.items():
-        folder = Folder.create(path / name, study, yaml.safe_dump(study.to_mapping()))
-        for chunk in set(range(study.chunks)) - set(missing):
-            pairs = [made_rows(study, run, name == "two") for run in study.chunk_runs(chunk)]
-            folder.write(chunk, rows.Rows([v for v, _ in pairs], [t for _, t in pairs]))
+        folder = StudyFolder.create(path / name, study, yaml.safe_dump(study.to_mapping()))
+        for chunk in set(range(study.chunk_count)) - set(missing):
+            pairs = [made_rows(study, run, name == "two") for run in study.list_chunk_runs(chunk)]
+            folder.write_chunk(chunk, rows.Rows([v for v, _ in pairs], [t for _, t in pairs]))
     for lost in ("one/times/000005.parquet", "two/times/000015.parquet"):  # somebody deleted them
         (path / lost).unlink()
     return path
@@ -203,7 +203,7 @@ def test_every_cell_of_a_table_is_recomputed(path, expected, capsys):
     assert lines[0] == headings
     check_printed([[cell.replace("\\|", "|") for cell in line] for line in lines[2:]], expected,
                   r"(\S+) \[(\S+), (\S+)\]$")  # fmt: skip
-    assert text.endswith("Rates with Wilson's 95 % interval, medians with the bootstrap's.\n")
+    assert text.endswith("95 % interval, medians with a bootstrap 95 % interval.\n")
 
     text = printed(["table", path / "one", "--format", "tex"], capsys)
     body = text.partition("\\midrule\n")[2].partition("\\bottomrule")[0]
@@ -295,7 +295,7 @@ def test_every_difference_is_recomputed(path, asked, capsys):
     *lines, last = text.splitlines()
     assert len(lines) == len(wanted)
     sure = wanted[wanted.p < 0.05]
-    assert last.startswith(f"{len(sure)} of {len(wanted)} comparisons are more than chance (Holm")
+    assert last.startswith(f"{len(sure)} of {len(wanted)} differences are significant (Holm")
     pattern = r"(\w+) +(\S+) +(\S+) -> (\S+)  p (\S+)  (\d+) (\w+)  (.*)$"
     for line, row in zip(lines, wanted.itertuples(), strict=True):
         verdict, name, before, after, p, count, what, group = re.match(pattern, line).groups()
@@ -334,8 +334,8 @@ def test_holm_steps_down():
 def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):
     """Runs of one seed and other delays were taken for one run, and all but the last left out."""
     both = Results.read(path / "one"), Results.read(path / "two")
-    found = compare.differences(*both, ["gain"], ["final_angle"])
-    assert max(d.found.count for d in found) > one.seed.nunique()
+    found = compare.find_differences(*both, ["gain"], ["final_angle"])
+    assert max(d.comparison.count for d in found) > one.seed.nunique()
 
 
 # -- pictures -------------------------------------------------------------------------------------
@@ -343,11 +343,11 @@ def test_settings_that_vary_within_a_group_are_of_the_pair(path, one):
 
 def test_pictures_show_the_rows_numbers(path, one):
     results = Results.read(path / "one")
-    chosen = results.chosen(["settled", "final_distance", "path_ratio"])
+    chosen = results.select_metrics(["settled", "final_distance", "path_ratio"])
     names = [m.name for m in chosen]
     groups = [group for _, group in one.groupby(KEYS, sort=False)]
 
-    axis = figures.success([results]).axes[0]
+    axis = study_figures.draw_success([results]).axes[0]
     gains, delays = (list(dict.fromkeys(one[key])) for key in KEYS)
     told = {tuple(map(round, text.get_position())): text.get_text() for text in axis.texts}
     shown = axis.images[0].get_array()
@@ -357,7 +357,7 @@ def test_pictures_show_the_rows_numbers(path, one):
         assert shown[i, j] == pytest.approx(100 * group.hit.mean())
 
     single = Study.from_mapping({**MAPPING, "vary": {"gain": MAPPING["vary"]["gain"]}})
-    axis = figures.success([Results("bars", single, results.table)]).axes[0]
+    axis = study_figures.draw_success([Results("bars", single, results.table)]).axes[0]
     bars = {bar.get_y() + bar.get_height() / 2: bar.get_width() for bar in axis.patches}
     spread = axis.collections[0].get_segments()
     for place, (_, group) in enumerate(one.groupby("gain", sort=False)):
@@ -365,7 +365,7 @@ def test_pictures_show_the_rows_numbers(path, one):
         assert bars[2 - place] == pytest.approx(rate)
         assert spread[place][:, 0] == pytest.approx([low, high])
 
-    drawn = figures.distributions([results], chosen)
+    drawn = study_figures.draw_distributions([results], chosen)
     for axis, name in zip(drawn.axes, names, strict=False):
         assert axis.get_xlabel() == (
             name.replace("_", " ") + (f" ({UNITS[name]})" if UNITS[name] else ""))  # fmt: skip
@@ -376,12 +376,13 @@ def test_pictures_show_the_rows_numbers(path, one):
             below = 100 * np.arange(len(known) + 1) / len(group)  # of all, the unknown too
             np.testing.assert_allclose(line.get_ydata(), below)
 
-    drawn = figures.boxes([results], chosen)
+    drawn = study_figures.draw_boxes([results], chosen)
     for axis, name in zip(drawn.axes, names, strict=False):
         quarters = [group[name].quantile([0.25, 0.5, 0.75]) for group in groups[::-1]]
         for place, wanted in enumerate(quarters, 1):
             middle = [line.get_xdata()[0] for line in axis.lines
-                      if line.get_color() == figures.VERMILION and round(line.get_ydata().mean()) ==
+                      if line.get_color() == study_figures.VERMILION
+                      and round(line.get_ydata().mean()) ==
                       place and len(line.get_xdata())]  # fmt: skip
             box = axis.patches[place - 1].get_path().vertices
             if wanted.notna().all():
@@ -389,23 +390,24 @@ def test_pictures_show_the_rows_numbers(path, one):
                 ends = [np.nanmin(box[:, 0]), np.nanmax(box[:, 0])]
                 assert ends == pytest.approx([wanted[0.25], wanted[0.75]])
 
-    drawn = figures.sensitivity(results, chosen)  # of delays there are two: no correlation
+    # of delays there are two: no correlation
+    drawn = study_figures.draw_sensitivity(results, chosen)
     for text in drawn.axes[0].texts:
         name = names[round(text.get_position()[1])]
         known = one[["gain", name]].dropna().rank()
         assert text.get_text() == f"{known.corr().iloc[0, 1]:+.2f}"
     assert len(drawn.axes[0].texts) == len(names)
-    figures.plt.close("all")
+    study_figures.plt.close("all")
 
 
 # -- the browser ----------------------------------------------------------------------------------
 
 
 def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
-    look = Studies([path]).look(now=True)
+    look = Studies([path]).read_snapshot(is_forced=True)
     mine = {"studies": ("one",), "filters": (queries.Filter("delay", "<", 0.1),)}
     chosen, asked = one[one.delay < 0.1], ("settled", "final_angle")
-    groups = queries.groups(look, queries.GroupsAsked(**mine, by=("gain",), values=asked))
+    groups = queries.compute_groups(look, queries.GroupQuery(**mine, by=("gain",), values=asked))
     assert groups["count"] == 3
     for told, (gain, group) in zip(groups["groups"], chosen.groupby("gain"), strict=True):
         assert told["values"] == [gain] and told["runs"] == len(group)
@@ -418,8 +420,8 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
         assert told["failure"] in allowed
 
     for value in ("success", "settled"):
-        found = queries.success_map(
-            look, queries.MapAsked(("one",), x="delay", y="gain", value=value))
+        found = queries.compute_success_map(
+            look, queries.MapQuery(("one",), x="delay", y="gain", value=value))
         places = (enumerate(found[axis]["labels"]) for axis in "yx")
         for (i, gain), (j, delay) in itertools.product(*places):
             cell = one[(one.gain == gain) & (one.delay == delay)]
@@ -427,21 +429,21 @@ def test_the_browser_s_groups_cells_and_points_are_recomputed(path, one):
             assert found["runs"][i][j] == len(cell)
             assert found["values"][i][j] == (
                 None if math.isnan(wanted) else pytest.approx(wanted))  # fmt: skip
-        assert found["left"] == 0
+        assert found["uncounted"] == 0
 
-    found = queries.points(look, queries.PointsAsked(("one",), x="settled", y="final_angle"))
+    found = queries.find_points(look, queries.PointQuery(("one",), x="settled", y="final_angle"))
     known = one.dropna(subset=["settled", "final_angle"])
     for axis, name in (("x", "settled"), ("y", "final_angle")):
         values = np.frombuffer(base64.b64decode(found[axis]["values"]), "<f4")
         np.testing.assert_allclose(values, known[name], rtol=1e-6)
-    assert (found["count"], found["left"]) == (len(known), len(one) - len(known))
-    told = queries.some_rows(look, queries.RowsAsked(("one",), sort="settled", count=200))
-    assert (told["total"], told["succeeded"]) == (len(one), one.hit.sum())
+    assert (found["count"], found["uncounted"]) == (len(known), len(one) - len(known))
+    told = queries.list_rows(look, queries.RowQuery(("one",), sort="settled", count=200))
+    assert (told["total"], told["success_count"]) == (len(one), one.hit.sum())
     at = look.table.column_names.index("run")
     order = one.sort_values("settled", kind="stable", na_position="last").run
     known = slice(one.settled.count())
     assert [row[at] for row in told["rows"]][known] == list(order)[known]
-    units = {c["name"]: c["unit"] for c in queries.columns(look)}
+    units = {c["name"]: c["unit"] for c in queries.describe_columns(look)}
     assert {name: units[name] for name in UNITS} == UNITS
 
 
@@ -449,7 +451,7 @@ def test_the_browser_compares_with_the_same_numbers(path, one, two):
     real_time = "real_time_multiple"  # of the machine, not of the study
     found = serve([path], "127.0.0.1", 21300 + os.getpid() % 1000, say=lambda _: None)
     try:
-        told = found.answer(json.dumps(
+        told = found.answer_query(json.dumps(
             {"do": "compare", "first": "one", "second": "two"}))  # fmt: skip
     finally:
         found.close()

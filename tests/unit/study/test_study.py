@@ -13,13 +13,13 @@ import pytest
 import yaml
 from scipy import stats
 
-from aras_visual_servo_bench.asked import overrides
 from aras_visual_servo_bench.errors import StudyError
+from aras_visual_servo_bench.experiment import overrides
 from aras_visual_servo_bench.setup.assembly import assemble
-from aras_visual_servo_bench.study import rows
-from aras_visual_servo_bench.study.engine import check_study
-from aras_visual_servo_bench.study.folder import Folder
-from aras_visual_servo_bench.study.study import Study
+from aras_visual_servo_bench.studies import rows
+from aras_visual_servo_bench.studies.engine import check_study
+from aras_visual_servo_bench.studies.study import Study
+from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
 FREE = {"plant": "free"}
 
@@ -28,7 +28,7 @@ def drawn(n=4096, sampling="random", **vary):
     study = Study.from_mapping(
         {"experiment": FREE, "vary": vary, "samples": n, "sampling": sampling}
     )
-    rows = [study.settings(point) for point in range(study.points)]
+    rows = [study.make_settings(point) for point in range(study.point_count)]
     return {key: [row[key] for row in rows] for key in vary}
 
 
@@ -37,11 +37,11 @@ def test_a_grid_has_every_combination_once_and_the_last_key_changes_first():
         "experiment": FREE, "vary": {"law": ["proportional", "adaptive"], "gain": [1, 2, 3]},
         "repeats": 2,
     })  # fmt: skip
-    assert (study.points, study.runs) == (6, 12)
-    assert [tuple(study.settings(p).values()) for p in range(6)] == [
+    assert (study.point_count, study.run_count) == (6, 12)
+    assert [tuple(study.make_settings(p).values()) for p in range(6)] == [
         (law, gain) for law in ("proportional", "adaptive") for gain in (1, 2, 3)
     ]
-    made = [study.experiment_of(run) for run in range(12)]
+    made = [study.make_experiment(run) for run in range(12)]
     assert [e.gain for e in made] == [1, 1, 2, 2, 3, 3] * 2
     assert [e.law for e in made] == ["proportional"] * 6 + ["adaptive"] * 6
 
@@ -52,10 +52,10 @@ def test_cases_go_with_each_point_of_the_grid():
         "cases": [{"scheme": "moments"}, {"scheme": "points", "delay": 0.1}],
     })  # fmt: skip
     assert study.keys == ("scheme", "delay", "gain")
-    found = [study.settings(p) for p in range(study.points)]
+    found = [study.make_settings(p) for p in range(study.point_count)]
     assert found[3] == {"scheme": "points", "delay": 0.1, "gain": 2.0}
     assert found[0] == {"scheme": "moments", "gain": 1.0}
-    assert study.points == 4
+    assert study.point_count == 4
 
 
 @pytest.mark.parametrize("sampling", ["random", "sobol"])
@@ -92,7 +92,7 @@ def test_values_are_drawn_as_numpy_says_so_that_anyone_can_work_them_out():
 def test_seeds_are_of_the_runs_number_and_the_studys_seed():
     def of(**changes):
         study = Study.from_mapping({"experiment": FREE, "repeats": 1000, **changes})
-        return [study.seed_of(run) for run in range(1000)]
+        return [study.compute_seed(run) for run in range(1000)]
 
     one = of()
     assert len(set(one)) == 1000 and min(one) >= 0 and max(one) < 2**63
@@ -105,18 +105,18 @@ def test_seeds_are_of_the_runs_number_and_the_studys_seed():
 def test_repeats_can_have_the_same_seeds_at_every_point():
     study = Study.from_mapping({
         "experiment": FREE, "vary": {"gain": [1.0, 2.0]}, "repeats": 3, "seeds": "repeats"})
-    seeds = [study.seed_of(run) for run in range(6)]
+    seeds = [study.compute_seed(run) for run in range(6)]
     assert seeds[:3] == seeds[3:] and len(set(seeds)) == 3
-    assert [study.experiment_of(run).seed for run in range(6)] == seeds
+    assert [study.make_experiment(run).seed for run in range(6)] == seeds
 
 
 def test_chunks_cover_all_runs_once(tiny):
     for repeats, chunk in ((7, 4), (1, 100), (20, 60)):
         study = tiny(repeats=repeats, chunk=chunk)
-        covered = [run for c in range(study.chunks) for run in study.chunk_runs(c)]
-        assert covered == list(range(study.runs))
+        covered = [run for c in range(study.chunk_count) for run in study.list_chunk_runs(c)]
+        assert covered == list(range(study.run_count))
     assert [tiny(repeats=n, chunk=None).chunk_size for n in (1, 410, 100_000)] == [1, 31, 100]
-    pictured = {"experiment": {**FREE, "features": "pictures"}, "repeats": 400, "chunk": None}
+    pictured = {"experiment": {**FREE, "features": "images"}, "repeats": 400, "chunk": None}
     for pictures, size in (("all", 4), ("first", 30)):  # pictures are kept in memory
         assert tiny(**pictured, pictures=pictures).chunk_size == size
 
@@ -128,8 +128,8 @@ def test_chunks_cover_all_runs_once(tiny):
     ({"choice": [[1], [2]]}, pa.string()), ([np.int64(1), np.int64(2)], pa.int64()),
 ])  # fmt: skip
 def test_a_column_has_the_type_of_what_varies(tiny, values, kind):
-    study = tiny(vary={"options.mine": values})
-    assert rows.schema(study, {}).field("options.mine").type == kind
+    study = tiny(vary={"controller_parameters.mine": values})
+    assert rows.make_schema(study, {}).field("controller_parameters.mine").type == kind
 
 
 def test_a_mapping_makes_the_same_study_again(tiny):
@@ -144,12 +144,14 @@ def test_overrides_replace_what_varies_and_the_studys_own_keys(tmp_path):
     file.write_text(yaml.safe_dump({
         "experiment": {**FREE, "start": {"side": 0.02}}, "repeats": 3,
         "vary": {"gain": [1, 2], "delay": [0.0, 0.1]}}))  # fmt: skip
-    study = Study.from_yaml(file, overrides.parsed(["gain=5", "repeats=4", "start.turn=0.3"]))
-    assert study.runs == 8 and study.keys == ("delay",)
-    made = study.experiment_of(0)
+    study = Study.from_yaml(
+        file, overrides.parse_overrides(["gain=5", "repeats=4", "start.turn=0.3"])
+    )
+    assert study.run_count == 8 and study.keys == ("delay",)
+    made = study.make_experiment(0)
     assert (made.gain, made.start.side, made.start.turn) == (5, 0.02, 0.3)
-    study = Study.from_yaml(file, overrides.parsed(["vary.gain=[3, 4, 5]"]))
-    assert study.runs == 18
+    study = Study.from_yaml(file, overrides.parse_overrides(["vary.gain=[3, 4, 5]"]))
+    assert study.run_count == 18
 
 
 def test_an_experiment_in_a_file_beside_the_study(tmp_path):
@@ -157,40 +159,40 @@ def test_an_experiment_in_a_file_beside_the_study(tmp_path):
     (tmp_path / "study.yaml").write_text("experiment: base.yaml\nrepeats: 2\n")
     for study in (Study.from_yaml(tmp_path / "study.yaml"),
                   Study(experiment=str(tmp_path / "base.yaml"), repeats=2)):
-        assert study.experiment_of(1).gain == 3.0
+        assert study.make_experiment(1).gain == 3.0
     (tmp_path / "base.yaml").write_text("- 3.0\n")
-    with pytest.raises(StudyError, match="base.yaml holds no keys with values: it is no study"):
+    with pytest.raises(StudyError, match="base.yaml has no keys with values: it is no study"):
         Study.from_yaml(tmp_path / "base.yaml")
-    with pytest.raises(StudyError, match="base.yaml holds no keys with values"):
+    with pytest.raises(StudyError, match="base.yaml has no keys with values"):
         Study.from_mapping({"experiment": str(tmp_path / "base.yaml")})
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
     ({"repeats": 0}, "repeats is 0, must be >= 1"),
     ({"samples": 0}, "samples is 0, must be >= 1"),
-    ({"vary": {"gain": []}}, "vary.gain is an empty list: a study of no runs"),
+    ({"vary": {"gain": []}}, "vary.gain is an empty list: give at least one value"),
     ({"repeats": 10**12}, "e.12 runs are more than 1e.08"),
     ({"vary": {"gian": [1.0]}}, "no 'gian': did you mean gain"),
     ({"vary": {"start.heigth": [1.0]}}, "no 'start.heigth': did you mean start.height"),
-    ({"vary": {"believed.focus": [1.0]}}, "no 'believed.focus'"),
+    ({"vary": {"calibration_offset.focus": [1.0]}}, "no 'calibration_offset.focus'"),
     ({"vary": {"gain.deeper": [1.0]}}, "gain has no keys below it"),
     ({"cases": [{"laws": "PI"}], "vary": {}}, "no 'laws': did you mean law"),
     ({"cases": {"it": [{"name": "a", "set": {"laws": "PI"}}]}, "vary": {}}, "no 'laws': did you"),
     ({"cases": {"lens": [{"name": "a", "sett": {}}]}}, "'cases.lens.0..sett': did you mean 'set'"),
-    ({"cases": [{"gain": 2.0}]}, "'gain' stands both under vary and in cases"),
+    ({"cases": [{"gain": 2.0}]}, "'gain' is both under vary and in cases"),
     ({"vary": {"gain": {"uniform": [float("nan"), 2.0]}}}, "uniform.0. is nan, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, float("inf")]}}}, "normal.1. is inf, must be a finite"),
     ({"vary": {"gain": {"normal": [1.0, 0.0]}}}, "deviation is 0, must be above 0"),
-    ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must rise"),
-    ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, "1 to 1, must rise"),
-    ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must rise from above 0"),
+    ({"vary": {"gain": {"uniform": [2.0, 1.0]}}}, "2 to 1, must be low < high"),
+    ({"vary": {"gain": {"uniform": [1.0, 1.0]}}}, "1 to 1, must be low < high"),
+    ({"vary": {"gain": {"loguniform": [0.0, 1.0]}}}, "must be 0 < low < high"),
     ({"vary": {"gain": {"unifrom": [1.0, 2.0]}}}, "unknown 'unifrom': did you mean 'uniform'"),
-    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "1 is no count"),
+    ({"vary": {"gain": {"linear": [1.0, 2.0, 1]}}}, "count is 1, must be from 2"),
     ({"vary": {"gain": {"log": [0.0, 2.0, 3]}}}, "above 0"),
     ({"vary": {"gain": {"integers": [1.5, 3]}}}, "whole numbers"),
     ({"vary": {"gain": {"choice": []}}}, "must be a list of values"),
-    ({"vary": {"gain": 2.0}}, "what does not vary belongs under experiment"),
-    ({"samples": 2}, "samples is 2, but nothing is drawn"),
+    ({"vary": {"gain": 2.0}}, "put a constant value under experiment"),
+    ({"samples": 2}, "samples is 2, but no key has a distribution"),
     ({"sampling": "sobel"}, "sampling is 'sobel': did you mean 'sobol'"),
     ({"seeds": "run"}, "seeds is 'run': did you mean 'runs'"),
     ({"metrics": ["settle"]}, "unknown metric 'settle': did you mean 'settled'"),
@@ -217,9 +219,9 @@ def test_a_study_that_was_changed_is_looked_at_again(tiny):
 def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path):
     day = datetime.date(2026, 2, 1)
     study = tiny(vary={}, cases={"a": [{"name": "b", "published": {"outcome": day}}]})
-    told = r"^datetime.date\(2026, 2, 1\) cannot stand in a study: give numbers, texts"
+    told = r"^datetime.date\(2026, 2, 1\) is no value for a study: give numbers, texts"
     with pytest.raises(StudyError, match=told):
-        Folder.create(tmp_path / "out", study, "")
+        StudyFolder.create(tmp_path / "out", study, "")
 
 
 @pytest.mark.parametrize(("changes", "complaint"), [
@@ -228,7 +230,7 @@ def test_what_yaml_has_and_no_study_is_refused_before_it_is_begun(tiny, tmp_path
     ({"vary": {"gain": [1.0, "high"]}}, "gain is 'high'"),
     ({"vary": {"gain": [1.0, float("nan")]}}, "gain is nan"),
     ({"vary": {"scheme": ["moments", "momments"]}}, "momments.*did you mean 'moments'"),
-    ({"vary": {"options.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
+    ({"vary": {"controller_parameters.max_velocty": [0.1]}}, "max_velocty.*max_velocity"),
     ({"vary": {"camera": ["original", "fisheys"]}}, "fisheys.*did you mean 'fisheye'"),
     ({"vary": {"goal": ["2015", "/nowhere.yaml"]}}, "cannot read the goal /nowhere.yaml"),
     ({"vary": {"start": ["2015", "2051"]}}, "2051"),
@@ -250,14 +252,14 @@ def test_every_value_is_tried_before_the_first_run(tiny, changes, complaint):
 ])  # fmt: skip
 def test_overrides_that_are_none(words, complaint):
     with pytest.raises(StudyError, match=complaint):
-        overrides.parsed(words)
+        overrides.parse_overrides(words)
 
 
 def test_a_key_below_a_name_cannot_be_set():
     study = Study.from_mapping({"experiment": {**FREE, "start": "2016"},
                                 "vary": {"start.side": [0.1]}})  # fmt: skip
     with pytest.raises(StudyError, match="'start.side' cannot be set: start is '2016', which has"):
-        study.experiment_of(0)
+        study.make_experiment(0)
 
 
 NOISY = {"preset": "noisy", "effects": {"drop_probability": 0.3}}
@@ -286,11 +288,13 @@ POSE, OTHER = {"pose": [0, 0, 0.3, 3.1, 0, 0]}, {"pose": [0, 0, 0.4, 3.1, 0, 0]}
     ({"cameras": {"a": {}, "b": {}}}, {"cameras.b": {"rate": 9.0}},
      {"cameras": {"a": {}, "b": {"rate": 9.0}}}),
     # Any mapping.
-    ({"believed": {"focal": 0.9, "xyz": [0, 0, 1]}}, {"believed": {"focal": 1.1}},
-     {"believed": {"focal": 1.1, "xyz": [0, 0, 1]}}),
+    ({"calibration_offset": {"focal": 0.9, "xyz": [0, 0, 1]}},
+        {"calibration_offset": {"focal": 1.1}},
+     {"calibration_offset": {"focal": 1.1, "xyz": [0, 0, 1]}}),
     ({"target": {"shape": "square", "motion": {"begin": 1.0}}}, {"target": {"motion": {"turn": 2}}},
      {"target": {"shape": "square", "motion": {"begin": 1.0, "turn": 2}}}),
-    ({"options": {"lag": 1}}, {"options": {"lead": 2}}, {"options": {"lag": 1, "lead": 2}}),
+    ({"controller_parameters": {"lag": 1}}, {"controller_parameters": {"lead": 2}},
+        {"controller_parameters": {"lag": 1, "lead": 2}}),
     # A start of another kind, and one of the same.
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": POSE}, {"start": POSE}),
     ({"start": {"side": 0.1, "turn": 0.2}}, {"start": {"turn": 1}},
@@ -312,14 +316,14 @@ def test_an_override_of_a_preset_acts_the_same_however_it_is_written(tmp_path):
     file = tmp_path / "study.yaml"
     file.write_text(yaml.safe_dump({"experiment": base}))
     written = [
-        Study.from_mapping({"experiment": base, "vary": {key: [value]}}).experiment_of(0),
-        Study.from_mapping({"experiment": base, "cases": [{key: value}]}).experiment_of(0),
+        Study.from_mapping({"experiment": base, "vary": {key: [value]}}).make_experiment(0),
+        Study.from_mapping({"experiment": base, "cases": [{key: value}]}).make_experiment(0),
         Study.from_mapping({"experiment": base, "cases": {"a": [
-            {"name": "b", "set": {key: value}}]}}).experiment_of(0),
-        Study.from_yaml(file, overrides.parsed([f"{key}={value}"])).experiment_of(0),
+            {"name": "b", "set": {key: value}}]}}).make_experiment(0),
+        Study.from_yaml(file, overrides.parse_overrides([f"{key}={value}"])).make_experiment(0),
     ]
     assert len({str(dict(one.camera)) for one in written}) == 1
     parts = assemble(written[0])
-    wide = assemble(written[0].with_(camera="wide"))
-    assert parts.eyes["camera"].true == wide.eyes["camera"].true
-    assert parts.plant.sight.effects.drop_probability == value
+    wide = assemble(written[0].with_changes(camera="wide"))
+    assert parts.cameras["camera"].true_camera == wide.cameras["camera"].true_camera
+    assert parts.plant.imaging.effects.drop_probability == value

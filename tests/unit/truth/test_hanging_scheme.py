@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 
 import pytest
 
-from aras_visual_servo_bench.running.loop import run
+from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_controller.errors import SchemeTimeoutError
 from aras_visual_servo_controller.schemes.time_limit import call_user_code
 
@@ -39,7 +39,7 @@ SCHEMES = ("Hanging", "Sleeping", "Waiting")
 def keys(scheme, plant="free"):
     return {"plant": plant, "features": "exact", "duration": 3.0, "seed": 3, "gain": 1.0,
             "scheme": f"outcome_campaign.schemes:{scheme}",
-            "options": {"scheme_timeout": LIMIT}}  # fmt: skip
+            "controller_parameters": {"scheme_timeout": LIMIT}}  # fmt: skip
 
 
 def outcome_of(given):

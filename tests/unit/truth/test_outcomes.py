@@ -8,9 +8,9 @@ from dataclasses import replace
 
 import pytest
 
-from aras_visual_servo_bench.asked.experiment import Experiment
+from aras_visual_servo_bench.experiment.experiment import Experiment
 from aras_visual_servo_bench.plants.base import JointReading
-from aras_visual_servo_controller.seeing.frame import Frame
+from aras_visual_servo_controller.observation.frame import Frame
 from outcome_campaign import cli
 from outcome_campaign.kinds import KINDS, Event
 from outcome_campaign.table import (
@@ -110,8 +110,8 @@ def test_right_runs_are_counted_by_the_faults_provoked():
 def test_bounds_are_met_by_what_is_right():
     assert failures(summary([RIGHT, LOST])) == []
     wide = replace(RIGHT, open_distance=3.1e-4)
-    assert failures(summary([wide])) == ["distance left open within 3 times the median error"]
-    beyond, name = replace(RIGHT, angle=5.1e-3), "left open exceeded in 0.5% at most"
+    assert failures(summary([wide])) == ["uncertainty of distance within 3 times the median error"]
+    beyond, name = replace(RIGHT, angle=5.1e-3), "uncertainty exceeded in 0.5% at most"
     assert name in failures(summary([beyond] + [RIGHT] * 150))
     assert name not in failures(summary([beyond] + [RIGHT] * 250))
 
@@ -135,8 +135,8 @@ def test_an_unknown_kind_is_named(capsys):
     ("name", "number", "said", "besides"),
     [
         ("moving_target_and_high_gain", 0, "gain_too_high", "features moved steadily"),
-        ("slow_joints_and_a_limit", 0, "joint_limit", "limit of speed"),
-        ("goal_read_wrongly", 0, "ambiguous", "the image is not the goal's"),
+        ("slow_joints_and_a_limit", 0, "joint_limit", "speed or acceleration limit"),
+        ("goal_read_wrongly", 0, "ambiguous", "the image differs from the goal's"),
     ],
 )
 def test_of_two_causes_both_are_named_and_the_remedy_is_for_both(name, number, said, besides):

@@ -53,9 +53,9 @@ def test_the_table_is_written_for_the_documentation(only, tmp_path, monkeypatch)
     monkeypatch.setattr(cli, "TABLE", tmp_path / "truth.md")
     cli.main(["--write"])
     told = (tmp_path / "truth.md").read_text().split("| check |")[0]
-    assert "- 0 of 1 comparisons, in 1 checks, are within their bounds: not heat: melting" in told
+    assert "- 0 of 1 comparisons, in 1 checks, are within their bounds; beyond: heat: " in told
     assert "- Compared with a book (1)." in told
-    assert "Nearest to their bounds: heat, melting point, 0.3 °C of 0.2 °C." in told
+    assert "Closest to their bounds: heat, melting point: 0.3 °C, bound 0.2 °C." in told
     assert "| heat | a book | melting point | 0 °C | 0.3 °C | 0.2 °C | **no** |" in \
         (tmp_path / "truth.md").read_text()
 
@@ -75,10 +75,10 @@ def test_rows_of_checks_that_were_not_made_stay(only, tmp_path, monkeypatch):
 
 def test_the_page_begins_with_what_its_tables_say():
     page = cli.TABLE.read_text(encoding="utf-8")
-    assert result.with_result(page) == page, "write it anew: tests/truth --write"
+    assert result.with_result(page) == page, "write it again: tests/truth --write"
     lines = result.result(page)
-    assert 8 <= len(lines) <= 12 and lines[-1].startswith("Right in ")
+    assert 8 <= len(lines) <= 12 and lines[-1].startswith("Correct in ")
     assert page.index(lines[0]) < 200
     worse = page.replace("1.7e-07 | 0.0001 |  |", "1.7e-03 | 0.0001 | **no** |", 1)
     first = result.result(worse)[0]
-    assert "not a free base: base, Pinocchio" in first and first != lines[0]
+    assert "beyond: a free base: base, Pinocchio" in first and first != lines[0]

@@ -229,7 +229,7 @@ def test_loops_that_find_no_room_are_told_and_never_taken_for_whole(start, tmp_p
     (tools / "cp").chmod(0o755)
     done = start("true", PATH=f"{tools}:{os.environ['PATH']}")
     assert done.returncode == 1 and done.stderr.count("\n") == 1
-    assert "cannot be written to" in done.stderr and "--tmpfs /tmp" in done.stderr
+    assert "cannot write the compiled loops to" in done.stderr and "--tmpfs /tmp" in done.stderr
     assert not os.listdir(tmp_path / "tmp")
     assert start("true").returncode == 0
 

@@ -9,12 +9,12 @@ from pathlib import Path
 import numba
 import pytest
 
-from aras_visual_servo_base import loops
+from aras_visual_servo_base import compile_packages
 
 LIBRARY = Path(__file__).parents[3] / "src" / "aras_visual_servo_base" / "src"
 TWICE = """
-from aras_visual_servo_base.compiled import compiled
-@compiled("f8")
+from aras_visual_servo_base.compiled import jit
+@jit("f8")
 def twice(x):
     return 2 * x
 """
@@ -63,17 +63,17 @@ def test_what_was_compiled_for_the_sources_serves_their_copies_unless_they_diffe
     folder, use = packages
     source, copy = folder / "source", folder / "copy"
     use(source)
-    assert loops.sources("looping") == [Path("looping/part/twice.py")]
-    assert loops.main(["looping"]) == 0
+    assert compile_packages.find_sources("looping") == [Path("looping/part/twice.py")]
+    assert compile_packages.main(["looping"]) == 0
     assert len(kept(source)) == 2
     use(copy)
-    assert loops.main(["--from", str(source), "looping"]) == 0
+    assert compile_packages.main(["--from", str(source), "looping"]) == 0
     assert kept(copy) == kept(source)  # nothing was compiled anew
     assert looped() == (1, 4.0)
     path = copy / "looping" / "part" / "twice.py"
     path.write_text(path.read_text().replace("2 * x", "3 * x"))
     use(copy)
-    loops.main(["--from", str(source), "looping"])
+    compile_packages.main(["--from", str(source), "looping"])
     assert len(kept(copy)) == 2 and kept(copy) != kept(source)
     use(copy)
     assert looped() == (1, 6.0)
@@ -85,7 +85,7 @@ def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
 ):
     source = packages[0] / "source"
     done = subprocess.run(
-        [sys.executable, "-m", "aras_visual_servo_base.loops", "nothing", "looping",
+        [sys.executable, "-m", "aras_visual_servo_base.compile_packages", "nothing", "looping",
          f"--processes={processes}"],
         env={**os.environ, "PYTHONPATH": f"{source}:{LIBRARY}"}, cwd="/", capture_output=True,
         text=True,
@@ -97,26 +97,28 @@ def test_packages_are_compiled_side_by_side_and_one_that_is_not_there_is_named(
 
 def test_packages_are_shared_out_among_processes_by_their_loops(monkeypatch):
     files = {"large": 9, "middle": 6, "small": 4, "none": 0}
-    monkeypatch.setattr(loops, "sources", lambda package: [Path("loop.py")] * files[package])
-    shared = loops.shares(["none", "small", "large", "middle"], 2)
+    monkeypatch.setattr(
+        compile_packages, "find_sources", lambda package: [Path("loop.py")] * files[package]
+    )
+    shared = compile_packages.split_packages(["none", "small", "large", "middle"], 2)
     assert shared == [["large", "none"], ["middle", "small"]]
-    assert loops.shares(list(files), 1) == [["large", "middle", "small", "none"]]
-    assert [len(part) for part in loops.shares(list(files), 8)] == [1, 1, 1, 1]
+    assert compile_packages.split_packages(list(files), 1) == [["large", "middle", "small", "none"]]
+    assert [len(part) for part in compile_packages.split_packages(list(files), 8)] == [1, 1, 1, 1]
 
 
 def test_packages_are_missing_until_each_of_their_loops_is_kept(packages, monkeypatch):
     folder, use = packages
     source = folder / "source"
     use(source)
-    assert loops.missing(["looping"]) == ["looping"]
-    loops.main(["looping"])
-    assert loops.missing(["looping"]) == []
+    assert compile_packages.find_missing(["looping"]) == ["looping"]
+    compile_packages.main(["looping"])
+    assert compile_packages.find_missing(["looping"]) == []
     small = source / "looping" / "small.py"  # becomes part of others: nothing is kept beside it
-    small.write_text("from aras_visual_servo_base.compiled import inlined\n"
-                     "@inlined\ndef half(x):\n    return 0.5 * x\n")
-    assert loops.missing(["looping"]) == []
+    small.write_text("from aras_visual_servo_base.compiled import jit_inline\n"
+                     "@jit_inline\ndef half(x):\n    return 0.5 * x\n")
+    assert compile_packages.find_missing(["looping"]) == []
     thrice = source / "looping" / "thrice.py"
     thrice.write_text(TWICE.replace("2 * x", "3 * x"))
-    assert loops.missing(["looping"]) == ["looping"]
+    assert compile_packages.find_missing(["looping"]) == ["looping"]
     monkeypatch.setenv("NUMBA_CACHE_DIR", str(folder / "elsewhere"))
-    assert loops.missing(["looping"]) == []
+    assert compile_packages.find_missing(["looping"]) == []

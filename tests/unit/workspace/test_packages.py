@@ -109,7 +109,7 @@ def test_pips_package_asks_for_what_its_command_line_imports():
     """And the extras for the rest; what ROS brings is imported by nodes alone."""
     project = tomllib.loads((SOURCES.parent / "pyproject.toml").read_text())
     told = project["project"]
-    assert told["scripts"] == {"aras-servo": "aras_visual_servo_bench.commands:main"}
+    assert told["scripts"] == {"aras-servo": "aras_visual_servo_bench.cli:main"}
     names = {"cv2": "opencv-python-headless", "PIL": "pillow", "yaml": "PyYAML",
              "collada": "pycollada", "mpl_toolkits": "matplotlib", "sklearn": "scikit-learn"}
     extras = told["optional-dependencies"]

@@ -132,7 +132,7 @@ def test_the_table_of_packages_counts_those_without_faults(packages):
     bad = packages.Package("b", {"o/r": "0123456789abcdef"}, "b b.launch")
     text = packages.table(
         [packages.Result(good, ["arm"]), packages.Result(bad, [], ["no | clock"])])
-    assert text.startswith("1 of 2 start with every served part working.")
+    assert text.startswith("1 of 2 packages start, and all their supported parts work.")
     assert "| a | `a a.launch` | arm | - | `libx.so` |" in text
     assert "| b | `b b.launch` | - | no / clock | - |" in text
     assert text.endswith("Sources: o/r 0123456789ab.")

@@ -67,7 +67,7 @@ def machine(namespace: list[str], tmp_path: Path):
 @pytest.mark.parametrize(
     ("files", "told"),
     [
-        ({"/etc/os-release": 'ID=ubuntu\nVERSION_ID="24.04"\n'}, "'ubuntu 24.04'. Ubuntu has no"),
+        ({"/etc/os-release": 'ID=ubuntu\nVERSION_ID="24.04"\n'}, "'ubuntu 24.04'. Ubuntu does not"),
         ({"/etc/os-release": 'ID=debian\nVERSION_ID="11"\n'}, "Use Debian 12 or 13"),
         ({"/etc/os-release": "ID=arch\n"}, "or the container in docker/"),
         ({"/usr/bin/uname": "#!/bin/sh\necho aarch64\n"}, "Use an x86_64 machine"),
@@ -91,7 +91,7 @@ def test_a_conda_shell_where_ros_cannot_come_from_debian(machine):
 
 @pytest.mark.parametrize(
     ("folder", "told"),
-    [("my work", "without spaces"), ("a:b", "cannot carry a sign"), ("it#1", "cannot carry a sign"),
+    [("my work", "without spaces"), ("a:b", "do not support"), ("it#1", "do not support"),
      ("x" * 120 + "/" + "y" * 120, "at most 200 letters")],
 )  # fmt: skip
 def test_a_path_that_nodes_cannot_have(machine, folder, told):
@@ -123,7 +123,9 @@ def test_without_network_it_says_so(machine, told):
     room = "#!/bin/sh\necho Avail; echo 100000\n"
     status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
     assert status == 1
-    assert "there seems to be no network" in text and "start again when it is corrected" in text
+    assert (
+        "there seems to be no network" in text and "fix the cause and start setup.sh again" in text
+    )
     assert "apt-get update ... done" in text
     assert "E: " not in text  # where the reason is known, the log's end would only hide it
 
@@ -132,7 +134,7 @@ def test_a_disk_that_was_full_is_named_though_there_is_room_again(machine):
     apt = "#!/bin/sh\necho 'OSError: [Errno 28] No space left on device'; exit 1\n"
     room = "#!/bin/sh\necho Avail; echo 100000\n"
     status, text = machine({"/usr/bin/apt-get": apt, "/usr/bin/df": room})
-    assert status == 1 and "a disk was full: make room" in text and "Errno" not in text
+    assert status == 1 and "a disk was full: free some space" in text and "Errno" not in text
 
 
 def test_a_step_that_fails_for_another_reason_shows_the_end_of_its_log(machine):
@@ -153,14 +155,14 @@ def test_an_installation_that_was_cut_short_is_ended_first(machine, tmp_path):
     # what is half installed is what dpkg tells of
     files["/usr/bin/dpkg"] = f"#!/bin/sh\necho $1 | tee -a '{tmp_path}/asked'\n"
     text = machine(files)[1]
-    assert "dpkg --configure -a (an earlier installation was cut short) ... done" in text
+    assert "dpkg --configure -a (an earlier installation was interrupted) ... done" in text
     assert (tmp_path / "asked").read_text() == "--audit\n--audit\n--configure\n"
 
 
 def test_a_disk_without_room_is_told_before_it_is_filled(machine):
     room = "#!/bin/sh\necho Avail; echo 700\n"
     status, text = machine({"/usr/bin/df": room, "/usr/bin/apt-get": "#!/bin/sh\n"})
-    assert status == 1 and "needs some 2000 MB below /usr, where 700 MB are left" in text
+    assert status == 1 and "needs about 2000 MB below /usr, where 700 MB are left" in text
 
 
 def test_a_disk_that_is_full_when_a_step_fails_is_named(machine):
@@ -210,8 +212,8 @@ def played(tmp_path: Path, loops: str = "", build: str = "", pip: str = "") -> d
         shutil.copytree(ROOT / "requirements", tmp_path / "workspace" / "requirements")
         shutil.copy(ROOT / "setup.sh", tmp_path / "workspace")
         package.mkdir(parents=True)
-        (package / "loops.py").write_text("from .compiled import compiled\n")
-    compiles = f"  *loops*) {{ {loops or 'true'}; }} && echo loops >>asked ;;\n"
+        (package / "loops.py").write_text("from .compiled import jit\n")
+    compiles = f"  *compile_packages*) {{ {loops or 'true'}; }} && echo loops >>asked ;;\n"
     compiles += f"  *-m\\ pip*) {{ {pip or 'true'}; }} && echo $* >>asked ;;\n"
     builds = f"mkdir -p devel; {{ {build or 'true'}; }} && echo build >>asked\n"
     return {
@@ -386,7 +388,7 @@ def test_an_interrupt_counts_whatever_runs_when_it_comes(machine, tmp_path):
 INTERRUPTS = "kill -INT $(cat setup.pid)"
 # Before each command of a script: an interrupt, where a step is at work and has not been noted yet.
 NOT_NOTED = f"""set -T
-trap '[[ $BASH_COMMAND != "beside["*"]="* ]] || {{
+trap '[[ $BASH_COMMAND != "background["*"]="* ]] || {{
   until [[ -e at_work ]]; do sleep 0.1; done; {INTERRUPTS}; }}' DEBUG"""
 LATE = "sleep 60; touch late"
 

@@ -34,7 +34,7 @@ def test_a_command_that_waited_while_all_was_reset_does_not_count(reset):
     robot.command((0.1,) * 6)
     getattr(robot.simulation, reset)()
     robot.steps(1)
-    states = [robot.manager.get(name).state(0, 0.001) for name in CONTROLLERS.values()]
+    states = [robot.manager.get(name).make_state(0, 0.001) for name in CONTROLLERS.values()]
     assert [state.set_point for state in states] == [0.0] * 6
     robot.close()
 

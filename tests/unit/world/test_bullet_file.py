@@ -10,8 +10,8 @@ import pybullet
 import pytest
 
 from aras_sim_bridge.description import Collision, Geometry, parse_urdf
-from aras_sim_bridge.description.inertia import tensor
-from aras_sim_bridge.world import Pose, World, body, bullet_file
+from aras_sim_bridge.description.inertia import inertia_tensor
+from aras_sim_bridge.world import Pose, World, body, bullet_files
 
 INERTIAL = ('<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
             "</inertial>")
@@ -44,8 +44,8 @@ def test_the_window_shows_the_links_in_their_colours(client, tmp_path, monkeypat
     described, folder = robot(tmp_path), tmp_path / "out"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    monkeypatch.setattr(bullet_file, "MEMORY", str(folder))
-    with bullet_file.BulletFiles(described, True, True) as files:
+    monkeypatch.setattr(bullet_files, "MEMORY_FOLDER", str(folder))
+    with bullet_files.BulletFiles(described, True, True) as files:
         body = pybullet.loadURDF(files.urdf, physicsClientId=client)
         assert len(list(folder.iterdir())) == 3  # one mesh for visual and collision, a plane
     shown = pybullet.getVisualShapeData(body, physicsClientId=client)
@@ -58,9 +58,9 @@ def test_files_of_a_model_that_cannot_be_written_are_gone_too(tmp_path, monkeypa
     described, folder = robot(tmp_path), tmp_path / "out"
     folder.mkdir()
     monkeypatch.setattr(tempfile, "tempdir", str(folder))
-    monkeypatch.setattr(bullet_file, "_joint", lambda joint, static: 1 / 0)
+    monkeypatch.setattr(bullet_files, "_format_joint", lambda joint, static: 1 / 0)
     with pytest.raises(ZeroDivisionError):
-        bullet_file.BulletFiles(described, True, True)
+        bullet_files.BulletFiles(described, True, True)
     assert not list(folder.iterdir())
 
 
@@ -80,7 +80,7 @@ def test_what_rolls_touches_by_two_rims_that_are_as_far_out_as_the_shape(kind, r
     """Between them it is thinner by 0.1 mm, of what is small by a hundredth."""
     whole = Collision("c", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6),
                       Geometry(kind, radius=radius, length=length))
-    middle, *rims = bullet_file._rolling(whole)
+    middle, *rims = bullet_files._split_round_shape(whole)
     assert middle.pose == whole.pose and middle.geometry.kind == kind
     assert middle.geometry.radius == pytest.approx(radius - min(1e-4, 0.01 * radius))
     assert middle.geometry.length == pytest.approx(length * (1.0 if kind == "capsule" else 0.98))
@@ -93,7 +93,7 @@ def test_what_rolls_touches_by_two_rims_that_are_as_far_out_as_the_shape(kind, r
         assert (rim.geometry.radius, rim.geometry.length) == (radius, pytest.approx(wide))
         assert rim.pose.quat == pytest.approx(whole.pose.quat)
     box = Collision("b", (0.1, 0.2, 0.3), (0.4, -0.5, 0.6), Geometry("box", size=(1, 2, 3)))
-    assert list(bullet_file._rolling(box)) == [box]
+    assert list(bullet_files._split_round_shape(box)) == [box]
 
 
 def test_a_massless_root_takes_the_heaviest_inertial_that_is_fixed_to_it(make):
@@ -106,27 +106,27 @@ def test_a_massless_root_takes_the_heaviest_inertial_that_is_fixed_to_it(make):
         make.joint("b", "plate", "chassis", "fixed", "0 2 0", rpy="0.3 0 0"),
         make.joint("c", "base_link", "boom", "revolute"))
     described = parse_urdf(text)
-    found = bullet_file.with_massive_root(described)
+    found = bullet_files.give_root_mass(described)
     lent, lender = found.links["base_link"].inertial, described.links["chassis"].inertial
     at = Pose.from_rpy((1, 0, 0), (0, 0, 0.5)) @ Pose.from_rpy((0, 2, 0), (0.3, 0, 0))
     assert lent.mass == 5.0 and found.links["chassis"].inertial is None
     assert lent.origin_xyz == pytest.approx(at.apply((0.1, 0.2, 0.3)))
     turn = lent.pose.matrix()[:3, :3]
     world = at.matrix()[:3, :3] @ lender.pose.matrix()[:3, :3]
-    np.testing.assert_allclose(turn @ tensor(lent.inertia) @ turn.T,
-                               world @ tensor(lender.inertia) @ world.T, atol=1e-12)
+    np.testing.assert_allclose(turn @ inertia_tensor(lent.inertia) @ turn.T,
+                               world @ inertia_tensor(lender.inertia) @ world.T, atol=1e-12)
     for name in ("plate", "boom"):
         assert found.links[name] is described.links[name]
-    assert [bullet_file.root_is_fixed(described, asked) for asked in (None, True, False)] == [
+    assert [bullet_files.is_root_fixed(described, asked) for asked in (None, True, False)] == [
         False, True, False]
     for name in ("base_link", "chassis"):  # one that gravity does not pull at is enough
         light = f'<gazebo reference="{name}"><gravity>0</gravity></gazebo></robot>'
-        weightless = bullet_file.with_massive_root(parse_urdf(text.replace("</robot>", light)))
+        weightless = bullet_files.give_root_mass(parse_urdf(text.replace("</robot>", light)))
         assert not weightless.links["base_link"].gravity
     assert found.links["base_link"].gravity
     named = parse_urdf(text.replace("base_link", "world"))
-    assert bullet_file.with_massive_root(named) is named
-    assert bullet_file.root_is_fixed(named)
+    assert bullet_files.give_root_mass(named) is named
+    assert bullet_files.is_root_fixed(named)
 
 
 def test_only_links_that_joints_with_stops_move_may_hold_something(make):
@@ -142,13 +142,13 @@ def test_only_links_that_joints_with_stops_move_may_hold_something(make):
         make.joint("f4", "base", "post", "fixed"),
         make.joint("turn", "base", "endless", "continuous"),
         make.joint("f5", "endless", "hand", "fixed"))
-    assert body._gripping(parse_urdf(text)) == {"finger", "tip", "pad", "slide"}
+    assert body._find_gripping_links(parse_urdf(text)) == {"finger", "tip", "pad", "slide"}
 
 
 def same_inertial(one, other):
     turn, turned = one.pose.matrix()[:3, :3], other.pose.matrix()[:3, :3]
-    np.testing.assert_allclose(turn @ tensor(one.inertia) @ turn.T,
-                               turned @ tensor(other.inertia) @ turned.T, atol=1e-12)
+    np.testing.assert_allclose(turn @ inertia_tensor(one.inertia) @ turn.T,
+                               turned @ inertia_tensor(other.inertia) @ turned.T, atol=1e-12)
     return one.mass == other.mass and one.origin_xyz == pytest.approx(other.origin_xyz)
 
 
@@ -174,11 +174,11 @@ def test_what_bullet_is_given_is_the_model_but_for_what_the_world_does(make, tmp
                    extra='<mimic joint="turn" multiplier="2"/>'),
         make.joint("spin", "car", "bare", "continuous"), name="a &amp; b"))
     described = replace(described, static=static)
-    with bullet_file.BulletFiles(described, False, False) as files:
+    with bullet_files.BulletFiles(described, False, False) as files:
         text = Path(files.urdf).read_text()
         assert text.count(".stl") == 2 and len(files._meshes) == 1  # one file for both
         # Bullet alone reads shapes of no size, and meshes in their own unit.
-        found = parse_urdf(text.replace(bullet_file._NOTHING, ""))
+        found = parse_urdf(text.replace(bullet_files._EMPTY_VISUAL, ""))
         assert found.name == "a & b" and list(found.links) == list(described.links)
         for name, link in found.links.items():
             was = described.links[name]
@@ -208,13 +208,13 @@ def test_a_tensor_that_bullet_would_not_take_is_a_sphere_s_in_its_file(make):
     for moments, written in (((1.0, 2.0, 4.0), (4.0, 4.0, 4.0)), ((1.0, 3.0, 4.0), (1.0, 3.0, 4.0)),
                              ((1.0, 2.0, 2.5), (1.0, 2.0, 2.5))):
         described = parse_urdf(make.robot(make.link("a", inertia=(*moments, 0, 0, 0))))
-        with bullet_file.BulletFiles(described, False, False) as files:
+        with bullet_files.BulletFiles(described, False, False) as files:
             found = parse_urdf(Path(files.urdf).read_text()).links["a"].inertial.inertia
         assert (found[0], found[3], found[5]) == written
 
 
 def written(described, fixed_base):
-    with bullet_file.BulletFiles(described, fixed_base, False) as files:
+    with bullet_files.BulletFiles(described, fixed_base, False) as files:
         return Path(files.urdf).read_text()
 
 
@@ -239,11 +239,11 @@ def test_a_link_comes_before_those_that_would_pass_through_what_never_moves(make
         (parts("continuous", more=turning), True, False),
         (parse_urdf(make.robot(make.link("a", shapes=box))), True, False),
     ):
-        assert ('<link name="nobody">' in written(described, bolted)) is expected
-    for taken in (make.link("nobody") + make.joint("x", "a", "nobody", "fixed"),
-                  make.link("y") + make.joint("nobody", "a", "y", "fixed")):
+        assert ('<link name="empty">' in written(described, bolted)) is expected
+    for taken in (make.link("empty") + make.joint("x", "a", "empty", "fixed"),
+                  make.link("y") + make.joint("empty", "a", "y", "fixed")):
         text = written(parts("continuous", box, more=taken), True)
-        assert text.count('name="nobody_"') == 2 and text.count('<link name="nobody') < 3
+        assert text.count('name="empty_"') == 2 and text.count('<link name="empty') < 3
 
 
 def test_hollows_are_kept_of_the_root_s_meshes_alone_where_it_never_moves(make, tmp_path):
@@ -264,8 +264,8 @@ def test_meshes_lie_among_temporary_files_and_the_small_file_in_memory(tmp_path,
         memory, other = (tmp_path / f"{name}{writable}" for name in ("memory", "other"))
         memory.mkdir(), other.mkdir()
         monkeypatch.setattr(tempfile, "tempdir", str(other))
-        monkeypatch.setattr(bullet_file, "MEMORY", str(memory) if writable else "/nowhere")
-        with bullet_file.BulletFiles(described, True, True) as files:
+        monkeypatch.setattr(bullet_files, "MEMORY_FOLDER", str(memory) if writable else "/nowhere")
+        with bullet_files.BulletFiles(described, True, True) as files:
             kinds = [sorted(one.suffix for one in folder.iterdir()) for folder in (memory, other)]
             assert kinds == ([[".urdf"], [".stl"] * 2] if writable
                              else [[], [".stl", ".stl", ".urdf"]])

@@ -10,7 +10,7 @@ from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Pose, Twist, World
-from aras_sim_bridge.world.changes import with_joint, with_link
+from aras_sim_bridge.world.description_changes import change_joint, change_link
 
 G = 9.8
 
@@ -21,7 +21,7 @@ def test_another_mass_and_centre_change_the_load_and_nothing_else(make):
         for _ in range(50):
             world.step()
         before = [list(v) for v in bob.read_joints()[:2]]
-        world.change("m", with_link(bob.description, "bob", 2.0, (0.0, 0.0, -0.25),
+        world.change_model("m", change_link(bob.description, "bob", 2.0, (0.0, 0.0, -0.25),
                                     (0.02, 0, 0, 0.02, 0, 0.02), True))
         assert [list(v) for v in bob.read_joints()[:2]] == before
         assert bob.description.links["bob"].inertial.mass == 2.0
@@ -41,7 +41,7 @@ def test_a_flying_body_flies_on(make):
         flown = Pose.from_rpy((1, 2, 30), (0.1, 0.2, 0.3))
         body.set_pose(flown)
         body.set_twist(Twist((1, 0, 0), (0, 0, 2)))
-        world.change("m", with_link(body.description, "a", 3.0, (0.1, 0, 0),
+        world.change_model("m", change_link(body.description, "a", 3.0, (0.1, 0, 0),
                                     (0.1, 0, 0, 0.1, 0, 0.1), False))
         assert body.pose().xyz == pytest.approx(flown.xyz)
         assert body.pose().quat == pytest.approx(flown.quat)
@@ -55,13 +55,13 @@ def test_a_flying_body_flies_on(make):
 def test_damping_friction_and_stops(make):
     with World() as world:
         rotor = world.spawn(parse_urdf(make.rotor()), "m")
-        world.change("m", with_joint(rotor.description, "spin", damping=2.0, friction=0.3))
+        world.change_model("m", change_joint(rotor.description, "spin", damping=2.0, friction=0.3))
         for _ in range(1000):
             rotor.apply_effort("spin", 1.0)
             world.step()
         assert rotor.read_joints()[1][0] == pytest.approx((1.0 - 0.3) / 2.0, rel=1e-5)
         rotor.set_position("spin", 0.0)
-        world.change("m", with_joint(rotor.description, "spin", lower=-0.1, upper=0.2))
+        world.change_model("m", change_joint(rotor.description, "spin", lower=-0.1, upper=0.2))
         for _ in range(1500):
             rotor.apply_effort("spin", 1.0)
             world.step()
@@ -75,7 +75,7 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
                                 extra='<mimic joint="leader" multiplier="-2"/>'))
     simulation = Simulation()
     model = simulation.spawn(parse_urdf(xml), "m")
-    simulation.world.change("m", with_joint(model.description, "leader", damping=1.0))
+    simulation.world.change_model("m", change_joint(model.description, "leader", damping=1.0))
     for _ in range(200):
         model.apply_effort("leader", 1.0)
         simulation.step()
@@ -91,17 +91,17 @@ def test_a_model_with_mimic_joints_can_be_changed_and_deleted(make):
 
 
 @pytest.mark.parametrize(("change", "reason"), [
-    (lambda d: with_link(d, "nose", 1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "'nose'"),
-    (lambda d: with_link(d, "bob", 0.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "positive"),
-    (lambda d: with_link(d, "bob", math.nan, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "not finite"),
-    (lambda d: with_link(d, "bob", 1.0, (0, 0, math.inf), (1, 0, 0, 1, 0, 1), True), "com"),
-    (lambda d: with_link(d, "bob", 1.0, (0, 0, 0), (1, 0, 0, -1, 0, 1), True), "negative"),
-    (lambda d: with_joint(d, "nose", damping=1.0), "'nose'"),
-    (lambda d: with_joint(d, "swing", damping=-1.0), "damping -1.0 must not be negative"),
-    (lambda d: with_joint(d, "swing", friction=math.nan), "not finite"),
-    (lambda d: with_joint(d, "swing", lower=1.0, upper=-1.0), "above the upper"),
-    (lambda d: with_joint(d, "swing", lower=1.0), "no stops so far; give both"),
-    (lambda d: with_joint(d, "swing", upper=1.0), "no stops so far; give both"),
+    (lambda d: change_link(d, "nose", 1.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "'nose'"),
+    (lambda d: change_link(d, "bob", 0.0, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "positive"),
+    (lambda d: change_link(d, "bob", math.nan, (0, 0, 0), (1, 0, 0, 1, 0, 1), True), "not finite"),
+    (lambda d: change_link(d, "bob", 1.0, (0, 0, math.inf), (1, 0, 0, 1, 0, 1), True), "com"),
+    (lambda d: change_link(d, "bob", 1.0, (0, 0, 0), (1, 0, 0, -1, 0, 1), True), "negative"),
+    (lambda d: change_joint(d, "nose", damping=1.0), "'nose'"),
+    (lambda d: change_joint(d, "swing", damping=-1.0), "damping -1.0 must not be negative"),
+    (lambda d: change_joint(d, "swing", friction=math.nan), "not finite"),
+    (lambda d: change_joint(d, "swing", lower=1.0, upper=-1.0), "above the upper"),
+    (lambda d: change_joint(d, "swing", lower=1.0), "no stops yet; give both"),
+    (lambda d: change_joint(d, "swing", upper=1.0), "no stops yet; give both"),
 ])
 def test_impossible_changes_are_refused(make, change, reason):
     with pytest.raises(SimError, match=reason):
@@ -126,7 +126,7 @@ def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
         ("bare", {"lower": 0.0, "upper": 0.0, "damping": 0.0}, "revolute", (0.0, 0.0)),
         ("spin", {"damping": 0.5}, "continuous", (-math.inf, math.inf)),
     ):
-        after, old = with_joint(before, joint, **given), before.joints[joint]
+        after, old = change_joint(before, joint, **given), before.joints[joint]
         new = after.joints[joint]
         assert (new.kind, new.stops) == (kind, stops)
         for name in ("damping", "friction"):
@@ -141,7 +141,7 @@ def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
         assert list(after.joints) == list(before.joints)
         assert replace(after, joints=before.joints) == before
         assert all(after.joints[n] is before.joints[n] for n in before.joints if n != joint)
-    after = with_link(before, "b", 4, (1, 2, 3), (6, 0.1, 0.2, 5, 0.3, 4), False)
+    after = change_link(before, "b", 4, (1, 2, 3), (6, 0.1, 0.2, 5, 0.3, 4), False)
     new = after.links["b"]
     assert (new.inertial.mass, new.inertial.origin_xyz) == (4.0, (1.0, 2.0, 3.0))
     assert new.inertial.origin_rpy == (0.0, 0.0, 0.0)
@@ -150,4 +150,4 @@ def test_a_changed_description_is_the_same_but_for_what_was_asked(make):
     assert replace(new, inertial=before.links["b"].inertial, gravity=True) == before.links["b"]
     assert all(after.links[n] is before.links[n] for n in before.links if n != "b")
     with pytest.raises(SimError, match="joint 'nose' is not a moving joint; there are: turn, spin"):
-        with_joint(before, "nose", damping=1.0)
+        change_joint(before, "nose", damping=1.0)

@@ -95,7 +95,7 @@ def test_what_no_body_has_is_refused_by_name(world, make, name):
     assert not world.models
     world.spawn(box(make), "m")
     with pytest.raises(WorldError, match=message):
-        world.change("m", build(make))
+        world.change_model("m", build(make))
     for _ in range(10):
         world.step()
     assert world.model("m").pose().xyz[2] == pytest.approx(-9.8e-6 * 55)

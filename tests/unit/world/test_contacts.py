@@ -264,7 +264,7 @@ def test_contacts_are_told_as_each_of_the_two_feels_them(monkeypatch):
 
     told = [point(7, -1, 3, 2), point(3, 5, 7, 4), point(7, 0, 7, 1), point(3, 0, 4, 1)]
     monkeypatch.setattr(bullet.pybullet, "getContactPoints", lambda physicsClientId: told)
-    first, second = bullet.contacts_of(7, 0)
+    first, second = bullet.find_contacts(7, 0)
     assert (first[:3], second[:3]) == ((-1, 3, 2), (4, 3, 5))
     for (*_, numbers), seen, here, sign in ((first, told[0], 5, 1.0), (second, told[1], 6, -1.0)):
         assert len(numbers) == 16 and numbers[:3] == seen[here] and numbers[15] == -seen[8]
@@ -272,7 +272,7 @@ def test_contacts_are_told_as_each_of_the_two_feels_them(monkeypatch):
                                  (11, seen[12], seen[13])):
             felt = numbers[at] * np.array(numbers[at + 1:at + 4])
             assert felt == pytest.approx(sign * force * np.array(along))
-    (*_, other), = [one for one in bullet.contacts_of(3, 0) if one[0] == 2]
+    (*_, other), = [one for one in bullet.find_contacts(3, 0) if one[0] == 2]
     assert other[:3] == told[0][6]
     for at in (3, 7, 11):  # to every force one that is as large
         assert other[at] == -first[3][at] and other[at + 1:at + 4] == first[3][at + 1:at + 4]

@@ -9,7 +9,7 @@ from aras_robot import CONTROLLERS, ArasRobot
 from aras_sim_bridge.control.controllers import Controller
 from aras_sim_bridge.control.controllers.joint_state import JointStateController
 from aras_sim_bridge.control.controllers.pid_controllers import PidPositionController
-from aras_sim_bridge.control.drives import STRONGEST
+from aras_sim_bridge.control.drives import MAX_EFFORT
 from aras_sim_bridge.control.pid import Gains
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
@@ -376,7 +376,7 @@ def test_an_effort_that_is_no_number_stops_the_world_before_the_step(step):
     (robot,) = simulation.robots.values()
     step(simulation, simulation.time_ns + MS)
     robot.hardware.pids["bend"].set_gains(Gains(p=1e308, d=-1e308))
-    robot.hardware.drives[2].row[STRONGEST] = float("inf")
+    robot.hardware.drives[2].row[MAX_EFFORT] = float("inf")
     robot.manager.get("bend").set_command(5.0)
     before = [list(part) for part in robot.model.read_joints()]
     with pytest.raises(WorldError, match="model 'turner', joint .*'bend'.*: the effort is not fin"):

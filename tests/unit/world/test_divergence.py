@@ -19,7 +19,7 @@ class Diverging:
             raise WorldError("the simulation diverged")
         self.time_ns += self.step_ns
 
-    def next_picture_ns(self) -> None:
+    def next_image_ns(self) -> None:
         return None
 
     def close(self) -> None:

@@ -49,7 +49,7 @@ def test_link_frames_are_those_of_the_urdf(make):
             np.testing.assert_allclose(model.link_pose(name).matrix(), expected, atol=1e-12)
         assert list(model.link_states()) == ["hull", "arm", "tip"]
         asked = (lambda: model.link_state("arm")[0], lambda: model.link_states()["arm"][0],
-                 lambda: Pose(*(values[0] for values in model.frames(("arm",)))))
+                 lambda: Pose(*(values[0] for values in model.read_link_frames(("arm",)))))
         for turned, ask in zip((-1.1, 0.4, 2.0), asked, strict=True):  # no step is made
             model.set_joint_positions({"turn": turned})
             arm = hull @ transform((0.2, 0, 0.5), (0.1, 0.2, 0.3), axis, turned)
@@ -131,16 +131,16 @@ def test_a_bolted_model_s_own_link_frames_are_bullet_s(make, seed):
         for moved in (root, Pose.from_rpy((0.4, 5.0, -1.0), (1.0, -0.2, 3.0))):
             model.set_pose(moved)
             model.set_joint_positions({j: rng.uniform(-2, 2) for j in model.joint_names})
-            assert model.joints.own
+            assert model.joints.has_own_dynamics
             own = {name: model.link_pose(name) for name in model.link_names}
-            for name, *frame in zip(names, *model.frames(names), strict=True):
+            for name, *frame in zip(names, *model.read_link_frames(names), strict=True):
                 assert tuple(map(tuple, frame)) == own[name]
-            (place,), _ = model.frames(names[3:4])
+            (place,), _ = model.read_link_frames(names[3:4])
             assert tuple(place) == own[names[3]].xyz
-            model.joints.set_own(False)
+            model.joints.set_own_dynamics(False)
             for name, pose in own.items():
                 bullet_s = model.link_pose(name).matrix()
                 np.testing.assert_allclose(pose.matrix(), bullet_s, atol=1e-12)
                 assert np.linalg.norm(pose.quat) == pytest.approx(1.0, abs=1e-14)
             assert model.pose() == moved
-            model.joints.set_own(True)
+            model.joints.set_own_dynamics(True)

@@ -7,7 +7,7 @@ from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, World
-from aras_sim_bridge.world.free_damping import CHECK_EVERY, FreeDamping
+from aras_sim_bridge.world.joint_damping import CHECK_EVERY, JointDamping
 
 
 class Joints:
@@ -33,7 +33,7 @@ class Joints:
 
 def asked(damping, inverse, dt):
     joints = Joints(damping, inverse)
-    applied = FreeDamping(joints)
+    applied = JointDamping(joints)
     applied.before_step(dt)
     return joints, applied
 
@@ -61,7 +61,7 @@ def test_joints_are_damped_by_motors_where_the_coupled_problem_is_stiff():
         for told in (True, False):
             joints.motors.clear()
             if told:
-                applied.changed()
+                applied.invalidate()
                 applied.before_step(dt)
                 assert sorted(joints.restored) == stiff
                 joints.inverse = inverse

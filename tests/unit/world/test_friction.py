@@ -15,8 +15,8 @@ DT = 0.001
 
 def solved(own, pairs):
     friction = ContactFriction(-1)
-    friction._own = own
-    return friction._solved(pairs)
+    friction._coefficients = own
+    return friction._solve_coefficients(pairs)
 
 
 @pytest.mark.parametrize("seed", range(4))
@@ -74,7 +74,7 @@ def test_contacts_are_watched_where_a_product_may_be_another_than_the_smaller(
         models = [world.spawn(slab(make, fixed, bolted=True), "fixed")]
         models += [world.spawn(slab(make, mu), f"loose{k}", Pose((0, 3 * k, 1)))
                    for k, mu in enumerate(loose)]
-        assert world.friction.watched is watched
+        assert world.friction.is_active is watched
         assert [given(world, model) for model in models[:2]] == pytest.approx(first)
 
 
@@ -90,7 +90,7 @@ def test_contacts_are_looked_at_every_fifth_step_and_at_once_when_models_came(ma
         real = pybullet.getContactPoints
         monkeypatch.setattr(pybullet, "getContactPoints",
                             lambda **named: (asked.append(1), real(**named))[1])
-        friction.models_changed(world.models.values())
+        friction.set_models(world.models.values())
         seen = []
         for k in range(12):
             asked.clear()

@@ -69,16 +69,16 @@ def test_what_is_pressed_is_held_and_let_go(make, collides, grip):
         hand = Hand(simulation, make, ARM.format(FINGERS) + SETTINGS + extra)
         (grasp,) = simulation.grasps
         hand.go(150, -0.18, 10.0)
-        assert not grasp.held
+        assert not grasp.grasped
         for _ in range(350):
-            hand.go(1, -0.18, grip if grasp.held else 10.0)
-        assert grasp.held["hand"].thing == ("box", "box")
+            hand.go(1, -0.18, grip if grasp.grasped else 10.0)
+        assert grasp.grasped["hand"].link == ("box", "box")
         before = hand.box_in_palm
         hand.go(1500, 0.1, grip)
         assert hand.box.pose().xyz[2] > 0.25
         assert math.dist(before.xyz, hand.box_in_palm.xyz) < 2e-3
         hand.go(800, 0.1, -10.0)
-        assert not grasp.held
+        assert not grasp.grasped
         hand.go(600, 0.1, -10.0)
         assert hand.box.pose().xyz[2] < 0.05
         # What was let go touches the ground again, and can be grasped again.
@@ -105,10 +105,10 @@ def test_deleted_things_and_resets_leave_nothing_held(make):
         hand = Hand(simulation, make, ARM.format(FINGERS) + SETTINGS)
         (grasp,) = simulation.grasps
         hand.go(500, -0.18, 10.0)
-        assert grasp.held
+        assert grasp.grasped
         simulation.delete("box")
         hand.go(100, -0.18, 10.0)
-        assert not grasp.held
+        assert not grasp.grasped
         simulation.reset_simulation()
         hand.go(100, -0.18, 10.0)
         simulation.delete("hand")
@@ -121,7 +121,7 @@ def test_deleted_things_and_resets_leave_nothing_held(make):
 @pytest.mark.parametrize("inside, words", [
     (ARM.format("<gripper_link>thumb</gripper_link>"), ["'thumb' does not exist", "no <arm>"]),
     (ARM.format(FINGERS).replace("palm<", "wrist<"), ["palm_link 'wrist'", "no <arm>"]),
-    (ARM.format(FINGERS) * 2, ["an arm of this name already"]),
+    (ARM.format(FINGERS) * 2, ["another arm has this name"]),
     ("", ["no <arm>"]),
 ])
 def test_arms_that_do_not_exist_are_named(make, inside, words):

@@ -289,7 +289,7 @@ def watched(make, world, coefficient=0.5, threshold=1.0):
     jointed.joints.restore([(0.3, 2.0)])
     bolted = world.spawn(floor(make), "floor", Pose((0.0, 0.0, -9.0)))
     impacts = Impacts(world.client)
-    impacts.models_changed(world.models.values())
+    impacts.set_models(world.models.values())
     return impacts, ball_, other, jointed, bolted
 
 
@@ -314,7 +314,7 @@ def test_when_and_how_a_point_strikes_is_known_from_both_points_speeds(make):
             speed = (of_point(model, link, its) - of_point(body, "ball", own)) @ normal
             point = (0, body.body_id, model.body_id, -1, index, tuple(own), tuple(its),
                      tuple(normal), gap, 0.0)
-            strikes = impacts._strike(body.body_id, linear, angular, point, 1e-3)
+            strikes = impacts._find_impact(body.body_id, linear, angular, point, 1e-3)
             time = (gap + 1e-5) / speed
             assert (strikes is not None) == (speed >= 0.05 and time < 1.25e-3)
             if strikes is None:
@@ -328,7 +328,7 @@ def test_when_and_how_a_point_strikes_is_known_from_both_points_speeds(make):
             assert strikes[4] == tuple(normal)
             assert strikes[5] == pytest.approx(drift, abs=1e-12)
             deep = (*point[:8], -1.1e-5, 0.0)  # it is in the other already
-            assert impacts._strike(body.body_id, linear, angular, deep, 1e-3) is None
+            assert impacts._find_impact(body.body_id, linear, angular, deep, 1e-3) is None
         assert found > 15
 
 
@@ -360,7 +360,7 @@ def test_what_lands_on_a_plane_is_shown_tilted_to_all_sides(make, monkeypatch):
         for normal in (*np.eye(3), *-np.eye(3), *rng.normal(size=(20, 3))):
             normal /= np.linalg.norm(normal)
             shown.clear()
-            impacts._show_corners(body.body_id, tuple(normal))
+            impacts._find_corners(body.body_id, tuple(normal))
             pose, twist = body.link_state("ball")
             assert (pose.xyz, twist) == (before[0].xyz, before[1])
             assert pose.quat == pytest.approx(before[0].quat, abs=1e-14)
@@ -385,7 +385,7 @@ def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch
                                                        real(low, high, client))[1])
         looked = []
         for k in range(20):
-            impacts.watch(body.body_id, *body.twist(), 1e-3)
+            impacts.place_at_impact(body.body_id, *body.twist(), 1e-3)
             if boxes:
                 looked.append(k)
                 low, high = np.array(pybullet.getAABB(body.body_id, -1, world.client))
@@ -394,12 +394,13 @@ def test_what_has_nothing_near_is_looked_at_every_seventh_step(make, monkeypatch
                 assert boxes[0][1] == pytest.approx(high + 10 * speed * 1e-3)
                 boxes.clear()
         assert looked == [0, 7, 14]
-        impacts.pushed()
-        impacts.watch(body.body_id, *body.twist(), 1e-3)
+        impacts.check_all()
+        impacts.place_at_impact(body.body_id, *body.twist(), 1e-3)
         assert boxes
         boxes.clear()
-        impacts.pushed()
-        impacts.watch(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)  # too slow to strike
+        impacts.check_all()
+        # too slow to strike
+        impacts.place_at_impact(body.body_id, (0.0, 0.0, 0.049), (0.0, 0.0, 0.0), 1e-3)
         assert not boxes
 
 
@@ -420,12 +421,12 @@ def test_what_may_strike_and_bounce_is_known_by_its_shapes(make):
             make.joint("j", "hull", "fin"))), "cart", Pose((9, 0, 5)))
         bare = world.spawn(parse_urdf(make.robot(make.link("x"))), "bare", Pose((0, 9, 5)))
         impacts = Impacts(world.client)
-        impacts.models_changed(world.models.values())
+        impacts.set_models(world.models.values())
         b, c = (wide.link_index(name) for name in "bc")
         assert impacts._links == {wide.body_id: [b, c], bare.body_id: []}
         assert impacts._planes == {ground.body_id} and impacts._jointed == {cart.body_id}
         assert impacts._bounce == {(wide.body_id, c): (0.4, 0.1)}
-        low, high = impacts._box(wide.body_id)
+        low, high = impacts._find_box(wide.body_id)
         assert low == pytest.approx((-0.05, -0.05, 4.95), abs=3e-3)
         assert high == pytest.approx((1.05, 2.05, 5.05), abs=3e-3)
-        impacts.watch(bare.body_id, (9.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-3)
+        impacts.place_at_impact(bare.body_id, (9.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1e-3)

@@ -10,7 +10,7 @@ from aras_robot import ArasRobot
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
-from aras_sim_bridge.world import Pose, Twist, World, islands, reach
+from aras_sim_bridge.world import Pose, Twist, World, isolation, reach
 from aras_sim_bridge.world.reach import Box, HalfSpace
 
 DT = 0.001
@@ -37,7 +37,7 @@ class Trial:
         self.robot = ArasRobot(Simulation(SimulationConfig(renderer="tiny")))
         self.world = self.robot.simulation.world
         self.model = self.robot.model
-        self.states, self.own = [], []
+        self.states, self.has_own_dynamics = [], []
 
     def run(self, count=600, stride=1):
         simulation = self.robot.simulation
@@ -48,7 +48,7 @@ class Trial:
             while simulation.time_ns < until:
                 simulation.step(until)
             self.states.append((self.model.joints.read()[0], self.model.joints.read()[1]))
-            self.own.append(self.model.joints.own)
+            self.has_own_dynamics.append(self.model.joints.has_own_dynamics)
         return self
 
     def handles(self):
@@ -96,7 +96,7 @@ def test_what_is_out_of_its_way_changes_no_bit_of_a_trajectory(make, add, stride
     trial.robot.steps(2)
     trial.run(stride=stride)
     expected = alone(stride)
-    assert all(trial.own)
+    assert all(trial.has_own_dynamics)
     assert trial.states == expected.states
     assert repr(trial.handles()) == repr(expected.handles())  # NaN equals NaN
     assert np.ptp([q for q, _ in trial.states], axis=0).min() > 0.1
@@ -124,7 +124,7 @@ def test_a_ball_that_is_thrown_at_the_arm_strikes_it_and_leaves_it_alone_again(m
     body.set_twist(Twist((0.0, 8.0, 0.0)))
     for each in (trial, expected):
         each.run(300)
-    first = trial.own.index(False)
+    first = trial.has_own_dynamics.index(False)
     assert trial.states[:first] == expected.states[:first]
     assert 300 < first < 300 + 125  # before the surfaces meet
     away = np.abs(np.subtract(trial.states, expected.states)).max(axis=(1, 2))
@@ -133,7 +133,7 @@ def test_a_ball_that_is_thrown_at_the_arm_strikes_it_and_leaves_it_alone_again(m
     assert abs(body.twist().linear[1]) < 7.0
     body.set_pose(Pose((5.0, 0.0, 1.0)))
     trial.run(2)
-    assert trial.own[-1], "and moves by itself when the ball has gone"
+    assert trial.has_own_dynamics[-1], "and moves by itself when the ball has gone"
 
 
 def test_hands_change_without_a_step_or_a_memory_lost(make, monkeypatch):
@@ -143,19 +143,20 @@ def test_hands_change_without_a_step_or_a_memory_lost(make, monkeypatch):
     for each in (trial, expected):
         each.robot.steps(2)
         each.run(200)
-    assert trial.own[-1]
-    monkeypatch.setattr(islands, "_NEAR", 50.0)
+    assert trial.has_own_dynamics[-1]
+    monkeypatch.setattr(isolation, "_CONTACT_DISTANCE", 50.0)
     trial.world.model("ball").set_twist(Twist((0.1, 0.0, 0.0)))
     for each in (trial, expected):
         each.run(100)
-    assert trial.own[200:] == [True] + [False] * 99  # it takes Bullet a step to wake up
+    # it takes Bullet a step to wake up
+    assert trial.has_own_dynamics[200:] == [True] + [False] * 99
     np.testing.assert_allclose(trial.states, expected.states, atol=2e-4)
     positions = [[q for q, _ in each.states] for each in (trial, expected)]
     np.testing.assert_allclose(*positions, atol=2e-6)
     monkeypatch.undo()
     for each in (trial, expected):
         each.run(100)
-    assert trial.own[-80:] == [True] * 80
+    assert trial.has_own_dynamics[-80:] == [True] * 80
     positions = [[q for q, _ in each.states] for each in (trial, expected)]
     np.testing.assert_allclose(*positions, atol=2e-6)
     np.testing.assert_allclose(np.concatenate(trial.handles(), axis=None),
@@ -185,7 +186,7 @@ def test_where_a_lever_was_nothing_stands_any_more(make):
             heights.append(lying.pose().xyz[2])
         assert falling.pose().xyz[2] == pytest.approx(0.05, abs=1e-3)
         assert heights[-1] == pytest.approx(0.575, abs=1e-3)
-        assert not model.joints.own
+        assert not model.joints.has_own_dynamics
 
 
 @pytest.mark.parametrize("turn", [2.0, 20.0])
@@ -194,7 +195,7 @@ def test_a_lever_stops_at_a_bolted_post_in_its_way(make, turn):
         model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
         world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((0.0, 0.4, 0.5)))
         world.step()
-        assert model.joints.own
+        assert model.joints.has_own_dynamics
         model.joints.restore([(0.0, turn)])
         farthest = 0.0
         for _ in range(2000):
@@ -229,9 +230,9 @@ def test_a_lever_strikes_a_ball_that_lies_in_its_way_where_it_lies(make, speed):
         model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
         body = world.spawn(ball(make, gravity=False), "ball", Pose((-0.3, 0.3, 0.5)))
         world.step()
-        assert model.joints.own
+        assert model.joints.has_own_dynamics
         model.joints.restore([(0.0, speed)])
-        world.islands.wait = 0  # nobody notes a speed that comes from nowhere
+        world.isolation.steps_until_update = 0  # nobody notes a speed that comes from nowhere
         while body.twist() == Twist():
             world.step()
             assert model.read_joints()[0][0] < 0.75 * math.pi
@@ -244,14 +245,14 @@ def test_a_post_that_is_put_into_a_lever_s_way_stops_it_until_it_is_put_away(mak
         model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
         post = world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((5.0, 0.4, 0.5)))
         world.step()
-        assert model.joints.own
+        assert model.joints.has_own_dynamics
         for at, least, most in ((0.0, 1.2, 1.57), (5.0, 1.7, 9.9)):
             post.set_pose(Pose((at, 0.4, 0.5)))
             for _ in range(1500):
                 model.apply_effort("turn", 0.3)
                 world.step()
             assert least < model.read_joints()[0][0] < most
-            assert model.joints.own is (at == 5.0)
+            assert model.joints.has_own_dynamics is (at == 5.0)
 
 
 def test_two_robots_that_reach_for_one_another_touch(make):
@@ -260,12 +261,12 @@ def test_two_robots_that_reach_for_one_another_touch(make):
                     for k, x in enumerate((0.0, 0.8)))
         two.set_joint_positions({"turn": math.pi / 2})
         world.step()
-        assert one.joints.own and two.joints.own
+        assert one.joints.has_own_dynamics and two.joints.has_own_dynamics
         alone_until = None
         for _ in range(2500):
             two.apply_effort("turn", 0.3)
             world.step()
-            if alone_until is None and not two.joints.own:
+            if alone_until is None and not two.joints.has_own_dynamics:
                 alone_until = two.read_joints()[0][0]
         assert math.pi / 2 + 0.1 < alone_until < math.pi - 0.05
         assert abs(one.read_joints()[0][0]) > 0.05, "it is pushed aside"
@@ -285,8 +286,8 @@ def test_only_who_is_near_changes_hands(make):
                 far.apply_effort("turn", 0.3)
                 world.step()
                 seen.append(far.read_joints()[0][0])
-            assert near.joints.own is not with_ball
-            assert far.joints.own
+            assert near.joints.has_own_dynamics is not with_ball
+            assert far.joints.has_own_dynamics
             return seen
     assert run(True) == run(False)
 
@@ -297,7 +298,7 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         body = world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
         for _ in range(5):
             world.step()
-        assert model.joints.own and world.islands.wait > 50
+        assert model.joints.has_own_dynamics and world.isolation.steps_until_update > 50
         before = pybullet.getJointState(model.body_id, 0, world.client)[:2]
         pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
                                        physicsClientId=world.client)
@@ -306,12 +307,12 @@ def test_a_loose_body_that_is_put_beside_the_arm_is_felt_at_once(make):
         body.set_pose(Pose((0.4, 0.08, 0.5)))
         world.step()
         world.step()
-        assert not model.joints.own
+        assert not model.joints.has_own_dynamics
         body.set_pose(Pose((9.0, 0.0, 0.5)))
         world.step()
-        assert model.joints.own
+        assert model.joints.has_own_dynamics
         body.apply_force("ball", (0.0, 0.0, 1e5), body.pose().xyz)
-        assert world.islands.wait == 0
+        assert world.isolation.steps_until_update == 0
 
 
 def in_steps(boxes, solid, speed, dt=0.001):
@@ -324,12 +325,12 @@ def test_steps_until_something_may_touch_are_by_gaps_and_speeds(make):
     """What is loose, within reach of the lever or not; another robot and a post that are bolted."""
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         model = world.spawn(lever(make), "lever", Pose((0, 0, 0.5)))
-        (alone,) = world.islands.bolted
-        assert alone.steps_alone([], 0.0, DT) == islands._NEVER
+        (alone,) = world.isolation.isolated_models
+        assert alone.compute_isolated_steps([], 0.0, DT) == isolation._NEVER
         low, high = alone.reach[0]
         assert low[0] < -0.6 and high[1] > 0.6  # it turns all around, with a margin
         model.joints.restore([(0.3, -7.0)])
-        (now,), speed = alone.now()
+        (now,), speed = alone.compute_boxes_and_speed()
         at = Pose.from_rpy((0, 0, 0.5), (0, 0, 0.3))
         ends = np.array([at.apply((x, y, z)) for x in (0.0, 0.5) for y in (-0.025, 0.025)
                          for z in (-0.025, 0.025)])
@@ -338,33 +339,33 @@ def test_steps_until_something_may_touch_are_by_gaps_and_speeds(make):
         assert speed == 7.0  # by no less than a metre
         for x, far in ((0.9, 30.0), (2.0, 30.0), (9.0, 0.0), (90.0, 0.0)):
             solid = Box((x, -0.1, 0.4), (x + 0.2, 0.1, 0.6))
-            steps = alone.steps_alone([[solid]], far, DT)
+            steps = alone.compute_isolated_steps([[solid]], far, DT)
             ever = in_steps(alone.reach, solid, far)
             near = min(in_steps([now], solid, speed + far), 20)
             assert steps == (100 if ever >= 100 else pytest.approx(near))
         slope = HalfSpace((0.0, 0.0, -0.4), (0.6, 0.0, 0.8))  # of what is loose
-        assert alone.steps_alone([[slope]], 3.0, DT) == pytest.approx(
+        assert alone.compute_isolated_steps([[slope]], 3.0, DT) == pytest.approx(
             min(in_steps([now], slope, 10.0), 20))
         solids = [[Box((x, 0.0, 0.0), (x + 1.0, 1.0, 1.0))] for x in (3.0, 0.8, 5.0)]
-        assert alone.steps_alone(solids, 40.0, DT) == pytest.approx(
+        assert alone.compute_isolated_steps(solids, 40.0, DT) == pytest.approx(
             in_steps([now], solids[1][0], 47.0))
         other = world.spawn(lever(make), "other", Pose((0.9, 0.0, 0.5)))
         other.joints.restore([(2.0, 3.0)])
-        first, _ = world.islands.bolted
-        assert first.grounds == (other,)
-        around = [reach.solids(other, [index])[0] for index in other.link_indices.values()
+        first, _ = world.isolation.isolated_models
+        assert first.nearby_models == (other,)
+        around = [reach.find_solids(other, [index])[0] for index in other.link_indices.values()
                   if index >= 0]
         expected = min(in_steps([now], solid, 7.0 + 3.0 * 2.0) for solid in around)
-        assert first.steps_alone([], 0.0, DT) == pytest.approx(min(expected, 20))
+        assert first.compute_isolated_steps([], 0.0, DT) == pytest.approx(min(expected, 20))
 
 
 def test_a_long_arm_s_ends_are_faster_than_its_joint(make):
     """By the diagonal of the box around its links and its root."""
     with World() as world:
         model = world.spawn(lever(make, 4.0), "lever", Pose((1.0, 2.0, 0.5)))
-        (island,) = world.islands.bolted
+        (island,) = world.isolation.isolated_models
         model.joints.restore([(math.pi / 4, -2.0)])
-        (box,), speed = island.now()
+        (box,), speed = island.compute_boxes_and_speed()
         low = np.minimum(box.low, (1.0, 2.0, 0.5))
         assert speed == pytest.approx(2.0 * math.dist(low, np.maximum(box.high, (1.0, 2.0, 0.5))))
         assert 4.0 < speed / 2.0 < 4.1
@@ -375,17 +376,17 @@ def test_what_is_put_elsewhere_is_another_s_ground_only_within_its_reach(make):
         one, two = (world.spawn(lever(make), name, Pose((x, 0, 0.5)))
                     for name, x in (("one", 0.0), ("two", 9.0)))
         post = world.spawn(shelf(make, "0.1 0.1 1.0"), "post", Pose((4.0, 0.0, 0.5)))
-        shown = {island.model: island for island in world.islands.bolted}
-        assert [shown[m].grounds for m in (one, two)] == [(), ()]
+        shown = {island.model: island for island in world.isolation.isolated_models}
+        assert [shown[m].nearby_models for m in (one, two)] == [(), ()]
         for x, grounds in ((0.4, [(post,), ()]), (9.0, [(), (post,)]), (9.2, [(), (post,)]),
                            (4.0, [(), ()])):
-            world.islands.wait = 7
+            world.isolation.steps_until_update = 7
             post.set_pose(Pose((x, 0.0, 0.5)))
-            assert [shown[m].grounds for m in (one, two)] == grounds
-            assert world.islands.wait == 0
+            assert [shown[m].nearby_models for m in (one, two)] == grounds
+            assert world.isolation.steps_until_update == 0
         two.set_pose(Pose((0.9, 0.0, 0.5)))
-        assert [i.grounds for i in world.islands.bolted] == [(two,), (one,)]
-        assert world.islands.wait == 0
+        assert [i.nearby_models for i in world.isolation.isolated_models] == [(two,), (one,)]
+        assert world.isolation.steps_until_update == 0
 
 
 @pytest.mark.parametrize(("linear", "angular"), [((3.0, 0.0, 4.0), (0.0, 0.0, 0.0)),
@@ -399,18 +400,20 @@ def test_what_is_loose_is_waited_for_as_if_it_were_twice_as_fast(make, linear, a
                       for name, x in (("slow", 0.75), ("fast", 1.5)))
         fast.set_twist(Twist(linear, angular))
         slow.set_twist(Twist((0.1, 0.0, 0.0)))
-        world.islands.look(DT)
+        world.isolation.update(DT)
         speed = 2.0 * (math.hypot(*linear) + math.hypot(*angular))
-        (box,) = reach.solids(slow, [-1])
-        (arm,), _ = world.islands.bolted[0].now()
+        (box,) = reach.find_solids(slow, [-1])
+        (arm,), _ = world.isolation.isolated_models[0].compute_boxes_and_speed()
         steps = in_steps([arm], box, speed)
-        assert steps > 8 and world.islands.wait == max(1, int(min(steps, 20)))
-        assert model.joints.own
+        assert steps > 8 and world.isolation.steps_until_update == max(1, int(min(steps, 20)))
+        assert model.joints.has_own_dynamics
         slow.set_pose(Pose((0.61, 0.0, 0.5)))
-        world.islands.look(DT)
-        (box,) = reach.solids(slow, [-1])
+        world.isolation.update(DT)
+        (box,) = reach.find_solids(slow, [-1])
         steps = in_steps([arm], box, speed)
-        assert model.joints.own is (steps >= 1) and world.islands.wait == max(1, int(steps))
+        assert model.joints.has_own_dynamics is (
+            steps >= 1
+        ) and world.isolation.steps_until_update == max(1, int(steps))
 
 
 def test_a_model_makes_its_own_steps_again_where_eight_of_them_are_free(make):
@@ -419,20 +422,20 @@ def test_a_model_makes_its_own_steps_again_where_eight_of_them_are_free(make):
         body = world.spawn(ball(make, gravity=False), "ball", Pose((0.56, 0.0, 0.5)))
         for _ in range(2):
             world.step()
-        assert not model.joints.own
-        (arm,), _ = world.islands.bolted[0].now()
-        (box,) = reach.solids(body, [-1])
+        assert not model.joints.has_own_dynamics
+        (arm,), _ = world.isolation.isolated_models[0].compute_boxes_and_speed()
+        (box,) = reach.find_solids(body, [-1])
         for steps, own in ((7.9, False), (8.1, True), (1.1, True), (0.9, False), (7.9, False)):
             body.set_pose(Pose((0.56 + 0.02 + 5.0 * DT * steps - box.gap(arm), 0.0, 0.5)))
             for _ in range(2):  # it takes Bullet a step to wake the body up
-                world.islands.look(DT)
-            assert model.joints.own is own and model.body.asleep is own
-            assert world.islands.wait == (max(1, int(steps)) if own else 10)
+                world.isolation.update(DT)
+            assert model.joints.has_own_dynamics is own and model.body.is_asleep is own
+            assert world.isolation.steps_until_update == (max(1, int(steps)) if own else 10)
 
 
 @pytest.mark.parametrize("steps", [0.5, 1.5, 12.0, 300.0])
 def test_what_is_loose_is_waited_for_at_the_base_of_a_model_that_is_held(make, steps):
-    """`touchable` says that it may be there in the next step."""
+    """`is_base_touchable` says that it may be there in the next step."""
     with World(gravity=(0.0, 0.0, -9.8)) as world:
         world.spawn_ground_plane()
         base = parse_urdf(make.robot(
@@ -442,14 +445,17 @@ def test_what_is_loose_is_waited_for_at_the_base_of_a_model_that_is_held(make, s
         body = world.spawn(ball(make, mass=0.1, gravity=False), "ball", Pose((30.0, 0.0, 0.1)))
         world.step()
         assert model.fixed_base
-        (base,), (box,) = reach.solids(model, model.base_links()), reach.solids(body, [-1])
+        (base,), (box,) = (
+            reach.find_solids(model, model.list_base_links()),
+            reach.find_solids(body, [-1]),
+        )
         away = 0.02 + steps * 5.0 * DT
         body.set_pose(Pose((30.0 - box.gap(base) + away, 0.0, 0.1)))
-        (box,) = reach.solids(body, [-1])
+        (box,) = reach.find_solids(body, [-1])
         assert (box.gap(base) - 0.02) / (5.0 * DT) == pytest.approx(steps, abs=0.01)
-        world.islands.look(DT)
-        assert world.islands.touchable is (steps < 1)
-        assert world.islands.wait == (10 if steps < 1 else min(int(steps), 100))
+        world.isolation.update(DT)
+        assert world.isolation.is_base_touchable is (steps < 1)
+        assert world.isolation.steps_until_update == (10 if steps < 1 else min(int(steps), 100))
 
 
 def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):
@@ -458,7 +464,7 @@ def test_bullet_leaves_what_moves_by_itself_alone_after_a_reset_too(make):
         world.spawn(ball(make, gravity=False), "ball", Pose((9.0, 0.0, 0.5)))
         for _ in range(2):
             world.step()
-            assert model.joints.own and model.body.asleep
+            assert model.joints.has_own_dynamics and model.body.is_asleep
             pybullet.setJointMotorControl2(model.body_id, 0, pybullet.TORQUE_CONTROL, force=5.0,
                                            physicsClientId=world.client)
             pybullet.stepSimulation(world.client)
@@ -478,19 +484,19 @@ def test_steps_are_made_without_the_world_only_where_nothing_else_needs_it(make)
             if other is not None:
                 world.spawn(parse_urdf(other) if isinstance(other, str) else other, "other", at)
             world.step()
-            assert (world.alone(model) is not None) is alone
+            assert (world.get_compiled_step(model) is not None) is alone
             if not alone:
                 continue
-            *_, dt, held, before, ground, corners, touch, load = world.alone(model)
-            assert (dt, held, before is model.joints.space.before) == (DT, False, True)
+            *_, dt, held, before, ground, corners, touch, load = world.get_compiled_step(model)
+            assert (dt, held, before is model.joints.space.previous_speeds) == (DT, False, True)
             model.apply_effort("turn", 1.0)
-            assert world.alone(model) is None  # before it has acted
+            assert world.get_compiled_step(model) is None  # before it has acted
             world.step()
-            assert world.alone(model) is not None
-            for flag in (world.bases, world.bases, world.islands):
-                name = "touchable" if flag is world.islands else "fresh"
+            assert world.get_compiled_step(model) is not None
+            for flag in (world.resting_bases, world.resting_bases, world.isolation):
+                name = "is_base_touchable" if flag is world.isolation else "is_new"
                 setattr(flag, name, True)
-                assert world.alone(model) is None
+                assert world.get_compiled_step(model) is None
                 setattr(flag, name, False)
 
 
@@ -510,19 +516,19 @@ def test_who_may_touch_is_looked_for_after_as_many_steps_as_were_told(make, monk
             world.step()
             looks, stepped = [], []
             with monkeypatch.context() as seen:
-                noted(seen, world.islands, "look", looks)
+                noted(seen, world.isolation, "update", looks)
                 noted(seen, pybullet, "stepSimulation", stepped)
-                world.islands.wait = 3
+                world.isolation.steps_until_update = 3
                 for count in (0, 0, 0, 1, 1):
                     world.step()
                     assert len(looks) == count
                 assert len(stepped) == 5 * loose
-                assert world.outlook == (98 if loose else islands._NEVER - 2)
-                world.advanced(model, 4)
-                assert world.outlook == (94 if loose else islands._NEVER - 6)
+                assert world.steps_until_contact == (98 if loose else isolation._NEVER - 2)
+                world.finish_compiled_steps(model, 4)
+                assert world.steps_until_contact == (94 if loose else isolation._NEVER - 6)
                 assert len(stepped) == 9 * loose
                 for wait, more in ((1, 0), (0, 1)):
                     looks.clear()
-                    world.islands.wait = wait
-                    world.alone(model)
+                    world.isolation.steps_until_update = wait
+                    world.get_compiled_step(model)
                     assert len(looks) == more

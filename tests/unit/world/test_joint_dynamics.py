@@ -12,9 +12,9 @@ import pytest
 from aras_robot import URDF, ArasRobot, description
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import World, islands, joint_dynamics, standing
-from aras_sim_bridge.world.articulation import joint_rows
-from aras_sim_bridge.world.changes import with_joint
+from aras_sim_bridge.world import World, isolation, joint_dynamics, resting_base
+from aras_sim_bridge.world.articulation import make_joint_rows
+from aras_sim_bridge.world.description_changes import change_joint
 from aras_sim_bridge.world.joint_space import JointSpace
 from aras_visual_servo_base.poses import Pose
 
@@ -87,8 +87,8 @@ class Reference:
 def space_of(text, resolve=None, **changes):
     """A JointSpace with its root at the world's origin, and its description."""
     robot = parse_urdf(text) if resolve is None else resolve(text)
-    space = JointSpace(robot, robot.moving_joints())
-    space.place(Pose(), tuple(GRAVITY))
+    space = JointSpace(robot, robot.list_moving_joints())
+    space.set_root(Pose(), tuple(GRAVITY))
     return space, robot
 
 
@@ -106,7 +106,7 @@ def with_bounds(array):
 def test_mass_matrix_and_bias_are_pinocchio_s(make, robot):
     text = URDF if robot == "shipped" else tree_xml(make, robot)
     space, described = space_of(text, description if robot == "shipped" else None)
-    names = described.moving_joints()
+    names = described.list_moving_joints()
     reference = Reference(text, names)
     rng = np.random.default_rng(7)
     for _ in range(10):
@@ -125,8 +125,8 @@ def test_gravity_is_turned_into_a_tilted_root(make):
     text = tree_xml(make, 3)
     space, described = space_of(text)
     tilt = Pose.from_rpy((1.0, 2.0, 3.0), (0.5, -0.8, 2.0))
-    space.place(tilt, tuple(GRAVITY))
-    reference = Reference(text, described.moving_joints())
+    space.set_root(tilt, tuple(GRAVITY))
+    reference = Reference(text, described.list_moving_joints())
     reference.model.gravity.linear = tilt.matrix()[:3, :3].T @ GRAVITY
     q = np.linspace(-1, 1, 8)
     space.state[0] = q
@@ -137,16 +137,16 @@ def test_a_push_from_outside_acts_through_the_link_s_jacobian(make):
     """Also where the root is tilted; what acts on the root itself moves nothing."""
     text = tree_xml(make, 4)
     space, described = space_of(text)
-    names = described.moving_joints()
+    names = described.list_moving_joints()
     reference = Reference(text, names)
     root = Pose.from_rpy((0.3, -0.2, 0.7), (0.4, 0.2, -1.0))
-    space.place(root, (0.0, 0.0, 0.0))
+    space.set_root(root, (0.0, 0.0, 0.0))
     turn = root.matrix()[:3, :3]
     q = np.linspace(-0.7, 0.9, 8)
     force, torque, point = (3.0, -4.0, 5.0), (0.5, 1.0, -2.0), (0.4, 0.6, 1.1)
     space.state[0] = q
-    space.push("world", (1e3, 0, 0), (1, 1, 1), (0, 1e3, 0))
-    space.push("tool4", force, point, torque)
+    space.apply_force("world", (1e3, 0, 0), (1, 1, 1), (0, 1e3, 0))
+    space.apply_force("tool4", force, point, torque)
     assert space.advance(DT) == -1
     # Pinocchio: the spatial force about the root's origin, in the root's axes, to the joint's.
     pull, arm = turn.T @ force, turn.T @ (np.array(point) - root.xyz)
@@ -171,7 +171,7 @@ def test_what_the_root_has_to_bear_is_pinocchio_s(make):
     text = text.replace('<parent link="a0"/><child link="a5"/>',
                         '<parent link="world"/><child link="a5"/>')
     space, described = space_of(text)
-    names = described.moving_joints()
+    names = described.list_moving_joints()
     reference = Reference(text, names)
     rng = np.random.default_rng(3)
     for _ in range(5):
@@ -180,10 +180,19 @@ def test_what_the_root_has_to_bear_is_pinocchio_s(make):
         load, kept = with_bounds(np.full(6, math.nan))
         space.state[:] = q, before, effort
         assert space.advance(1e-6) == -1
-        rate = (space.state[1] - space.before) / 1e-6
-        standing.bears(space.tree, space.frames, space.state, space.before, space.gravity,
-                       np.array([1.0, *[0.0] * 5, 1.0, *[0.0] * 4]), np.zeros((3, 6)), touch, load,
-                       1e-6)
+        rate = (space.state[1] - space.previous_speeds) / 1e-6
+        resting_base.is_supported(
+            space.tree,
+            space.frames,
+            space.state,
+            space.previous_speeds,
+            space.gravity,
+            np.array([1.0, *[0.0] * 5, 1.0, *[0.0] * 4]),
+            np.zeros((3, 6)),
+            touch,
+            load,
+            1e-6,
+        )
         configuration = reference.configuration(q)
         pinocchio.forwardKinematics(reference.model, reference.data, configuration)
         pinocchio.rnea(reference.model, reference.data, configuration,
@@ -199,7 +208,7 @@ def test_what_the_root_has_to_bear_is_pinocchio_s(make):
 
 def conditions(space, described, dt, before, effort, goals):
     """Check the step from `before` (q, v) to the space's state; how many joints did what."""
-    names = described.moving_joints()
+    names = described.list_moving_joints()
     joints = [described.joints[name] for name in names]
     q, v = before
     after = space.state[1].copy()
@@ -244,7 +253,7 @@ def test_friction_stops_and_damping_fulfil_their_conditions(make, dt):
         text = text.replace("RUB", str(rng.choice([0.0, 0.5, 8.0])), 1)
     space, described = space_of(text)
     goals = np.array([0.0, 0.3, 0.0, -0.2, 0.0, 0.0, 0.1, -0.4])
-    for slot, name in enumerate(described.moving_joints()):
+    for slot, name in enumerate(described.list_moving_joints()):
         space.set_motor(slot, goals[slot], described.joints[name].friction)
     total, push = np.zeros(3, dtype=int), np.zeros(8)
     for k in range(400):
@@ -354,13 +363,13 @@ def test_bullet_makes_the_same_steps(monkeypatch):
             for _ in range(120):
                 robot.steps(1)
                 states.append(robot.model.read_joints()[0])
-        apart = robot.model.joints.own
+        apart = robot.model.joints.has_own_dynamics
         robot.close()
         return np.array(states), apart
 
     own, apart = run()
     assert apart
-    monkeypatch.setattr(islands, "_BACK", np.inf)
+    monkeypatch.setattr(isolation, "_RETURN_STEPS", np.inf)
     bullet, apart = run()
     assert not apart
     np.testing.assert_allclose(own, bullet, atol=1e-7)
@@ -405,10 +414,10 @@ SAGGED = {
 def test_damped_joints_sag_as_they_should_at_every_step(monkeypatch, damping, dt, stepper):
     """0.03 rad off at 5 ms and 60 N m s in J2 where each joint's impulse was clipped by itself."""
     if stepper == "bullet":
-        monkeypatch.setattr(islands, "_BACK", np.inf)
+        monkeypatch.setattr(isolation, "_RETURN_STEPS", np.inf)
     described = description()
     if damping is not None:
-        described = with_joint(described, "J2", damping=damping)
+        described = change_joint(described, "J2", damping=damping)
     with World(time_step=dt) as world:
         arm = world.spawn(described, "arm", joint_positions=SAGGING, fixed_base=True)
         for _ in range(round(1.0 / dt)):
@@ -424,7 +433,7 @@ def test_a_mimicking_joint_s_losses_are_its_leader_s_too(make):
                                                             'lower="-99" upper="99"')
     text = text.replace('lower="-1.6" upper="1.9"', 'lower="-99" upper="99"')
     space, _ = space_of(text)
-    space.place(Pose(), (0.0, 0.0, 0.0))
+    space.set_root(Pose(), (0.0, 0.0, 0.0))
     for slot in (0, 1):
         space.set_motor(slot, 0.0, 0.5)
     for _ in range(3000):
@@ -461,8 +470,8 @@ def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
         else:
             before = modes.copy()
             for _ in range(20):
-                joint_dynamics._speeds_of(tree, modes, matrices, rows)
-                if not joint_dynamics._correct(tree, modes, matrices, rows):
+                joint_dynamics._solve_speeds(tree, modes, matrices, rows)
+                if not joint_dynamics._correct_modes(tree, modes, matrices, rows):
                     settled += 1
                     break
             else:  # round and round: that is what sweeps are for
@@ -494,7 +503,8 @@ def test_both_ways_to_solve_a_step_fulfil_its_conditions(solve):
 
 
 def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make):
-    """`react` for Bullet's steps against `advance`: less what friction takes of them."""
+    """`compute_reactions` for Bullet's steps against `advance`: less what friction takes of them.
+    """
     rng = np.random.default_rng(12)
     text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.2" upper="0.3"')
     while 'damping="0.0" friction="0.0"' in text:
@@ -515,7 +525,7 @@ def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make
         other.state[:] = space.state
         before = space.state.copy()
         mass, bias = space.mass_matrix(), np.array(space.bias_efforts())
-        found = np.array(other.react(DT))
+        found = np.array(other.compute_reactions(DT))
         np.testing.assert_array_equal(other.state, before)
         assert space.advance(DT) == -1
         after = space.state[1]
@@ -524,7 +534,9 @@ def test_what_damping_and_stops_push_makes_of_a_free_step_the_one_with_them(make
         size = 1e-6 * (1.0 + abs(before[2]) + abs(found))
         assert (abs(rubbed - np.sign(after - goals) * hold)[slides] <= size[slides]).all()
         assert (abs(rubbed) <= hold + size).all()
-        damped = np.array([described.joints[n].damping for n in described.moving_joints()]) * after
+        damped = (
+            np.array([described.joints[n].damping for n in described.list_moving_joints()]) * after
+        )
         stops = abs(found + damped) > size
         stopped += stops.sum()
         # A stop pushes inwards, and only as long as friction does not suffice.
@@ -548,7 +560,7 @@ def test_the_numbers_of_joints_are_those_of_the_file(make):
     robot = parse_urdf(make.robot('<link name="world"/>', *map(make.link, "abcde"), *joints))
     names = ("m2", "bare", "m1", "slow", "lead")
     tree = np.zeros((5, 4), dtype=np.int64)
-    rows = joint_rows(robot, names, tree)
+    rows = make_joint_rows(robot, names, tree)
     assert not JointSpace(robot, names).gravity.any()  # before it is placed
     assert tree[:, 3].tolist() == [4, 1, 4, 3, 4] and not tree[:, :3].any()
     expected = {"DAMPING": [0.0] * 5, "FORCE": [0.0] * 5, "TARGET": [0.0] * 5,
@@ -578,7 +590,7 @@ def test_a_joint_that_meets_its_stop_stands_on_it_and_not_beside_it_by_rounding(
     assert min(beside.values()) > 10, "it would be beside it"
 
 
-@pytest.mark.parametrize("call", ["advance", "react"])
+@pytest.mark.parametrize("call", ["advance", "compute_reactions"])
 def test_compiled_steps_keep_to_their_arrays(make, call):
     """They know no bounds: what they read or wrote behind an array would be somebody else's."""
     text = tree_xml(make, 5).replace('lower="-10.0" upper="10.0"', 'lower="-0.1" upper="0.1"')
@@ -631,7 +643,7 @@ def test_a_joint_that_moves_no_mass_stands_still_and_hinders_nobody(mode):
         matrices, rows = np.full((3, 3, 3), np.nan), np.zeros((9, 3))
         matrices[1] = a
         rows[joint_dynamics._RIGHT] = a @ (1.0, 0.0, -0.5)
-        joint_dynamics._speeds_of(tree, np.full(3, mode), matrices, rows)
+        joint_dynamics._solve_speeds(tree, np.full(3, mode), matrices, rows)
         assert rows[joint_dynamics.SPEED] == pytest.approx((1.0, 0.0, -0.5))
 
 
@@ -657,9 +669,9 @@ def test_the_tighter_of_two_coupled_joints_stops_counts(make, multiplier):
 def test_a_stop_bears_what_friction_and_motors_leave_to_it(make, goal, effort, push, side):
     """3 N m of them: they help against it, or drive the joint into it."""
     space, _ = space_of(make.pendulum(kind="revolute", lower=-1.0, upper=1.0))
-    space.place(Pose(), (0.0, 0.0, 0.0))
+    space.set_root(Pose(), (0.0, 0.0, 0.0))
     space.set_motor(0, side * goal, 3.0)
     space.state[:, 0] = side, 0.0, side * 50.0
-    assert space.react(DT) == pytest.approx([side * (-53.0 if goal > 0.0 else -47.0)])
+    assert space.compute_reactions(DT) == pytest.approx([side * (-53.0 if goal > 0.0 else -47.0)])
     space.state[2] = side * effort
-    assert space.react(DT) == pytest.approx([side * push], abs=1e-9)
+    assert space.compute_reactions(DT) == pytest.approx([side * push], abs=1e-9)

@@ -28,15 +28,15 @@ def model(make, request):
     with World(gravity=(0.0, 0.0, 0.0)) as world:
         it = world.spawn(described(make, request.param), "m", AT)
         it.world, it.told = world, []
-        tell = it._on_moved
-        it._on_moved = lambda model, *how: (it.told.append((model is it, *how)), tell(model, *how))
+        tell = it._on_move
+        it._on_move = lambda model, *how: (it.told.append((model is it, *how)), tell(model, *how))
         yield it
 
 
 def test_the_base_is_the_root_and_what_is_fixed_to_it(model):
     names = {index: name for name, index in model.link_indices.items()}
     root = model.description.root
-    assert {names[index] for index in model.base_links()} == {root, "bolt", "nut"}
+    assert {names[index] for index in model.list_base_links()} == {root, "bolt", "nut"}
     assert model.mass == pytest.approx(1.875 + (5.0 if root == "hull" else 0.0))
     assert names[-1] == root and model.link_index("tip") == model.link_indices["tip"]
 
@@ -58,15 +58,17 @@ def test_the_world_is_told_of_all_that_moves_it(model):
 
 
 def test_what_it_is_pushed_with_is_kept_for_whoever_looks(model):
-    assert not model.pushed and not model.pushes
+    assert not model.is_disturbed and not model.applied_forces
     pushes = [("arm", (float(k), 0.0, 1.0), (0.0, float(k), 0.0), (0.0, 0.0, 2.0))
               for k in range(105)]
     for push in pushes:
         model.apply_force(*push)
-    assert model.pushed and list(model.pushes) == pushes[5:]
-    model.pushes.clear()
+    assert model.is_disturbed and list(model.applied_forces) == pushes[5:]
+    model.applied_forces.clear()
     model.apply_force("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0))
-    assert list(model.pushes) == [("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (0.0, 0.0, 0.0))]
+    assert list(model.applied_forces) == [
+        ("tip", (0.0, 0.0, 1.0), (1.0, 2.0, 3.0), (0.0, 0.0, 0.0))
+    ]
 
 
 def test_its_state_goes_on_where_it_is_loaded_anew(model):
@@ -74,9 +76,9 @@ def test_its_state_goes_on_where_it_is_loaded_anew(model):
     model.joints.restore([(0.7, 2.0)])
     for _ in range(3):
         model.world.step()
-    before, state = model.link_states(), model.joints.states()[0]
+    before, state = model.link_states(), model.joints.read_states()[0]
     model.rebuild(model.description)
-    assert model.joints.states()[0] == pytest.approx(state)
+    assert model.joints.read_states()[0] == pytest.approx(state)
     for name, (pose, twist) in model.link_states().items():
         np.testing.assert_allclose(pose.matrix(), before[name][0].matrix(), atol=1e-6)
         np.testing.assert_allclose(np.ravel(twist), np.ravel(before[name][1]), atol=1e-5)
@@ -90,11 +92,11 @@ def test_bolting_keeps_the_efforts_of_the_last_step_and_of_the_next(make, root):
         model.apply_effort("turn", 3.0)
         world.step()
         model.apply_effort("turn", 5.0)
-        model.bolt(True)
+        model.set_fixed_base(True)
         assert list(model.read_joints()[2]) == [3.0]
         assert model.joints.pending_efforts == [5.0]
         speed = model.read_joints()[1][0]
-        world._models_changed()
+        world._update_models()
         world.step()
         assert list(model.read_joints()[2]) == [5.0]
         inverse = model.joints.inverse_inertia()[0, 0]

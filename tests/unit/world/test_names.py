@@ -11,7 +11,7 @@ from aras_sim_bridge.errors import (
 )
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import World
-from aras_sim_bridge.world.labels import links_by_label
+from aras_sim_bridge.world.labels import list_links_by_label
 
 INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
@@ -64,7 +64,7 @@ def test_two_cameras_of_one_name(simulation, caplog, root, image, taken):
     simulation.spawn(camera("b", root, image), "second")
     assert len(simulation.cameras) == 2
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
-    assert said.startswith("model 'second' goes without its camera 'b': ")
+    assert said.startswith("model 'second' has no camera 'b': ")
     assert f"camera 'b': camera 'a' of model 'first' has the name {taken} already; give one" in said
 
 
@@ -78,7 +78,7 @@ def test_two_cameras_of_one_robot_without_names(simulation, caplog):
     assert [one.sensor.config.name for one in simulation.cameras] == ["front"]
     (said,) = [r.getMessage() for r in caplog.records if r.levelname == "ERROR"]
     assert said == (
-        "model 'r' goes without its camera 'rear': camera 'rear': camera 'front' of model 'r' has "
+        "model 'r' has no camera 'rear': camera 'rear': camera 'front' of model 'r' has "
         "the name / already; give one of them another cameraName or robotNamespace")
 
 
@@ -86,17 +86,17 @@ def test_unknown_names_carry_what_there_is(make):
     """For programs that want more than the line."""
     with World() as world:
         model = world.spawn(parse_urdf(make.pendulum()), "swing")
-        numbers = links_by_label(world.models)
+        numbers = list_links_by_label(world.models)
         with pytest.raises(UnknownJointError) as joint:
             model.apply_effort("elbow", 1.0)
         with pytest.raises(UnknownLinkError) as link:
             model.link_pose("hand")
         with pytest.raises(UnknownModelError) as other:
             world.model("arm")
-    assert (joint.value.model, joint.value.joint, joint.value.known) == (
+    assert (joint.value.model, joint.value.joint, joint.value.available) == (
         "swing", "elbow", ("swing",))
-    assert (link.value.link, link.value.known) == ("hand", ("world", "bob"))
+    assert (link.value.link, link.value.available) == ("hand", ("world", "bob"))
     # as Bullet numbers pixels: the body, and above it the link, 0 for the root
     assert numbers == {model.body_id: "swing::world", model.body_id + (1 << 24): "swing::bob"}
-    assert (other.value.name, other.value.known) == ("arm", ("swing",))
+    assert (other.value.name, other.value.available) == ("arm", ("swing",))
     assert str(joint.value) == "model 'swing' has no moving joint 'elbow'; it has: swing"

@@ -5,7 +5,7 @@ import pytest
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, World
 from aras_sim_bridge.world import overlaps as overlaps_module
-from aras_sim_bridge.world.overlaps import overlaps
+from aras_sim_bridge.world.overlaps import find_overlaps
 
 BOX = '<collision><geometry><box size="{}"/></geometry></collision>'
 INERTIAL = """<inertial><mass value="1"/>
@@ -28,7 +28,7 @@ def test_only_links_that_joints_move_count_and_the_deepest_is_first():
                 "</link></robot>"
             z = 1.115 if name == "above" else 1.0
             world.spawn(parse_urdf(text), name, Pose((x, 0.0, z), (0.0, 0.0, 0.0, 1.0)))
-        found = overlaps(world, robot, posed=True)
+        found = find_overlaps(world, robot, before_step=True)
         places = [(one.link, one.model, one.other_link) for one in found]
         assert list(dict.fromkeys(places)) == [("slide", "before", "l"), ("slide", "above", "l")]
         assert found[0].depth == pytest.approx(0.03, abs=2e-3)
@@ -45,7 +45,7 @@ def test_a_posture_is_judged_by_itself():
         depths = []
         for x in (0.0506, 0.1503, 0.0506):  # on its one side, on its other
             robot.set_joint_positions({"rail": x})
-            depths.append(max(one.depth for one in overlaps(world, robot, posed=True)))
+            depths.append(max(one.depth for one in find_overlaps(world, robot, before_step=True)))
         assert depths == pytest.approx([1.1e-3, 0.2e-3, 1.1e-3], abs=1e-6)
 
 
@@ -56,12 +56,12 @@ def test_without_a_posture_contacts_are_those_of_the_last_step():
         robot = world.spawn(parse_urdf(ROBOT), "robot")
         world.spawn(plate, "plate", Pose((0.61, 0.0, 1.0), (0.0, 0.0, 0.0, 1.0)))
         robot.set_joint_positions({"rail": 0.0515})
-        assert overlaps(world, robot) == []  # none was made
-        (first, *_) = overlaps(world, robot, posed=True)
+        assert find_overlaps(world, robot) == []  # none was made
+        (first, *_) = find_overlaps(world, robot, before_step=True)
         assert (first.link, first.model, first.depth) == ("slide", "plate", pytest.approx(1.5e-3))
         robot.set_joint_positions({"rail": -0.2})
-        assert overlaps(world, robot)[0] == first
-        assert overlaps(world, robot, posed=True) == []
+        assert find_overlaps(world, robot)[0] == first
+        assert find_overlaps(world, robot, before_step=True) == []
 
 
 def test_what_only_touches_is_in_nothing(monkeypatch):
@@ -73,7 +73,7 @@ def test_what_only_touches_is_in_nothing(monkeypatch):
         told = [(link, other.body_id, its, (0.0,) * 15 + (depth,)) for link, its, depth in (
             (slide, slide, 0.0), (slide, base, 1e-6), (slide, slide, -1e-3), (base, slide, 0.2),
             (slide, slide, 2e-3), (-1, slide, 0.3))]
-        monkeypatch.setattr(overlaps_module, "contacts_of", lambda body, client: told)
-        assert overlaps(world, robot) == [
+        monkeypatch.setattr(overlaps_module, "find_contacts", lambda body, client: told)
+        assert find_overlaps(world, robot) == [
             overlaps_module.Overlap("slide", "other", "slide", 2e-3),
             overlaps_module.Overlap("slide", "other", "base", 1e-6)]

@@ -9,7 +9,7 @@ from test_joint_dynamics import tree_xml
 
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.world import Pose, World, reach
-from aras_sim_bridge.world.reach import Box, HalfSpace, reach_of, solids
+from aras_sim_bridge.world.reach import Box, HalfSpace, compute_reach, find_solids
 
 HULL = 2e-3  # m: Bullet's margins around shapes
 ROOT = Pose.from_rpy((1.0, -2.0, 3.0), (0.4, -0.3, 2.0))
@@ -28,7 +28,7 @@ def test_no_link_ever_leaves_its_box(make, seed):
     rng = np.random.default_rng(seed)
     with World() as world:
         model = world.spawn(parse_urdf(text.replace("10.0", "0.6")), "m", ROOT)
-        boxes = reach_of(model)
+        boxes = compute_reach(model)
         assert set(boxes) == set(model.link_names) - {"world"}
         for _ in range(40):
             model.set_joint_positions({j: rng.uniform(-0.6, 0.6) for j in model.joint_names})
@@ -51,7 +51,7 @@ def test_a_box_holds_what_a_slide_and_a_turn_allow_and_no_more(make):
         make.joint("boom", "bare", "tip", "prismatic", "0.2 0 0", "1 0 0", -0.4, 0.3))
     with World() as world:
         model = world.spawn(parse_urdf(text), "m", ROOT)
-        boxes = reach_of(model)
+        boxes = compute_reach(model)
         assert set(boxes) == {"arm", "tip"}
         ends = []
         for q in (-0.5, 1.5):
@@ -73,7 +73,7 @@ def test_gaps_between_boxes_and_above_slopes():
     assert box.gap(Box((-1.0, 0.0, 3.1), (0.7, 3.0, 9.0))) == pytest.approx(0.3)
     assert Box((-1.0, 0.0, 3.1), (0.7, 3.0, 9.0)).gap(box) == pytest.approx(0.3)
     assert box.gap(Box((1.2, 3.9, 3.15), (5.0, 5.0, 5.0))) == pytest.approx(-0.05)
-    assert box.grown(0.25) == ((0.75, 1.75, 2.75), (1.75, 4.25, 3.45))
+    assert box.grow(0.25) == ((0.75, 1.75, 2.75), (1.75, 4.25, 3.45))
     slope = HalfSpace((0.0, 0.0, 1.0), (0.6, 0.0, -0.8))
     assert slope.gap(box) == pytest.approx(0.6 * 1.0 - 0.8 * (3.2 - 1.0))
 
@@ -90,11 +90,11 @@ def test_solids_are_the_shapes_of_the_links_that_are_asked_for(make):
     with World() as world:
         model = world.spawn(parse_urdf(text), "m", Pose.from_rpy((1.0, 2.0, 3.0), (0, 0, 0.7)))
         index = model.link_indices
-        (half,) = solids(model, [-1, index["bare"]])
+        (half,) = find_solids(model, [-1, index["bare"]])
         assert half.point == pytest.approx((1.0, 2.0, 3.5))
         assert half.normal == pytest.approx(
             (-math.sin(0.7) * math.cos(0.3), math.cos(0.7) * math.cos(0.3), math.sin(0.3)))
-        (arm,) = solids(model, [index["arm"]])
+        (arm,) = find_solids(model, [index["arm"]])
         c, s = math.cos(0.7), math.sin(0.7)
         half = (0.1 * c + 0.2 * s, 0.1 * s + 0.2 * c, 0.3)
         assert arm.low == pytest.approx(np.subtract((1, 2, 5), half), abs=2 * HULL)
@@ -108,7 +108,7 @@ def masks(monkeypatch, world):
         pybullet, "setCollisionFilterGroupMask",
         lambda body, link, group, mask, physicsClientId: given.__setitem__((body, link),
                                                                            (group, mask)))
-    reach.leave_out_pairs(list(world.models.values()))
+    reach.disable_distant_pairs(list(world.models.values()))
     monkeypatch.undo()
     return {(model.name, name): given.get((model.body_id, index))
             for model in world.models.values() for name, index in model.link_indices.items()}
@@ -158,8 +158,8 @@ def test_what_may_meet_touches_a_root_or_what_another_s_joints_reach(make):
                                ((3.1, 5.0, 0.0), False, True), ((0.1, 5.0, 0.1), False, True),
                                ((4.0, 5.0, 0.0), False, False)):
             box = Box(tuple(v - 0.1 for v in at), tuple(v + 0.1 for v in at))
-            assert reach._may_meet(box, model) is root
-            assert reach.may_meet([Box((9, 9, 9), (9, 9, 9)), box], model) is ever
+            assert reach._can_meet_root(box, model) is root
+            assert reach.can_meet([Box((9, 9, 9), (9, 9, 9)), box], model) is ever
 
 
 def test_what_is_below_one_of_two_planes_may_touch_them(make):
@@ -169,4 +169,4 @@ def test_what_is_below_one_of_two_planes_may_touch_them(make):
         groove = world.spawn(parse_urdf(make.robot(f'<link name="world">{planes}</link>')), "it")
         for x, touches in ((-3.0, True), (3.0, True), (0.0, False)):
             box = Box((x - 0.1, 0.0, 1.0), (x + 0.1, 0.1, 1.1))
-            assert reach._may_meet(box, groove) is reach.may_meet([box], groove) is touches
+            assert reach._can_meet_root(box, groove) is reach.can_meet([box], groove) is touches

@@ -100,7 +100,7 @@ def test_colours_reach_the_cameras():
         world.spawn(description, "m")
         scene = Scene(world)
         scene.refresh()
-        assert [part.rgba for part in scene.parts] == [
+        assert [part.rgba for part in scene.visuals] == [
             (1.0, 0.0, 0.0, 1.0), (0.1, 0.2, 0.3, 1.0), (1.0, 1.0, 1.0, 1.0)]
 
 
@@ -125,14 +125,15 @@ def test_included_ground_and_sun_are_known():
 
 def test_what_changes_nothing_is_left_out_with_one_warning():
     described = parse_sdf(model(link("<battery name='b'/>")))
-    assert described.warnings == ("model 'm', link 'link': <battery> 'b' is not served; left out",)
+    assert described.warnings == (
+        "model 'm', link 'link': <battery> 'b' is not supported; ignored",)
 
 
 @pytest.mark.parametrize(("text", "reason"), [
     (model(link(part("visual", "<box><size>1 1 -1</size></box>"))), "must be positive"),
     (model(link(part("visual", "<box><size>1 nan 1</size></box>"))), "not finite"),
     (model(link(part("visual", "<sphere/>"))), "sphere radius is missing"),
-    (model('<model name="inner"/>'), "model 'm': has no <link>"),
+    (model('<model name="inner"/>'), "model 'm': it has no <link>"),
     (model(""), "has no <link>"),
     (model(solid(BOX) + solid(BOX)), "two links are named 'link'"),
     (model(solid(BOX, name="a") + solid(BOX, name="b")
@@ -160,5 +161,5 @@ def test_lights_come_change_and_go():
         simulation.delete_light("lamp")
     simulation.delete_light("sun")
     assert simulation.lights == {}
-    assert simulation._sunlight().diffuse == 0.0
+    assert simulation._compute_lighting().diffuse == 0.0
     simulation.close()

@@ -467,7 +467,7 @@ def test_defaults_are_upstream_s():
     assert (imu.topic, imu.namespace, imu.frame, imu.rate) == ("imu_data", None, "f", 1.0)
     assert (pose.namespace, pose.frame, pose.rate) == ("", "world", 0.0)
     assert (body.topic, body.rate) == ("/default_imu", 0.0)
-    assert (wrench.measured_in, wrench.on_child, wrench.frame) == ("child", False, "")
+    assert (wrench.wrench_frame, wrench.on_child, wrench.frame) == ("child", False, "")
     assert wrench == SensorDescription("wrench", "w", joint="flange", link="tool")
 
 
@@ -478,24 +478,24 @@ def test_defaults_are_upstream_s():
      "frame 'gone' is neither the world nor a link"),
     (plugin("ft_sensor", {"topicName": "t"}), "joint '' does not exist"),
     (plugin("imu", {"topicName": "t"}), "link '' does not exist"),
-    (plugin("imu_sensor", {"frameName": "f"}), "it belongs into a <sensor type='imu'>"),
+    (plugin("imu_sensor", {"frameName": "f"}), "it must be inside a <sensor type='imu'>"),
     (bumper_on("tool"), "it names no <collision>"),
     (plugin("bumper", {}), "it names no <collision>"),
     (imu_on("base").replace("frameName", "frame"), "its plug-in has no <frameName>"),
-    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in belongs into"),
+    (imu_on("base").replace("imu_sensor.so", "p3d.so"), "this plug-in must be in"),
 ])
 def test_a_sensor_that_measures_nothing_costs_one_line(tags, reason):
     read = parse_urdf(arm(tags=tags + wrench_of("swing")))
     # A setting that is none of the plug-in's has a line of its own.
-    (warning,) = [text for text in read.warnings if "is not served; left out" not in text]
-    assert reason in warning and "left out" in warning
+    (warning,) = [text for text in read.warnings if "is not supported; ignored" not in text]
+    assert reason in warning and "ignored" in warning
     assert [sensor.kind for sensor in read.sensors] == ["wrench"]
 
 
 def test_a_contact_sensor_of_a_collision_that_does_not_exist_has_its_topic_and_one_line():
     read = parse_urdf(arm(tags=bumper_on("tool", "hand")))
     (warning,) = read.warnings
-    assert "collision 'hand' does not exist; known are none; of it no contact" in warning
+    assert "collision 'hand' does not exist; known are none; the sensor reports no" in warning
     assert [sensor.kind for sensor in read.sensors] == ["contact"]
 
 
@@ -522,10 +522,10 @@ def test_words_of_a_wrench_that_there_are_not():
         '<gazebo reference="swing"><sensor type="force_torque" name="s"><force_torque><frame>hand'
         "</frame><measure_direction>up</measure_direction></force_torque></sensor></gazebo>")))
     assert read.warnings == (
-        "sensor 's' on joint 'swing': frame 'hand' is unknown; child is taken",
-        "sensor 's' on joint 'swing': measure_direction 'up' is unknown; child_to_parent is taken")
+        "sensor 's' on joint 'swing': frame 'hand' is unknown; child is used",
+        "sensor 's' on joint 'swing': measure_direction 'up' is unknown; child_to_parent is used")
     (wrench,) = read.sensors
-    assert (wrench.measured_in, wrench.on_child) == ("child", False)
+    assert (wrench.wrench_frame, wrench.on_child) == ("child", False)
 
 
 def test_sensors_of_sdf_stand_where_its_root_link_stands():
@@ -545,7 +545,7 @@ def test_sensors_of_sdf_stand_where_its_root_link_stands():
     assert imu.pose[0] == pytest.approx((0.1 * math.cos(0.5), 0.1 * math.sin(0.5), 1.0))
     assert imu.pose[1] == pytest.approx((0, 0, 0.5)) and imu.sample_rate == 50.0
     assert (pose.kind, pose.link) == ("pose", "b")
-    assert (wrench.joint, wrench.measured_in) == ("j", "parent")
+    assert (wrench.joint, wrench.wrench_frame) == ("j", "parent")
     assert wrench.channels == (ChannelNoise(1.0, 2.0), *[ChannelNoise()] * 5)
 
 

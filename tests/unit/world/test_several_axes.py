@@ -91,7 +91,7 @@ def test_a_screw_moves_its_child_along_as_it_turns(bolt, pitch):
     ("gearbox", "", "joint 'j': joint type 'gearbox' is not supported"),
     ("screw", "<thread_pitch>0</thread_pitch>", "joint 'j': thread_pitch is 0 rad/m"),
     ("universal", "<axis><xyz>1 0 0</xyz></axis><axis2><xyz>-1 0 0</xyz></axis2>",
-     "joint 'j': its two axes are the same"),
+     "joint 'j': its two axes are parallel"),
 ])
 def test_a_joint_that_cannot_be_is_named_and_the_world_starts(kind, inside, reason):
     with pytest.raises(DescriptionError, match=reason):
@@ -102,11 +102,11 @@ def test_a_joint_that_cannot_be_is_named_and_the_world_starts(kind, inside, reas
                      "name='l'/></model></world></sdf>")
     assert [one.name for one in found.models] == ["n"]
     (line,) = found.warnings
-    assert line.startswith("model 'm' is left out: ") and reason in line
+    assert line.startswith("model 'm' is ignored: ") and reason in line
 
 
 def test_a_link_that_a_joint_needs_has_a_name_of_its_own():
-    with pytest.raises(DescriptionError, match="it needs a link 'j_cross' of its own"):
+    with pytest.raises(DescriptionError, match="it needs an extra link named 'j_cross'"):
         parse_sdf(MODEL.format(type="universal", inside=CROSS.format("", ""), pose="", base="",
                                bolt="<link name='j_cross'/>"))
 

@@ -8,7 +8,7 @@ import pytest
 
 from aras_sim_bridge import simulation as module
 from aras_sim_bridge.description import Light, parse_urdf
-from aras_sim_bridge.description.types import SUN, Surroundings
+from aras_sim_bridge.description.types import SUN, SceneSettings
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,
@@ -16,12 +16,12 @@ from aras_sim_bridge.errors import (
     UnknownModelError,
     WorldError,
 )
-from aras_sim_bridge.rendering import Sun
+from aras_sim_bridge.rendering import Lighting
 from aras_sim_bridge.simulation import NO_LIGHT, Simulation, SimulationConfig
 
 EYE = {"parent": "world", "width": 8, "height": 6, "update_rate": 50.0, "pose": [0.0] * 6}
 AMBIENT = (0.1, 0.2, 0.2, 0.9)
-SCENE = Surroundings((0.2, 0.2, 0.2, 0.9), (0.1, 0.2, 0.3, 1.0), True, "none")
+SCENE = SceneSettings((0.2, 0.2, 0.2, 0.9), (0.1, 0.2, 0.3, 1.0), True, "none")
 INERTIAL = (
     '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/>'
     "</inertial>"
@@ -71,7 +71,7 @@ def test_what_a_simulation_is_like_unless_it_is_told():
     assert (plain.time_step, plain.gravity, plain.gui, plain.renderer, plain.seed) == (
         0.001, (0.0, 0.0, -9.8), False, "auto", 0)
     assert (plain.legacy_camera_info, plain.ground_plane, plain.lights) == (False, True, (SUN,))
-    assert (plain.scene, plain.exposure) == (Surroundings(), "unclipped")
+    assert (plain.scene, plain.exposure) == (SceneSettings(), "unclipped")
     simulation = Simulation()
     assert simulation.config == plain and list(simulation.world.models) == ["ground_plane"]
     assert (simulation.time_ns, simulation.step_ns) == (0, 1_000_000)
@@ -79,8 +79,15 @@ def test_what_a_simulation_is_like_unless_it_is_told():
 
 
 GREY = Light("sun", direction=(0.1, 0.2, -0.3), diffuse=(0.5, 0.5, 0.5, 1.0))
-AROUND = Sun(diffuse=0.0, ambient=0.2, tint=(1.0,) * 3, background=(0.1, 0.2, 0.3, 1.0), sky=True,
-             exposure="gazebo", shadows="none")
+AROUND = Lighting(
+    diffuse=0.0,
+    ambient=0.2,
+    tint=(1.0,) * 3,
+    background=(0.1, 0.2, 0.3, 1.0),
+    sky=True,
+    exposure="gazebo",
+    shadows="none",
+)
 PLAIN = replace(AROUND, direction=(0.1, 0.2, -0.3), diffuse=0.5)
 RED = replace(GREY, diffuse=(0.5, 0.4, 0.5, 1.0))
 CAST, SOFT = replace(GREY, cast_shadows=True), replace(SCENE, shadows="soft")
@@ -179,7 +186,7 @@ def test_a_model_has_one_control_plugin_and_a_namespace_of_its_own(make):
         simulation.spawn(twice, "r")
     once = parse_urdf(ROBOT.format(CONTROL))
     simulation.spawn(once, "first")
-    with pytest.raises(WorldError, match="'second': its robot namespace / is that of model 'fi"):
+    with pytest.raises(WorldError, match="'second': its robot namespace / is already used"):
         simulation.spawn(once, "second")
     simulation.spawn(parse_urdf(ROBOT.format("")), "plain")
     assert list(simulation.robots) == ["first"] and list(simulation.world.models) == [
@@ -215,9 +222,9 @@ def test_a_camera_that_comes_later_exposes_at_the_next_of_its_instants(make, ren
     for _ in range(30):
         simulation.step()
     camera = simulation.add_camera("eye", EYE)
-    assert simulation.next_picture_ns() is None
+    assert simulation.next_image_ns() is None
     camera.enabled = True
-    assert simulation.next_picture_ns() == 40_000_000
+    assert simulation.next_image_ns() == 40_000_000
 
 
 def test_sensors_have_seeds_of_their_own_and_go_with_their_model(make, renderers, monkeypatch):

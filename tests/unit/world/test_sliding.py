@@ -45,7 +45,7 @@ def spawned(world, make):
     bolted = world.spawn(parse_urdf(make.robot('<link name="world"/>', make.link("car", 1.0),
                                                make.joint("rail", "world", "car", "prismatic"))),
                          "d", Pose((0.0, 5.0, 0.0)), {"rail": 0.2})
-    bolted.joints.set_own(False)
+    bolted.joints.set_own_dynamics(False)
     bolted.joints.restore([(0.2, 0.9)])
     return body, loose, jointed, bolted
 
@@ -65,13 +65,13 @@ def test_friction_of_the_same_size_acts_along_the_way_instead(make, world, monke
              (bolted.body_id, 0): (bolted, "car")}
     contacts = [contact(rng, *part) for part in links for _ in range(3)]
     friction = SlidingFriction(world.client)
-    friction.models_changed(world.models.values())
+    friction.set_models(world.models.values())
     assert friction.loose == [body, loose]
     given = []
-    monkeypatch.setattr(sliding, "contacts_of", lambda of, client: contacts)
-    monkeypatch.setattr(friction, "_push", lambda *push: given.append(push))
+    monkeypatch.setattr(sliding, "find_contacts", lambda of, client: contacts)
+    monkeypatch.setattr(friction, "_apply_force", lambda *push: given.append(push))
     linear, angular = pybullet.getBaseVelocity(body.body_id, world.client)
-    friction._correct(body, linear, angular, DT, set())
+    friction._correct_friction(body, linear, angular, DT, set())
     expected = []
     for _, other, link, numbers in contacts:
         point, normal = np.array(numbers[:3]), np.array(numbers[4:7])
@@ -89,7 +89,7 @@ def test_friction_of_the_same_size_acts_along_the_way_instead(make, world, monke
     for done, size, count in (({loose.body_id}, 1.0, 21), (set(), 300.0, 0), (set(), 0.0, 0)):
         contacts = [contact(rng, *part, size) for part in links for _ in range(3)]
         given.clear()
-        friction._correct(body, linear, angular, DT, done)
+        friction._correct_friction(body, linear, angular, DT, done)
         assert len(given) == count
     contacts = [contact(rng, bolted.body_id, -1)]
     slip = np.linalg.norm(np.cross(contacts[0][3][4:7], velocity(body, "a", contacts[0][3][:3])))
@@ -100,16 +100,16 @@ def test_friction_of_the_same_size_acts_along_the_way_instead(make, world, monke
         contacts = [(0, bolted.body_id, -1,
                      (*one[:7], by * one[7], *one[8:11], by * one[11], *one[12:]))]
         given.clear()
-        friction._correct(body, linear, angular, DT, set())
+        friction._correct_friction(body, linear, angular, DT, set())
         assert bool(given) is corrected
 
 
 def test_what_moves_slowly_is_left_alone_and_looked_at_now_and_then(make, world, monkeypatch):
     body = world.spawn(parse_urdf(make.robot(make.link("a", 2.0))), "a")
     friction, corrected, watched = SlidingFriction(world.client), [], []
-    friction.models_changed([body])
-    monkeypatch.setattr(friction, "_correct", lambda model, *_: corrected.append(model))
-    monkeypatch.setattr(friction._impacts, "watch", lambda body, *_: watched.append(body))
+    friction.set_models([body])
+    monkeypatch.setattr(friction, "_correct_friction", lambda model, *_: corrected.append(model))
+    monkeypatch.setattr(friction._impacts, "place_at_impact", lambda body, *_: watched.append(body))
 
     def looks(count):
         """In which of the steps it was seen to."""
@@ -124,18 +124,18 @@ def test_what_moves_slowly_is_left_alone_and_looked_at_now_and_then(make, world,
     for twist in (Twist((0.0, 4.9e-3, 0.0), (0.0, 0.0, 0.049)),
                   Twist((0.0, 3e-3, 3e-3), (0.03, 0.03, 0.0))):
         body.set_twist(twist)
-        friction.pushed()
+        friction.check_all()
         assert looks(3) == []
     for twist in (Twist((0.0, 5.1e-3, 0.0)), Twist((0.0, 0.0, 0.0), (0.0, 0.0, -0.051)),
                   Twist((0.0, 4e-3, 4e-3)), Twist((0.0, 0.0, 0.0), (0.04, 0.04, 0.0))):
         body.set_twist(Twist())
-        friction.pushed()
+        friction.check_all()
         assert looks(1) == []
         body.set_twist(twist)
         assert looks(8) == [5, 6, 7]  # five steps are not looked at
         body.set_twist(Twist())
         assert looks(1) == []
-        for tell in (friction.pushed, lambda: friction.models_changed([body])):
+        for tell in (friction.check_all, lambda: friction.set_models([body])):
             body.set_twist(twist)
             tell()
             assert looks(3) == [0, 1, 2]

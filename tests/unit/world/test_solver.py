@@ -10,7 +10,7 @@ from aras_robot import ArasRobot
 import aras_sim_bridge.world.world as world_module
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world import Pose, World, bullet, islands, reach
+from aras_sim_bridge.world import Pose, World, bullet, isolation, reach
 from aras_sim_bridge.world.bullet import pybullet
 
 POSE = (0.1, 0.0, 0.17, -0.09, -0.09, 0.0)
@@ -66,7 +66,7 @@ def test_whatever_brings_link_and_ground_together_is_noticed(make, order):
         if order == "moved down":
             model.set_pose(Pose((0, 0, 0.3)))
         if order == "changed":
-            world.change("arm", model.description)
+            world.change_model("arm", model.description)
         for _ in range(1000):
             world.step()
         assert tip_height(model) > -0.002
@@ -132,7 +132,7 @@ def test_a_body_that_falls_onto_a_link_out_of_the_ground_s_reach_rests_there(mak
 
 def test_pairs_that_are_left_out_are_not_looked_at(make, monkeypatch):
     """What the reach says is what Bullet does: an arm said to be out of reach falls through."""
-    monkeypatch.setattr(reach, "_may_meet", lambda box, other: False)
+    monkeypatch.setattr(reach, "_can_meet_root", lambda box, other: False)
     with World() as world:
         world.spawn_ground_plane()
         model = world.spawn(drop(make), "arm", Pose((0, 0, 0.3)))
@@ -179,7 +179,7 @@ def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch)
     cube = make.robot(make.link("cube", 1.0, inertia=(2e-3, 2e-3, 2e-3, 0, 0, 0),
                                 shapes=make.box("0.1 0.1 0.1")))
     masks = {}
-    monkeypatch.setattr(islands, "_BACK", math.inf)
+    monkeypatch.setattr(isolation, "_RETURN_STEPS", math.inf)
     real = pybullet.setCollisionFilterGroupMask
     monkeypatch.setattr(pybullet, "setCollisionFilterGroupMask",
                         lambda *args, **named: (masks.update({args[:2]: args[3]}),
@@ -190,7 +190,7 @@ def test_the_shipped_robot_moves_the_same_bits_with_all_pairs(make, monkeypatch)
     # Bullet's numbers differ by one between the robot that is free and the one that is held.
     links = [mask for (body, link), mask in masks.items() if body == robot and link >= 1]
     assert links == [own_and_static] * 9, "every link is out of the ground's reach"
-    monkeypatch.setattr(world_module, "leave_out_pairs", lambda models: None)
+    monkeypatch.setattr(world_module, "disable_distant_pairs", lambda models: None)
     assert trace(cube) == left_out
 
 
@@ -235,7 +235,7 @@ def test_a_free_body_beside_the_arm_brings_the_sweeps_and_takes_them_along(robot
         '<gazebo reference="cube"><gravity>false</gravity></gazebo>')), "cube", Pose(at))
     cube.set_pose(Pose((at[0] + 0.09, at[1], at[2])))
     assert 1e-8 < creep(robot) < 1e-4
-    assert not robot.model.joints.own
+    assert not robot.model.joints.has_own_dynamics
     world.delete("cube")
     assert creep(robot) < 1e-12
 
@@ -254,7 +254,7 @@ def test_what_c_code_said_before_bullet_was_kept_quiet_is_heard(capfd):
     c = ctypes.CDLL(None)
     c.setvbuf(ctypes.c_void_p.in_dll(c, "stdout"), None, 0, 4096)  # as for a pipe or file
     c.puts(b"before")
-    with bullet.quiet():
+    with bullet.silence_output():
         c.puts(b"meanwhile")
     assert capfd.readouterr().out == "before\n"
 
@@ -262,7 +262,7 @@ def test_what_c_code_said_before_bullet_was_kept_quiet_is_heard(capfd):
 def test_keeping_bullet_quiet_leaves_no_descriptor_open():
     before = os.listdir("/proc/self/fd")
     for _ in range(3):
-        with bullet.quiet():
+        with bullet.silence_output():
             pass
     assert os.listdir("/proc/self/fd") == before
 
@@ -310,7 +310,7 @@ def test_joints_are_solved_directly_where_all_is_bolted_and_by_sweeps_else(make,
 def test_pairs_are_left_out_anew_when_models_come_or_what_is_bolted_moves(make, monkeypatch):
     """As soon as Bullet makes steps, once."""
     seen = []
-    monkeypatch.setattr(world_module, "leave_out_pairs", lambda models: seen.append(
+    monkeypatch.setattr(world_module, "disable_distant_pairs", lambda models: seen.append(
         [model.name for model in models]))
     stone = parse_urdf(make.robot(make.link("stone")))
     with World() as world:

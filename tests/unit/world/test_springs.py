@@ -68,7 +68,7 @@ def test_a_spring_acts_beside_what_bullet_steps_as_it_does_alone():
             for _ in range(300):
                 world.step()
                 trace.append(model.read_joints()[0][0])
-            assert model.joints.own is not beside
+            assert model.joints.has_own_dynamics is not beside
             traces.append(trace)
     np.testing.assert_allclose(*traces, atol=2e-4)
     assert max(traces[0]) > 0.15

@@ -10,8 +10,8 @@ from scipy.optimize import linprog
 from scipy.spatial import ConvexHull
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.world import Pose, Twist, World, islands, standing
-from aras_sim_bridge.world.changes import with_joint
+from aras_sim_bridge.world import Pose, Twist, World, isolation, resting_base
+from aras_sim_bridge.world.description_changes import change_joint
 
 G = 9.8
 
@@ -83,7 +83,10 @@ def collision(geometry: str, origin: str) -> str:
 
 def test_a_base_on_feet_that_are_links_is_held(world, make):
     """Bullet leaves a millimetre around the hulls of links: it stands on that."""
-    feet = [(f"foot{k}", x, y) for k, (x, y) in enumerate(itertools.product((-0.3, 0.3), repeat=2))]
+    feet = [
+        (f"foot{k}", x, y)
+        for k, (x, y) in enumerate(itertools.product((-0.3, 0.3), repeat=2))
+    ]
     shape = collision('<cylinder radius="0.03" length="0.2"/>', "0 0 0.1")
     model = world.spawn(parse_urdf(make.robot(
         make.link("base", 20.0, "0 0 0.3", (1,) * 3 + (0,) * 3, make.box("0.6 0.6 0.2", "0 0 0.3")),
@@ -93,7 +96,7 @@ def test_a_base_on_feet_that_are_links_is_held(world, make):
         make.joint("rail", "base", "slide", "prismatic", "0 0 0.5", "1 0 0", -2.0, 2.0))), "table")
     steps(world, 300)
     assert model.fixed_base and model.pose().xyz[2] < 1.1e-3
-    (one,) = world.bases.held
+    (one,) = world.resting_bases.fixed_bases
     corners = one.corners[:, :3] + one.ground[7:10] + model.pose().xyz
     assert np.abs(corners[:, 2]).max() < 1e-6  # on the ground, where forces act
     assert np.abs(corners[:, :2]).max(axis=0) == pytest.approx(0.33, abs=1e-3)
@@ -155,7 +158,7 @@ def test_what_joints_did_goes_on_when_the_base_is_held(world, make):
     assert model.fixed_base
     assert np.diff(speeds)[100:] == pytest.approx(1e-3, rel=1e-3)  # 2 N on 2 kg
     assert efforts == [2.0] * 300
-    model.bolt(False)
+    model.set_fixed_base(False)
     assert model.read_joints()[2] == [2.0]
 
 
@@ -221,8 +224,8 @@ DISTURBED = {
     "other gravity": lambda world, model: world.set_physics(gravity=(0.0, 0.0, 1.0)),
     "no ground": lambda world, model: world.delete("ground_plane"),
     "ground moved": lambda world, model: world.model("ground_plane").set_pose(Pose((0, 0, -1.0))),
-    "changed": lambda world, model: world.change(
-        "cart", with_joint(model.description, "rail", damping=1.0)),
+    "changed": lambda world, model: world.change_model(
+        "cart", change_joint(model.description, "rail", damping=1.0)),
 }
 
 
@@ -258,11 +261,11 @@ def test_a_push_at_the_slide_is_the_arm_s(world, held):
 
 
 def test_a_push_at_the_slide_ends_with_its_step_where_bullet_steps_too(world, make, monkeypatch):
-    monkeypatch.setattr(islands, "_BACK", math.inf)
+    monkeypatch.setattr(isolation, "_RETURN_STEPS", math.inf)
     model = world.spawn(cart(make, 200.0), "cart")
     loose_box(make, world, "far", 1.0, (3.0, 0.0, 0.05))
     steps(world, 300)
-    assert model.fixed_base and not model.joints.own
+    assert model.fixed_base and not model.joints.has_own_dynamics
     speeds = []
     for n in range(20):
         if n == 0:
@@ -275,7 +278,7 @@ def test_a_push_at_the_slide_ends_with_its_step_where_bullet_steps_too(world, ma
 
 def test_a_stop_pushes_back_no_longer_than_the_push_lasts_where_bullet_steps_too(
         world, make, monkeypatch):
-    monkeypatch.setattr(islands, "_BACK", math.inf)
+    monkeypatch.setattr(isolation, "_RETURN_STEPS", math.inf)
     model = world.spawn(cart(make, 200.0, travel=0.1), "cart")
     loose_box(make, world, "far", 1.0, (3.0, 0.0, 0.05))
     steps(world, 300)
@@ -283,13 +286,13 @@ def test_a_stop_pushes_back_no_longer_than_the_push_lasts_where_bullet_steps_too
     steps(world, 2)
     model.apply_force("slide", (20.0, 0.0, 0.0), model.link_pose("slide").xyz)
     steps(world, 20)
-    assert model.fixed_base and not model.joints.own
+    assert model.fixed_base and not model.joints.has_own_dynamics
     assert model.read_joints()[0][0] == pytest.approx(0.1, abs=1e-9)
     assert model.read_joints()[1][0] == pytest.approx(0.0, abs=1e-6)
 
 
 def test_a_base_is_held_where_bullet_s_window_shows_it(world, make, monkeypatch):
-    world._gui = world.islands._window = True  # a window has no say in what is simulated
+    world._gui = world.isolation._window = True  # a window has no say in what is simulated
     drawn = []
     with monkeypatch.context() as shown:
         shown.setattr(pybullet, "getConnectionInfo", lambda _: {"connectionMethod": pybullet.GUI})
@@ -298,7 +301,7 @@ def test_a_base_is_held_where_bullet_s_window_shows_it(world, make, monkeypatch)
         model = world.spawn(cart(make), "cart")
     assert drawn == [(pybullet.COV_ENABLE_RENDERING, on) for on in (0, 1)]  # shapes come at once
     steps(world, 50, model, 3.0)
-    assert model.fixed_base and not model.joints.own
+    assert model.fixed_base and not model.joints.has_own_dynamics
     assert model.read_joints()[1][0] == pytest.approx(50e-3 * 3.0 / 2.0, rel=1e-3)
 
 
@@ -472,16 +475,16 @@ def test_what_no_longer_lies_on_a_held_base_is_no_longer_felt(world, make):
     box = loose_box(make, world, "on", 1.0, (0.2, 0.1, 0.251))
     loose_box(make, world, "far", 1.0, (5.0, 0.0, 0.05))
     steps(world, 500)
-    (one,) = world.bases.held
+    (one,) = world.resting_bases.fixed_bases
     weight = (0.0, 0.0, -G)
     lever = at.inverse().apply(box.pose().xyz)
-    assert one.touch[:3] == pytest.approx(np.cross(lever, weight), abs=0.1)
-    assert one.touch[3:] == pytest.approx(weight, abs=0.5)
+    assert one.contact_wrench[:3] == pytest.approx(np.cross(lever, weight), abs=0.1)
+    assert one.contact_wrench[3:] == pytest.approx(weight, abs=0.5)
     box.set_twist(Twist((0.0, 0.0, 3.0)))  # up and off
     steps(world, 50)
-    assert world.bases.held == [one]
+    assert world.resting_bases.fixed_bases == [one]
     assert box.pose().xyz[2] > 0.3
-    assert not one.touch.any()
+    assert not one.contact_wrench.any()
 
 
 @pytest.mark.parametrize("first", ["base", "box"])
@@ -493,9 +496,9 @@ def test_what_rubs_along_a_held_base_is_felt_along_its_way(world, make, first):
     steps(world, 100)
     world.model("on").set_twist(Twist((0.8, 0.6, 0.0)))
     steps(world, 20)
-    (one,) = world.bases.held
-    assert one.touch[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
-    assert one.touch[5] == pytest.approx(-9.8, rel=0.1)
+    (one,) = world.resting_bases.fixed_bases
+    assert one.contact_wrench[3:5] == pytest.approx(0.5 * 9.8 * np.array((0.8, 0.6)), rel=0.1)
+    assert one.contact_wrench[5] == pytest.approx(-9.8, rel=0.1)
 
 
 @pytest.mark.parametrize("case", ["struck", "rubbed"])
@@ -504,7 +507,7 @@ def test_what_strikes_or_rubs_a_held_base_moves_it_as_it_does_a_free_one(
     """The same with Bullet alone, which never holds anything."""
     def moved(alone):
         if alone:
-            monkeypatch.setattr(standing.FreeBases, "models_changed", lambda self: None)
+            monkeypatch.setattr(resting_base.RestingBases, "refresh", lambda self: None)
         with World() as world:
             world.spawn_ground_plane()
             model = world.spawn(cart(make, 500.0, mu=0.1, travel=200.0), "cart")
@@ -603,7 +606,7 @@ def test_a_base_is_held_up_to_what_the_ground_can_bear_and_no_further():
             # Half of it by what touches the model.
             frames[0, 40:46] = (low + high) / 4 * load
             touch = -(low + high) / 4 * load
-            bears = standing.bears(np.array([[0, -1, 0, 0]]), frames, np.zeros((3, 1)),
+            bears = resting_base.is_supported(np.array([[0, -1, 0, 0]]), frames, np.zeros((3, 1)),
                                     np.zeros(1), gravity, ground, corners, touch, np.zeros(6),
                                     1e-3)
             low, high = ((low + high) / 2, high) if bears else (low, (low + high) / 2)
@@ -635,13 +638,13 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
         ground = np.array([mass, *point + 0.4 * normal, *normal, *point, friction])
         for share, borne in ((0.899, True), (0.901, False)):
             touch = -share * friction * mass * G * load
-            assert borne == standing.bears(
+            assert borne == resting_base.is_supported(
                 np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                 -G * normal, ground, corners, touch, np.zeros(6), 1e-3,
             )  # fmt: skip
             for side in (aside, -across):  # and its weight up to nine tenths of the way to a side
                 ground[1:4] = point + share * size * side + 0.4 * normal
-                assert borne == standing.bears(
+                assert borne == resting_base.is_supported(
                     np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                     -G * normal, ground, corners, np.zeros(6), np.zeros(6), 1e-3,
                 )  # fmt: skip
@@ -658,7 +661,7 @@ def test_a_push_along_the_ground_is_borne_up_to_nine_tenths_of_its_friction():
             force = share * friction * mass * G * push / (
                 1.0 + lever * away.max() / away.min() ** 2)
             for touches in (touch, np.concatenate([np.cross(point + beside, force), force])):
-                assert borne == standing.bears(
+                assert borne == resting_base.is_supported(
                     np.array([[0, -1, 0, 0]]), np.zeros((1, 46)), np.zeros((3, 1)), np.zeros(1),
                     -G * normal, ground, corners, touches, np.zeros(6), 1e-3,
                 )  # fmt: skip
@@ -689,9 +692,11 @@ def test_what_a_base_stands_on_is_known_by_its_corners(world, make, ground):
     model = world.spawn(parse_urdf(text), "table", slope @ Pose((0.0, 0.0, -5e-6)))
     for _ in range(5):
         pybullet.performCollisionDetection(physicsClientId=world.client)
-    found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
+    found = resting_base.RestingBase.from_contacts(
+        model, {m.body_id: m for m in world.models.values()}
+    )
     assert found.grounds == {below.body_id} and found.mass == 33.0  # with the post
-    assert not found.touch.any()
+    assert not found.contact_wrench.any()
     numbers, corners = found.ground, found.corners
     assert numbers[1:4] == pytest.approx(
         [(30 * a + 3 * b) / 33 for a, b in ((0.03, 0.5), (0.01, 0.4), (0.1, 0.4))])
@@ -730,15 +735,15 @@ def test_a_base_that_was_held_or_let_go_is_not_put_on_the_ground_again(world, ma
     fin = make.link("fin", 0.01, "0 0 0", (1e-5,) * 3 + (0, 0, 0))
     other = world.spawn(parse_urdf(make.robot(ball, fin, make.joint("j", "ball", "fin"))), "ball",
                         Pose((3.0, 0.0, 0.1)))
-    assert world.bases.fresh
+    assert world.resting_bases.is_new
     world.step()
-    assert held.fixed_base and not other.fixed_base and not world.bases.fresh
+    assert held.fixed_base and not other.fixed_base and not world.resting_bases.is_new
     held.apply_force("base", (1.0, 0.0, 0.0), held.pose().xyz)
-    assert not held.fixed_base and not world.bases.fresh
+    assert not held.fixed_base and not world.resting_bases.is_new
     steps(world, 60)
     assert not held.fixed_base  # not before two looks
     steps(world, 60)
-    assert held.fixed_base and not world.bases.fresh
+    assert held.fixed_base and not world.resting_bases.is_new
 
 
 def test_three_points_are_enough_to_stand_on(world, make, tmp_path):
@@ -753,7 +758,9 @@ def test_three_points_are_enough_to_stand_on(world, make, tmp_path):
                          for x, y in places)
         model = world.spawn(cart(make, shapes=shapes), "table")
         pybullet.performCollisionDetection(physicsClientId=world.client)
-        found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
+        found = resting_base.RestingBase.from_contacts(
+            model, {m.body_id: m for m in world.models.values()}
+        )
         assert (found is not None) is stands
         if stands:
             at = found.corners[:, :2] + found.ground[7:9]
@@ -776,7 +783,9 @@ def test_a_base_is_held_a_hundred_times_as_heavy_as_what_is_loose(world, make, s
 
 def test_who_stands_is_looked_at_now_and_then(world, make, monkeypatch):
     """At once; then every fiftieth step, and where it was still but cannot be held every 200th."""
-    monkeypatch.setattr(standing.StandingBase, "found", lambda model, others: tried.append(model))
+    monkeypatch.setattr(
+        resting_base.RestingBase, "from_contacts", lambda model, others: tried.append(model)
+    )
     tried, at = [], []
     model = world.spawn(cart(make), "cart")
     for step in range(1, 800):
@@ -811,6 +820,8 @@ def test_a_base_stands_on_the_box_that_is_under_it_though_there_is_a_plane_too(w
     model = world.spawn(cart(make), "cart", Pose((3.0, 0.0, 0.4 - 5e-6)))
     for _ in range(5):
         pybullet.performCollisionDetection(physicsClientId=world.client)
-    found = standing.StandingBase.found(model, {m.body_id: m for m in world.models.values()})
+    found = resting_base.RestingBase.from_contacts(
+        model, {m.body_id: m for m in world.models.values()}
+    )
     at = np.abs(found.corners[:, :2] + found.ground[7:9])
     assert at.max(axis=0) == pytest.approx([0.15, 0.1], abs=1e-3)

@@ -5,12 +5,12 @@ import pytest
 from aras_robot import ArasRobot
 
 from aras_sim_bridge.control.stability import (
-    BOUND,
-    longest_step,
-    loop_gains,
-    outlook,
-    swing,
-    too_high,
+    STABILITY_BOUND,
+    collect_gains,
+    compute_step_eigenvalue,
+    find_gain_reductions,
+    find_longest_step,
+    report_stability,
 )
 from aras_sim_bridge.description import parse_urdf
 from aras_sim_bridge.errors import WorldError
@@ -67,18 +67,18 @@ def swung(make, way, step, root="world", seconds=3.0):
         robot.start(controllers)
         simulation.step()
         joints = robot.model.joint_names
-        P, D = loop_gains(robot.hardware, robot.manager.running, joints)
+        P, D = collect_gains(robot.hardware, robot.manager.running, joints)
         inverse = robot.model.joints.inverse_inertia()
-        told = outlook(robot.hardware, robot.manager.running, joints,
+        told = report_stability(robot.hardware, robot.manager.running, joints,
                        robot.model.joints.inverse_inertia, step)
-        assert bool(told) == (swing(inverse, P, D, step) > BOUND)
-        factors = too_high(inverse, P, D, step)
-        assert swing(inverse, P / factors, D / factors, step) <= BOUND
+        assert bool(told) == (compute_step_eigenvalue(inverse, P, D, step) > STABILITY_BOUND)
+        factors = find_gain_reductions(inverse, P, D, step)
+        assert compute_step_eigenvalue(inverse, P / factors, D / factors, step) <= STABILITY_BOUND
         for i in np.flatnonzero(factors > 1.0):
             others = np.where(np.arange(3) == i, 1.0, factors)
             assert f"'{joints[i]}' " in told
-            assert swing(inverse, P / others, D / others, step) > BOUND
-        longest = longest_step(inverse, P, D, 1.0)
+            assert compute_step_eigenvalue(inverse, P / others, D / others, step) > STABILITY_BOUND
+        longest = find_longest_step(inverse, P, D, 1.0)
         for joint in joints:
             robot.model.apply_effort(joint, 1e-4)
         speeds = []
@@ -104,7 +104,7 @@ def test_steps_diverge_where_it_is_told_and_not_before(make, way, root, caplog):
         ratio, growth, told = swung(make, way, share * longest, root)
         assert ratio == pytest.approx(share, rel=1e-3) and bool(told) == diverges
         assert growth > 1e4 if diverges else growth < 100.0
-    assert f"they bear {longest:.2g} s" in told
+    assert f"they need {longest:.2g} s" in told
     said = [record.message for record in caplog.records if "unstable" in record.message]
     # When controllers start, in the run that diverges alone; a drive's gains need none to run.
     assert said == ([] if way == "drive" else [f"model 'arm': {told}"])
@@ -117,7 +117,7 @@ def test_the_shipped_robot_bears_its_own_step_and_not_ten_of_it():
         robot.simulation.step()
 
         def told(step):
-            return outlook(robot.hardware, robot.manager.running, robot.model.joint_names,
+            return report_stability(robot.hardware, robot.manager.running, robot.model.joint_names,
                            joints.inverse_inertia, step)
 
         assert robot.manager.running and told(0.001) == ""
@@ -126,6 +126,6 @@ def test_the_shipped_robot_bears_its_own_step_and_not_ten_of_it():
             robot.manager.switch([], [entry.name], 2)
         robot.simulation.step()
         assert told(0.01) == ""  # no loop is closed
-        assert not np.any(loop_gains(robot.hardware, (), robot.model.joint_names))
+        assert not np.any(collect_gains(robot.hardware, (), robot.model.joint_names))
     finally:
         robot.simulation.close()

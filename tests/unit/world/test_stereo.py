@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from aras_sim_bridge.camera.mounting import together
+from aras_sim_bridge.camera.mounting import find_simultaneous
 from aras_sim_bridge.description import world_file
 from aras_sim_bridge.errors import CameraError
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
@@ -60,7 +60,7 @@ def test_disparity_gives_the_distance_of_the_table(simulation):
 def test_the_rate_of_one_eye_is_that_of_both(simulation, caplog):
     left, right = simulation.cameras
     for eye in (left, right):
-        assert together(eye, simulation.cameras) == [left, right]
+        assert find_simultaneous(eye, simulation.cameras) == [left, right]
     (description,) = [m.description for n, m in simulation.world.models.items() if "head" in n]
     simulation.delete("stereo_head")
     with caplog.at_level(logging.WARNING):
@@ -81,4 +81,4 @@ def test_eyes_of_two_heads_expose_each_head_by_itself(simulation):
     simulation.spawn(left.model.description, "twin",
                      cameras={"stereo": {"camera": {"left": other, "right": other}}})
     assert len(simulation.cameras) == 4
-    assert together(left, simulation.cameras) == [left, right]
+    assert find_simultaneous(left, simulation.cameras) == [left, right]

@@ -227,20 +227,20 @@ def test_steps_gravity_and_sweeps_are_taken_up_to_their_bounds():
 def test_bullet_s_first_client_serves_a_world_too_and_none_is_refused(monkeypatch):
     """And one that cannot open its window."""
     given = []
-    monkeypatch.setattr(world_module, "give_back", lambda *back: given.append(back))
-    monkeypatch.setattr(world_module, "connected", lambda gui: 0)
+    monkeypatch.setattr(world_module, "release_client", lambda *back: given.append(back))
+    monkeypatch.setattr(world_module, "connect", lambda gui: 0)
     with World() as world:
         assert world.client == 0
     world.close()
     assert given == [(0, True)] and world.client < 0
-    monkeypatch.setattr(world_module, "connected", lambda gui: -1)
+    monkeypatch.setattr(world_module, "connect", lambda gui: -1)
     with pytest.raises(WorldError, match="Bullet does not start"):
         World()
 
     def no_window(gui):
         raise pybullet.error("no display")
 
-    monkeypatch.setattr(world_module, "connected", no_window)
+    monkeypatch.setattr(world_module, "connect", no_window)
     with pytest.raises(WorldError, match=r"cannot open its window \(no display\); .* gui:=false"):
         World(gui=True)
 
@@ -248,15 +248,15 @@ def test_bullet_s_first_client_serves_a_world_too_and_none_is_refused(monkeypatc
 def test_a_window_is_plain_and_shows_what_bullet_moves(make, monkeypatch):
     """Without panels and shadows; so Bullet makes all steps, and the client serves nobody else."""
     client, told, given = pybullet.connect(pybullet.DIRECT), [], []
-    monkeypatch.setattr(world_module, "connected", lambda gui: client)
-    monkeypatch.setattr(world_module, "give_back", lambda *back: given.append(back))
+    monkeypatch.setattr(world_module, "connect", lambda gui: client)
+    monkeypatch.setattr(world_module, "release_client", lambda *back: given.append(back))
     monkeypatch.setattr(pybullet, "configureDebugVisualizer",
                         lambda what, on, physicsClientId: told.append((what, on)))
     with World(gui=True) as world:
         assert told == [(pybullet.COV_ENABLE_GUI, False), (pybullet.COV_ENABLE_SHADOWS, False)]
         model = world.spawn(parse_urdf(make.pendulum()), "m", joint_positions={"swing": 0.5})
         world.step()
-        assert not model.joints.own
+        assert not model.joints.has_own_dynamics
         shown = pybullet.getJointState(model.body_id, 0, physicsClientId=client)
         assert shown[1] == pytest.approx(-G * 0.5 * math.sin(0.5) * 1e-3 / 0.26, rel=1e-6)
     assert given == [(client, False)]
@@ -353,7 +353,7 @@ for _ in range(700):
     world.step()
 print(len(clients), [(m.body_id, m.pose(), m.twist()) for m in world.models.values()])
 world.close()
-assert not bullet._spare  # it has made steps
+assert not bullet._idle_clients  # it has made steps
 """
     told = [
         subprocess.run([sys.executable, "-c", script, worlds], check=True, capture_output=True,

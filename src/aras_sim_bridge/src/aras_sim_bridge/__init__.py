@@ -1,7 +1,7 @@
-"""Gazebo's ROS interface over PyBullet, and the simulation behind it as a library without ROS.
+"""PyBullet simulation with Gazebo's ROS interface, also usable as a library without ROS.
 
-The names of `__all__` are the public interface; those of `FIRST_PROJECT` come first. Each is
-imported when it is first used.
+The names in `__all__` are the public interface; those in `FIRST_PROJECT` are enough for a first
+project. Each name is imported on first use.
 """
 
 from typing import TYPE_CHECKING
@@ -39,5 +39,5 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+if not TYPE_CHECKING:  # with a module-level __getattr__, type checkers accept any name
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

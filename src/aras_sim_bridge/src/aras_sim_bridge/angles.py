@@ -1,49 +1,54 @@
-"""Signed distances between angles, in rad, by the rules of ROS's `angles`, which users rely on.
+"""Signed distances between angles in rad, computed like those of the ROS package `angles`.
 
-The numbers equal those of the original to rounding; callers of the original ignore whether a
-distance is valid, so none of these functions says so.
+The results agree with `angles` up to rounding. Unlike `angles`, the functions do not return whether
+a distance is valid, because ros_control ignores that value.
 """
 
 from math import pi
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 TURN = 2.0 * pi
 
 
-@compiled("f8", allocates=False)
+@jit("f8", allocates=False)
 def normalize_angle(angle):
-    """`angle` in (-pi, pi]."""
-    within = angle % TURN
-    return within - TURN if within > pi else within
+    """Return `angle` mapped to (-pi, pi]."""
+    wrapped = angle % TURN
+    return wrapped - TURN if wrapped > pi else wrapped
 
 
-@compiled("f8, f8", allocates=False)
-def shortest(start, goal):
-    """Distance from `start` to `goal` the short way round, in (-pi, pi]."""
+@jit("f8, f8", allocates=False)
+def shortest_angular_distance(start, goal):
+    """Return the signed distance from `start` to `goal` along the shorter arc, in (-pi, pi]."""
     distance = goal - start
-    # The case of nearly every control cycle.
+    # Shortcut for nearly every control cycle.
     if -pi < distance <= pi:
         return distance
     return normalize_angle(distance)
 
 
-@compiled("f8, f8, f8, f8", allocates=False)
-def with_large_limits(start, goal, lower, upper):
-    """Shortest distance that stays within [lower, upper], which may span several turns.
+@jit("f8, f8, f8, f8", allocates=False)
+def shortest_angular_distance_with_large_limits(start, goal, lower, upper):
+    """Return the shortest distance from `start` to `goal` that stays within [lower, upper].
 
-    Where neither way round stays within the limits, or they are crossed, the shorter one.
+    The limits may span several turns. If neither direction of rotation stays within the limits, or
+    if `lower` > `upper`, the shorter distance is returned.
     """
-    near = shortest(start, goal)
+    near = shortest_angular_distance(start, goal)
     far = near - TURN if near > 0.0 else near + TURN
     if lower <= upper and not lower <= start + near <= upper and lower <= start + far <= upper:
         return far
     return near
 
 
-@compiled("f8, f8, f8, f8", allocates=False)
-def towards(start, goal, lower, upper):
-    """As with_large_limits, but from outside the limits straight to the goal and so back in."""
+@jit("f8, f8, f8, f8", allocates=False)
+def angular_distance_within_limits(start, goal, lower, upper):
+    """Return the shortest distance from `start` to `goal` that stays within [lower, upper].
+
+    If `start` is outside the limits, the plain difference `goal` - `start` is returned, which leads
+    back into the limits.
+    """
     if lower <= start <= upper:
-        return with_large_limits(start, goal, lower, upper)
+        return shortest_angular_distance_with_large_limits(start, goal, lower, upper)
     return goal - start

@@ -1,20 +1,20 @@
-"""Poses between two instants, many at a time and compiled; single ones at an instant: see poses."""
+"""Interpolation between poses at two instants, compiled for many poses at once."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import quaternion_from_matrix
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
-def blended_poses(before_p, before_q, p, q, blend):
-    """Poses (N, 4, 4) `blend` of the way from one list to another of positions (N, 3) and unit
-    quaternions xyzw (N, 4).
+@jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
+def blend_poses(before_p, before_q, p, q, blend):
+    """Interpolate N poses and return them as homogeneous matrices (N, 4, 4).
 
-    Quaternions are blended linearly and made unit ones again: over one physics step the error is of
-    third order in the turned angle.
+    `before_p`, `p` are positions (N, 3) and `before_q`, `q` unit quaternions xyzw (N, 4). `blend`
+    is 0 at the first pose and 1 at the second. Quaternions are interpolated linearly and
+    normalised; over one physics step the error is of third order in the angle of rotation.
     """
     out, turn = np.zeros((len(p), 4, 4)), np.empty(4)
     for n in range(len(p)):
@@ -38,8 +38,8 @@ def blended_poses(before_p, before_q, p, q, blend):
     return out
 
 
-def blended(before: np.ndarray, now: np.ndarray, blend: float) -> np.ndarray:
-    """The pose (4, 4) that is `blend` of the way from one to another."""
-    one, other = ((T[None, :3, 3].copy(), np.array([quaternion_from_matrix(T[:3, :3].tolist())]))
-                  for T in (before, now))
-    return blended_poses(*one, *other, blend)[0]
+def blend_pose(before: np.ndarray, now: np.ndarray, blend: float) -> np.ndarray:
+    """Interpolate between two poses (4, 4); `blend` is 0 at `before` and 1 at `now`."""
+    first, second = ((T[None, :3, 3].copy(), np.array([quaternion_from_matrix(T[:3, :3].tolist())]))
+                     for T in (before, now))
+    return blend_poses(*first, *second, blend)[0]

@@ -1,28 +1,38 @@
-"""The control cycle and the physics of a robot that moves alone: ticks in a row, in one call.
+"""Many control cycles and physics steps of one robot without contacts, in one compiled call.
 
-Everything of it is compiled where it belongs: loops in joint_loops.py, limits and drives in
-drives.py, the step in joint_dynamics.py. Where Python takes part in a tick, ControlLoop and World
-call the same ones, one by one.
+The compiled parts are the joint loops (joint_loops.py), limits and drives (drives.py) and the joint
+dynamics (joint_dynamics.py). When a cycle needs Python code, ControlLoop and World call the same
+compiled functions one at a time.
 """
 
 from math import isfinite
 
-from aras_sim_bridge.control.controllers.joint_loops import follow
-from aras_sim_bridge.control.drives import JOINT, KIND, OUTPUT, STRONGEST, TURNS_MOTOR, written
+from aras_sim_bridge.control.controllers.joint_loops import update_loops
+from aras_sim_bridge.control.drives import (
+    JOINT,
+    KIND,
+    MAX_EFFORT,
+    OUTPUT,
+    TURNS_MOTOR,
+    compute_outputs,
+)
 from aras_sim_bridge.control.joints import TAU, Q, V
-from aras_sim_bridge.world.joint_dynamics import FORCE, NO_LIMIT_FORCE, STEP, TARGET, advance
-from aras_sim_bridge.world.standing import STANDING, bears
-from aras_visual_servo_base.compiled import compiled
+from aras_sim_bridge.world.joint_dynamics import FORCE, NO_LIMIT_FORCE, STEP_TYPES, TARGET, advance
+from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
+from aras_visual_servo_base.compiled import jit
 
-CYCLE = "f8[:,::1], f8[:,::1], f8[:,::1]"
-# How ticks in a row ended: all made; with something to tell; in one that diverged, or after which
-# the ground could not bear the base; before one whose efforts are no numbers.
-ALL_MADE, NEWS, DIVERGED, NOT_BORNE, NOT_FINITE = range(5)
+CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"
+# Why run_cycles returned: all cycles are done; a cycle produced a warning; a cycle diverged; after
+# a cycle the ground can no longer support the base; the next cycle has efforts that are not finite.
+ALL_MADE, WARNING, DIVERGED, BASE_UNSUPPORTED, NOT_FINITE = range(5)
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
-def _put_through(drives, state, joints):
-    """Outputs of drives into efforts and motors; False, and nothing done, if one is no number."""
+@jit("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
+def _apply_outputs(drives, state, joints):
+    """Copy the outputs of the drives to joint efforts and motor targets.
+
+    Return False without changing anything if an output is not finite.
+    """
     for k in range(len(drives)):
         if not isfinite(drives[k, OUTPUT]):
             return False
@@ -30,28 +40,32 @@ def _put_through(drives, state, joints):
     for k in range(len(drives)):
         j, output = int(drives[k, JOINT]), drives[k, OUTPUT]
         if drives[k, KIND] == TURNS_MOTOR:
-            joints[j, TARGET], joints[j, FORCE] = output, min(drives[k, STRONGEST], NO_LIMIT_FORCE)
+            joints[j, TARGET], joints[j, FORCE] = output, min(drives[k, MAX_EFFORT], NO_LIMIT_FORCE)
         else:
             state[2, j] += output
     return True
 
 
-@compiled(
-    f"i8, i8, i8, {CYCLE}, {STEP}, b1, {STANDING}",
+@jit(
+    f"i8, i8, i8, {CYCLE_TYPES}, {STEP_TYPES}, b1, {BASE_TYPES}",
     allocates=False,
 )
-def cycles(count, time_ns, step_ns, loops, handles, drives,
+def run_cycles(count, time_ns, step_ns, loops, handles, drives,
            bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt,
-           stands, before, ground, corners, touch, load):
-    """Up to `count` ticks of `step_ns` from `time_ns` on, as far as nothing has to be told.
+           is_base_resting, previous_speeds, ground, corners, contact_wrench, ground_wrench):
+    """Run up to `count` control cycles of `step_ns` each, starting at `time_ns`.
+
+    The function returns early if Python code has to act, for example to log a warning.
 
     Args:
         loops, handles, drives: rows of JointLoop, JointHandle and Drive.
-        bodies … modes, dt: JointSpace.arrays, whose state (3, n) goes on; the physics' step, s.
-        stands, before … load: whether a standing base is held, and StandingBase.arrays.
+        bodies … modes: JointSpace.arrays; the joint state (3, n) is updated in place.
+        dt: physics step, s.
+        is_base_resting: whether the base rests on the ground without being fixed.
+        previous_speeds … ground_wrench: RestingBase.arrays.
 
     Returns:
-        Ticks made; how they ended; the joint that diverged.
+        Number of cycles done, reason for the end (ALL_MADE …), index of the diverged joint or -1.
     """
     period = step_ns / 1e9
     for made in range(1, count + 1):
@@ -59,17 +73,27 @@ def cycles(count, time_ns, step_ns, loops, handles, drives,
         for k in range(len(drives)):
             j = int(drives[k, JOINT])
             handles[k, Q], handles[k, V], handles[k, TAU] = state[0, j], state[1, j], state[2, j]
-        follow(loops, handles, period)
-        news = written(drives, handles, time_ns, period, False)
-        if not _put_through(drives, state, joints):
+        update_loops(loops, handles, period)
+        has_warning = compute_outputs(drives, handles, time_ns, period, False)
+        if not _apply_outputs(drives, state, joints):
             return made - 1, NOT_FINITE, -1
-        bad = advance(bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints,
-                      modes, dt)
-        if bad >= 0:
-            return made, DIVERGED, bad
-        if stands and not bears(tree, frames, state, before, gravity, ground, corners, touch, load,
-                                dt):
-            return made, NOT_BORNE, -1
-        if news:
-            return made, NEWS, -1
+        diverged = advance(bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints,
+                           modes, dt)
+        if diverged >= 0:
+            return made, DIVERGED, diverged
+        if is_base_resting and not is_supported(
+            tree,
+            frames,
+            state,
+            previous_speeds,
+            gravity,
+            ground,
+            corners,
+            contact_wrench,
+            ground_wrench,
+            dt,
+        ):
+            return made, BASE_UNSUPPORTED, -1
+        if has_warning:
+            return made, WARNING, -1
     return count, ALL_MADE, -1

@@ -1,7 +1,7 @@
-"""The bridge's exceptions: one base, one subclass a kind of fault.
+"""Exceptions of the simulator: one base class and one subclass per kind of error.
 
-Every message says what is wrong, where (which file, link, joint or parameter), and how to fix it;
-the ROS skin logs the text or returns it as a service's status message, unchanged.
+Every message states what is wrong, where (file, link, joint or parameter) and how to fix it. The
+ROS layer logs the message or returns it as the status message of a service.
 """
 
 from collections.abc import Iterable
@@ -10,12 +10,12 @@ from aras_visual_servo_base.errors import DescriptionError as DescriptionError
 from aras_visual_servo_base.errors import SimError as SimError
 
 
-class LeftOutError(DescriptionError):
-    """A part of a model that cannot be served; the model is served without it."""
+class UnsupportedPartError(DescriptionError):
+    """A part of a model is not supported; the model is simulated without this part."""
 
 
 class WorldError(SimError):
-    """The physics world refuses a request: unknown name, impossible value, name taken."""
+    """The physics world rejects a request, e.g. for an unknown name or an invalid value."""
 
 
 class WindowError(WorldError):
@@ -23,46 +23,51 @@ class WindowError(WorldError):
 
 
 class UnknownModelError(WorldError):
-    """No model is called `name`; `known` are those that exist."""
+    """The world has no model `name`; `available` lists the names of the existing models."""
 
-    def __init__(self, name: str, known: Iterable[str]) -> None:
-        self.name, self.known = name, tuple(known)
-        super().__init__(f"model '{name}' does not exist; there are: {_listed(self.known)}")
-
-
-class UnknownLinkError(WorldError):
-    """A model has no link of that name; `known` are those it has."""
-
-    def __init__(self, model: str, link: str, known: Iterable[str]) -> None:
-        self.model, self.link, self.known = model, link, tuple(known)
-        super().__init__(f"model '{model}' has no link '{link}'; it has: {_listed(self.known)}")
-
-
-class UnknownJointError(WorldError):
-    """A model has no moving joint of that name; `known` are those it has."""
-
-    def __init__(self, model: str, joint: str, known: Iterable[str]) -> None:
-        self.model, self.joint, self.known = model, joint, tuple(known)
+    def __init__(self, name: str, available: Iterable[str]) -> None:
+        self.name, self.available = name, tuple(available)
         super().__init__(
-            f"model '{model}' has no moving joint '{joint}'; it has: {_listed(self.known)}"
+            f"model '{name}' does not exist; there are: {_format_names(self.available)}"
         )
 
 
-def _listed(names: tuple[str, ...]) -> str:
+class UnknownLinkError(WorldError):
+    """A model has no link of this name; `available` lists the names of its links."""
+
+    def __init__(self, model: str, link: str, available: Iterable[str]) -> None:
+        self.model, self.link, self.available = model, link, tuple(available)
+        super().__init__(
+            f"model '{model}' has no link '{link}'; it has: {_format_names(self.available)}"
+        )
+
+
+class UnknownJointError(WorldError):
+    """A model has no movable joint of this name; `available` lists its movable joints."""
+
+    def __init__(self, model: str, joint: str, available: Iterable[str]) -> None:
+        self.model, self.joint, self.available = model, joint, tuple(available)
+        super().__init__(
+            f"model '{model}' has no moving joint '{joint}'; it has: "
+            f"{_format_names(self.available)}"
+        )
+
+
+def _format_names(names: tuple[str, ...]) -> str:
     return ", ".join(names) or "none"
 
 
 class HardwareError(SimError):
-    """Transmissions, joint interfaces or limits do not fit the robot."""
+    """Transmissions, joint interfaces or joint limits are inconsistent with the robot."""
 
 
 class ControllerError(SimError):
-    """A controller cannot be loaded, started, stopped, or refuses its parameters."""
+    """A controller cannot be loaded, started or stopped, or its parameters are invalid."""
 
 
 class RenderingError(SimError):
-    """No renderer can be made, or the one in use failed."""
+    """A renderer cannot be created or has failed."""
 
 
 class CameraError(SimError):
-    """A camera's configuration is impossible or contradicts itself."""
+    """The configuration of a camera is invalid or inconsistent."""

@@ -1,4 +1,4 @@
-"""The whole: physics world, robots with controllers, cameras, and one step() for all of it."""
+"""The complete simulation: physics world, controlled robots, cameras and sensors, one `step`."""
 
 from __future__ import annotations
 
@@ -12,22 +12,22 @@ import numpy as np
 
 from aras_sim_bridge import cycle
 from aras_sim_bridge.camera import CameraConfig, CameraSensor
-from aras_sim_bridge.camera.config import seed_of
+from aras_sim_bridge.camera.config import derive_seed
 from aras_sim_bridge.camera.mounting import (
     MountedCamera,
-    robot_camera,
-    together,
-    world_camera,
+    configure_robot_camera,
+    configure_world_camera,
+    find_simultaneous,
 )
 from aras_sim_bridge.camera.sensor import NEVER
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.loop import ControlLoop
 from aras_sim_bridge.control.manager import ControllerManager
-from aras_sim_bridge.control.stability import outlook
+from aras_sim_bridge.control.stability import report_stability
 from aras_sim_bridge.control.switching import STRICT
 from aras_sim_bridge.description import CameraDescription, Light, RobotDescription
-from aras_sim_bridge.description.lights import checked_light
-from aras_sim_bridge.description.types import SUN, Surroundings, within
+from aras_sim_bridge.description.lights import check_light
+from aras_sim_bridge.description.types import SUN, SceneSettings, is_present
 from aras_sim_bridge.errors import (
     CameraError,
     DescriptionError,
@@ -35,7 +35,7 @@ from aras_sim_bridge.errors import (
     SimError,
     WorldError,
 )
-from aras_sim_bridge.rendering import EXPOSURES, Sun, create_renderer
+from aras_sim_bridge.rendering import EXPOSURES, Lighting, create_renderer
 from aras_sim_bridge.sensors import KINDS, RateSensor
 from aras_sim_bridge.world import Model, Pose, World
 from aras_visual_servo_base.poses import IDENTITY
@@ -45,11 +45,11 @@ if TYPE_CHECKING:
     from aras_sim_bridge.rendering.renderer import Renderer
     from aras_sim_bridge.world import GraspFix
 
-MOST_LIGHTS = 16  # that pictures are lit by
+MOST_LIGHTS = 16  # largest number of lights that illuminate images
 DARK = (0.0, 0.0, 0.0, 1.0)
 NO_LIGHT = Light("none", diffuse=DARK)
 log = logging.getLogger(__name__)
-Cycles = Callable[..., tuple[int, int, int]]
+CycleFunction = Callable[..., tuple[int, int, int]]
 
 
 @dataclass(frozen=True)
@@ -59,14 +59,14 @@ class SimulationConfig:
     Attributes:
         time_step: physics step, s.
         gravity: (x, y, z) in the world, m/s².
-        gui: whether PyBullet's window opens.
-        renderer: name of the renderer; all names mean one.
-        seed: of the noise of cameras and sensors.
-        legacy_camera_info: whether camera_info is that of the original's camera plugin.
-        ground_plane: whether Gazebo's ground plane is in the world.
-        lights: of the world; images are lit by the first MOST_LIGHTS.
+        gui: whether to open PyBullet's window.
+        renderer: name of the renderer; all accepted names select the same one.
+        seed: seed of the noise of cameras and sensors.
+        legacy_camera_info: whether camera_info equals that of the original's camera plugin.
+        ground_plane: whether the world contains Gazebo's ground plane.
+        lights: lights of the world; the first MOST_LIGHTS illuminate images.
         scene: ambient light, background, sky and shadows.
-        exposure: how light becomes grey levels, one of rendering.EXPOSURES.
+        exposure: conversion of light to grey levels, one of rendering.EXPOSURES.
     """
 
     time_step: float = 0.001
@@ -77,13 +77,13 @@ class SimulationConfig:
     legacy_camera_info: bool = False
     ground_plane: bool = True
     lights: tuple[Light, ...] = (SUN,)
-    scene: Surroundings = Surroundings()
+    scene: SceneSettings = SceneSettings()
     exposure: str = EXPOSURES[0]
 
 
 @dataclass(frozen=True, eq=False)
 class ControlledModel:
-    """A model under ros_control: one control plugin's hardware and controllers."""
+    """A model with a gazebo_ros_control plugin: its hardware interface and its controllers."""
 
     name: str
     namespace: str
@@ -93,10 +93,10 @@ class ControlledModel:
     loop: ControlLoop
 
     def start(self, controllers: Iterable[str]) -> None:
-        """Load these controllers and let them run from the next step on.
+        """Load these controllers and start them with the next step.
 
         Raises:
-            ControllerError: one cannot be loaded; those loaded before it stay so.
+            ControllerError: a controller cannot be loaded; those before it in the list stay loaded.
         """
         names = list(controllers)
         for name in names:
@@ -104,56 +104,66 @@ class ControlledModel:
         self.manager.switch(names, [], STRICT)
 
     def command(self, controller: str, value: object) -> None:
-        """Hand `value` to a controller, in its own units; it acts in the next step.
+        """Set the command of a controller, in the controller's units, for the next step.
 
         Raises:
-            ControllerError: no such controller, or a value that it cannot use.
+            ControllerError: the controller does not exist or rejects the value.
         """
         self.manager.get(controller).set_command(value)
 
-    def outlook(self, step: float) -> str:
-        """One line where steps of `step` s make the running PIDs unstable; see stability."""
-        text = outlook(self.hardware, self.manager.running, self.model.joint_names,
+    def report_stability(self, step: float) -> str:
+        """Return a one-line warning if the running PIDs are unstable with a step of `step` s.
+
+        The text is empty if all are stable; see control/stability.py.
+        """
+        text = report_stability(self.hardware, self.manager.running, self.model.joint_names,
                        self.model.joints.inverse_inertia, step)
         return f"model '{self.name}': {text}" if text else ""
 
 
-class Answers(Protocol):
-    """Answers what a controller samples with commands, in compiled cycles."""
+class CompiledController(Protocol):
+    """Controller that reads joint states and sends commands within compiled control cycles."""
 
-    def begin(self, time_ns: int, until_ns: int) -> JointStateController | None:
-        """The controller whose samples cycles at these times (ns) answer; None: they do not."""
+    def start_cycles(self, time_ns: int, until_ns: int) -> JointStateController | None:
+        """Prepare compiled cycles from `time_ns` to `until_ns` (simulated time, ns).
 
-    def cycles(self, *arguments: object) -> tuple[int, int, int]:
-        """As cycle.cycles, which ends where Python has to look."""
+        Return the joint state controller whose samples the cycles read, or None if the cycles do
+        not read any.
+        """
+
+    def run_cycles(self, *arguments: object) -> tuple[int, int, int]:
+        """Run compiled cycles; arguments and results are those of cycle.run_cycles."""
 
 
 class Simulation:
-    """A simulated world with its models, robots and cameras, stepped by its caller.
+    """A simulated world with models, robots and cameras that the caller advances step by step.
 
     One `step` follows Gazebo's order: time, controllers, physics, then the cameras and sensors that
-    are due. Time is simulated time alone; no clock is read. Lengths
-    are in m, angles in rad.
+    are due. All times are simulated; the simulation reads no clock. Lengths are in m, angles in
+    rad.
 
-    Programs without ROS use `spawn`, `robots[name].start` and `.command`,
+    The stable interface for programs without ROS is: `spawn`, `robots[name].start` and `.command`,
     `robots[name].manager.get(...).on_state` for joint states, `camera(name)` with its `enabled`,
     `on_frame`, `parent_T_optical` and `sensor.info`, `step`, `time_ns`, `step_ns`, the model's
-    `joint_names`, `read_joints` and `link_pose`, and `close`. These stay as they are;
-    tests/unit/world/test_simulation_use.py tests them.
+    `joint_names`, `read_joints` and `link_pose`, and `close`.
+    tests/unit/world/test_simulation_use.py tests this interface.
 
     Attributes:
-        world: physics. robots: by model name. cameras, sensors, grasps: in spawn order. lights: by
-            name.
-        time_ns: simulated time. step_ns: the physics step.
-        before_pictures: called with the simulated time [ns] when cameras are about to draw or to
-            deliver, or None.
+        world: physics world.
+        robots: controlled models by model name.
+        cameras, sensors, grasps: in the order of spawning.
+        lights: lights by name.
+        time_ns: simulated time, ns.
+        step_ns: physics step, ns.
+        before_images: called with the simulated time, ns, before cameras render or deliver images;
+            may be None.
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
-        """Make a world with nothing but the ground.
+        """Create a world that contains only the ground plane and the lights.
 
         Raises:
-            SimError: the config is impossible.
+            SimError: the configuration is invalid.
         """
         self.config = config or SimulationConfig()
         self.world = World(self.config.time_step, self.config.gravity, self.config.gui)
@@ -163,7 +173,7 @@ class Simulation:
         self.cameras: list[MountedCamera] = []
         self.sensors: list[RateSensor] = []
         self.grasps: list[GraspFix] = []
-        self.before_pictures: Callable[[int], None] | None = None
+        self.before_images: Callable[[int], None] | None = None
         self._renderer: Renderer | None = None
         self.lights: dict[str, Light] = {}
         for light in self.config.lights:
@@ -181,15 +191,20 @@ class Simulation:
         joint_positions: Mapping[str, float] | None = None,
         cameras: Mapping[str, object] | None = None,
     ) -> Model:
-        """Put a model into the world, with its controllers' hardware and its cameras.
+        """Add a model to the world, with its control hardware, cameras and sensors.
 
         Args:
-            namespace: the robot's, without trailing slash; parameters: what ROS has below it.
-            cameras: settings laid over the sensors', nested by the parts of the camera's name. An
-                impossible camera is left out and logged; the model is spawned all the same.
+            description: parsed robot description.
+            name: name of the model.
+            pose: initial pose in the world.
+            namespace: namespace of the robot.
+            parameters: ROS parameters below this namespace, as nested mappings.
+            joint_positions: initial joint positions by joint name, rad or m.
+            cameras: settings that override those of the description, nested by the parts of the
+                camera name. A camera with invalid settings is logged and left out.
 
         Raises:
-            SimError: saying what is wrong; the world is as before then.
+            SimError: the model cannot be added; the world is unchanged.
         """
         if len(description.control_plugins) > 1:
             raise DescriptionError(
@@ -201,7 +216,7 @@ class Simulation:
             self._check_namespace(namespace, name)
         model = self.world.spawn(description, name, pose, joint_positions)
         try:
-            robot = self._robot(model, namespace, parameters or {})
+            robot = self._make_robot(model, namespace, parameters or {})
         except SimError:
             self.world.delete(name)
             raise
@@ -211,70 +226,95 @@ class Simulation:
             for camera in body.description.cameras:
                 self._mount(body, camera, cameras or {})
             for sensor in body.description.sensors:
-                seed = seed_of(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
+                seed = derive_seed(self.config.seed, f"{name} {sensor.kind} {sensor.topic}")
                 self.sensors.append(KINDS[sensor.kind](sensor, body, self.world, seed))
         if description.grasps:
-            from aras_sim_bridge.world import GraspFix  # which few robots have
+            from aras_sim_bridge.world import GraspFix  # needed by few robots
 
             self.grasps += [GraspFix(grasp, model, self.world) for grasp in description.grasps]
         return model
 
     def delete(self, name: str) -> None:
-        """Take a model out, with its controllers and cameras; WorldError when there is none."""
+        """Remove a model with its controllers, cameras and sensors.
+
+        Raises:
+            WorldError: the model does not exist.
+        """
         model = self.world.model(name)
         robot = self.robots.pop(name, None)
         if robot is not None:
             robot.manager.shutdown()
-        self.cameras = [one for one in self.cameras if one.model not in model.bodies]
-        self.sensors = [one for one in self.sensors if one.model not in model.bodies]
-        self.grasps = [one for one in self.grasps if one.model is not model]
+        self.cameras = [camera for camera in self.cameras if camera.model not in model.bodies]
+        self.sensors = [sensor for sensor in self.sensors if sensor.model not in model.bodies]
+        self.grasps = [grasp for grasp in self.grasps if grasp.model is not model]
         self.world.delete(name)
 
     def light(self, name: str) -> Light:
-        """The light called `name`; WorldError naming those that exist."""
+        """Return the light `name`.
+
+        Raises:
+            WorldError: the light does not exist; the message lists the existing lights.
+        """
         if name not in self.lights:
             known = ", ".join(self.lights) or "none"
             raise WorldError(f"light '{name}' does not exist; there are: {known}")
         return self.lights[name]
 
     def set_light(self, light: Light) -> None:
-        """Add a light or change the one of its name; one too many is kept and logged.
+        """Add a light or replace the light of the same name.
+
+        Only the first MOST_LIGHTS lights illuminate images; a warning is logged for any further
+        one.
 
         Raises:
-            WorldError: a number that no light has; nothing is changed then.
+            WorldError: a value of the light is invalid; the simulation is unchanged.
         """
-        new = light.name not in self.lights
-        self.lights[light.name] = checked_light(light)
-        if new and len(self.lights) > MOST_LIGHTS:
+        is_new = light.name not in self.lights
+        self.lights[light.name] = check_light(light)
+        if is_new and len(self.lights) > MOST_LIGHTS:
             log.warning(
-                "light '%s' is one too many: pictures are lit by the first %d, which are not to be "
-                "deleted for it to count", light.name, MOST_LIGHTS
+                "light '%s' has no effect: only the first %d lights illuminate images; delete one "
+                "of these to use it", light.name, MOST_LIGHTS
             )
         if self._renderer is not None:
-            self._renderer.light = self._sunlight()
+            self._renderer.light = self._compute_lighting()
 
     def delete_light(self, name: str) -> None:
-        """Take a light away; WorldError naming those that exist."""
+        """Remove the light `name`.
+
+        Raises:
+            WorldError: the light does not exist; the message lists the existing lights.
+        """
         del self.lights[self.light(name).name]
         if self._renderer is not None:
-            self._renderer.light = self._sunlight()
+            self._renderer.light = self._compute_lighting()
 
-    def _sunlight(self) -> Sun:
-        """The light that cameras see by now."""
+    def _compute_lighting(self) -> Lighting:
+        """Return the lighting of images at the current simulated time."""
         lights = tuple(self.lights.values())[:MOST_LIGHTS]
         now = tuple(
-            light if within(light.shines, self.time_ns / 1e9) else replace(light, diffuse=DARK)
+            light
+            if is_present(light.lit_intervals, self.time_ns / 1e9)
+            else replace(light, diffuse=DARK)
             for light in lights
         )
-        light = self._light_of(lights)
-        return light if now == lights else replace(self._light_of(now), white=light.most)
+        light = self._combine_lights(lights)
+        return (
+            light
+            if now == lights
+            else replace(self._combine_lights(now), reference_white_level=light.white_level)
+        )
 
-    def _light_of(self, lights: tuple[Light, ...]) -> Sun:
-        """Of these lights: where one white sun without shadows is all, as that."""
+    def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
+        """Return the lighting of images by these lights and the ambient light.
+
+        If there is no light, or only a white directional light without shadows, the result uses
+        `direction` and `diffuse`; in all other cases it contains the list of lights.
+        """
         scene = self.config.scene
         ambient = max(scene.ambient[:3])
         tint = tuple(part / (ambient or 1.0) for part in scene.ambient[:3])
-        around = Sun(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
+        around = Lighting(diffuse=0.0, ambient=ambient, tint=tint, background=scene.background,
                      sky=scene.sky, exposure=self.config.exposure, shadows=scene.shadows)
         shadows = scene.shadows != "none" and any(light.cast_shadows for light in lights)
         if len(set(tint)) == 1 and len(lights) <= 1 and not shadows:
@@ -285,108 +325,135 @@ class Simulation:
                 return replace(around, direction=light.direction, diffuse=light.diffuse[0])
         return replace(around, lights=lights or (NO_LIGHT,))
 
-    def step(self, until_ns: int = 0, answers: Answers | None = None) -> None:
+    def step(
+        self, until_ns: int = 0, compiled_controller: CompiledController | None = None
+    ) -> None:
         """Simulate one time step in Gazebo's order: time, controllers, physics, sensors.
 
         Args:
-            until_ns: simulated time, ns. As many steps as end up to then are made in one compiled
-                call, but none beyond the next one that a camera, a listener or a controller in
-                Python takes part in. The result is the same as of single steps.
-            answers: what reads the joints in that call, and commands them.
+            until_ns: simulated time, ns, up to which further steps may be simulated in the same
+                compiled call. The call ends before a step that involves a camera, a sensor, a
+                listener or a controller in Python. The result is identical to that of single steps.
+            compiled_controller: controller that reads the joints and commands them in this call.
         """
-        began_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
+        start_ns, time_ns = self.time_ns, self.time_ns + self.step_ns
         cameras = [camera for camera in self.cameras if camera.enabled]
         sensors = [sensor for sensor in self.sensors if sensor.enabled]
-        for looks in (*cameras, *sensors, *self.grasps):
-            until_ns = min(until_ns, looks.idle_until_ns)
-        begun = self._begun(time_ns, max(until_ns, time_ns), answers)
-        if begun is None:
+        for listener in (*cameras, *sensors, *self.grasps):
+            until_ns = min(until_ns, listener.idle_until_ns)
+        cycle_inputs = self._start_cycles(time_ns, max(until_ns, time_ns), compiled_controller)
+        if cycle_inputs is None:
             for robot in self.robots.values():
                 robot.loop.step(time_ns)
-        for looks in (*cameras, *sensors):
-            looks.before_step(began_ns, time_ns)
-        if begun is None:
+        for listener in (*cameras, *sensors):
+            listener.before_step(start_ns, time_ns)
+        if cycle_inputs is None:
             self.world.step()
             self.time_ns = time_ns
         else:
-            self._cycles(max(until_ns, time_ns), *begun)
+            self._run_cycles(max(until_ns, time_ns), *cycle_inputs)
         for sensor in sensors:
             sensor.after_step(self.time_ns)
         for sensor in sensors:
-            sensor.model.pushes.clear()
+            sensor.model.applied_forces.clear()
         for grasp in self.grasps:
             grasp.after_step(self.time_ns)
-        due = [camera for camera in cameras if camera.sensor.due(self.time_ns)]
-        if due and self.before_pictures is not None:
-            self.before_pictures(self.time_ns)
-        if due and any(light.shines is not None for light in self.lights.values()):
-            self._renderer.light = self._sunlight()
+        due = [camera for camera in cameras if camera.sensor.is_due(self.time_ns)]
+        if due and self.before_images is not None:
+            self.before_images(self.time_ns)
+        if due and any(light.lit_intervals is not None for light in self.lights.values()):
+            self._renderer.light = self._compute_lighting()
         for camera in due:
             camera.after_step(self.time_ns)
 
-    def _begun(
-        self, time_ns: int, until_ns: int, answers: Answers | None
-    ) -> tuple[ControlledModel, Cycles, tuple, np.ndarray, float] | None:
-        """The one robot, if it moves alone and Python takes no part in the tick that ends at
-        `time_ns`; what makes its cycles, and what World.alone and ControlLoop.begin answer."""
+    def _start_cycles(
+        self, time_ns: int, until_ns: int, compiled_controller: CompiledController | None
+    ) -> tuple[ControlledModel, CycleFunction, tuple, np.ndarray, float] | None:
+        """Prepare compiled cycles from the step that ends at `time_ns`.
+
+        Return the robot, the function that runs the cycles, and the results of
+        World.get_compiled_step and ControlLoop.start_cycles. Return None if this step cannot be
+        compiled: there is not exactly one robot, or contacts or Python code are involved.
+        """
         if len(self.robots) != 1:
             return None
         (robot,) = self.robots.values()
-        physics = self.world.alone(robot.model)
+        physics = self.world.get_compiled_step(robot.model)
         if physics is None:
             return None
-        sampled = None if answers is None else answers.begin(time_ns, until_ns)
-        begun = robot.loop.begin(time_ns, self.step_ns, sampled)
-        cycles = cycle.cycles if sampled is None else answers.cycles
-        return None if begun is None else (robot, cycles, physics, *begun)
-
-    def _cycles(self, until_ns: int, robot: ControlledModel, cycles: Cycles, physics: tuple,
-                loops: np.ndarray, idle_ns: float) -> None:
-        """Compiled ticks up to `until_ns`, or `idle_ns`; WorldError where one diverges."""
-        began_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
-        count = min(int(min(until_ns, idle_ns) - began_ns) // step_ns, self.world.outlook)
-        made, end, bad = cycles(
-            count, began_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
+        sampler = (
+            None
+            if compiled_controller is None
+            else compiled_controller.start_cycles(time_ns, until_ns)
         )
-        robot.loop.end(began_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
-        self.time_ns = began_ns + (made - (end == cycle.DIVERGED)) * step_ns
+        loop_inputs = robot.loop.start_cycles(time_ns, self.step_ns, sampler)
+        run_cycles = cycle.run_cycles if sampler is None else compiled_controller.run_cycles
+        return None if loop_inputs is None else (robot, run_cycles, physics, *loop_inputs)
+
+    def _run_cycles(
+        self,
+        until_ns: int,
+        robot: ControlledModel,
+        run_cycles: CycleFunction,
+        physics: tuple,
+        loops: np.ndarray,
+        idle_ns: float,
+    ) -> None:
+        """Run compiled cycles up to `until_ns` or `idle_ns`, whichever is earlier.
+
+        Raises:
+            WorldError: a joint diverges.
+        """
+        start_ns, step_ns, hardware = self.time_ns, self.step_ns, robot.hardware
+        count = min(
+            int(min(until_ns, idle_ns) - start_ns) // step_ns, self.world.steps_until_contact
+        )
+        made, end, diverged = run_cycles(
+            count, start_ns, step_ns, loops, hardware.handle_rows, hardware.drive_rows, *physics
+        )
+        robot.loop.end_cycles(start_ns + (made + (end == cycle.NOT_FINITE)) * step_ns)
+        self.time_ns = start_ns + (made - (end == cycle.DIVERGED)) * step_ns
         if end != cycle.ALL_MADE:
-            hardware.tell()
-        self.world.advanced(robot.model, made, bad, end != cycle.NOT_BORNE)
+            hardware.log_warnings()
+        self.world.finish_compiled_steps(robot.model, made, diverged, end != cycle.BASE_UNSUPPORTED)
         if end == cycle.NOT_FINITE:
             hardware.apply(self.time_ns)
             robot.model.check_efforts()
 
-    def next_picture_ns(self) -> int | None:
-        """When a camera next has something to do, ns; None: none has. The step that contains it
-        ends later, by less than a step."""
+    def next_image_ns(self) -> int | None:
+        """Return the simulated time, ns, of the next event of a camera, or None if there is none.
+
+        The camera acts at the end of the step that contains this time.
+        """
         due = (camera.sensor.due_ns for camera in self.cameras if camera.enabled)
         return min((at_ns for at_ns in due if self.time_ns < at_ns < NEVER), default=None)
 
     def set_joint_positions(self, name: str, positions: Mapping[str, float]) -> None:
-        """Put joints of a model at `positions` (rad or m), at rest; mimicking ones follow.
+        """Set joint positions (rad or m) of a model and set the joint velocities to zero.
 
-        A joint that takes position commands stays there until it gets one.
+        Mimic joints follow. A joint with a position interface holds its position until the next
+        command.
 
         Raises:
-            WorldError: unknown model or joint, or a number that is not finite; nothing is changed.
+            WorldError: a model or joint is unknown or a number is not finite; the simulation is
+                unchanged.
         """
         (self.world.models.get(name) or self.world.model(name)).set_joint_positions(positions)
         if name in self.robots:
-            self.robots[name].hardware.stay(positions)
+            self.robots[name].hardware.hold_positions(positions)
 
     def reset_world(self) -> None:
-        """Models back to their spawn poses; time and joint angles stay."""
+        """Move all models back to their initial poses; time and joint positions do not change."""
         self.world.reset_world()
         for robot in self.robots.values():
             robot.loop.reset()
 
     def reset_simulation(self) -> None:
-        """Everything as spawned, at time 0; controllers begin anew towards their set points."""
+        """Restore the state after spawning at time 0; controllers restart with their set points."""
         self.world.reset_simulation()
         self.time_ns = 0
         for robot in self.robots.values():
-            robot.loop.begin_anew()
+            robot.loop.restart()
         for camera in self.cameras:
             camera.sensor.reset(0)
         for listener in (*self.sensors, *self.grasps):
@@ -395,29 +462,33 @@ class Simulation:
     def set_physics(
         self, time_step: float, gravity: tuple[float, float, float], solver_iterations: int
     ) -> None:
-        """Change the engine's settings; WorldError, and nothing changed, when impossible."""
+        """Change time step (s), gravity (m/s²) and solver iterations of the physics engine.
+
+        Raises:
+            WorldError: a value is invalid; the simulation is unchanged.
+        """
         self.world.set_physics(time_step, gravity, solver_iterations)
         self.step_ns = round(time_step * 1e9)
 
     def close(self) -> None:
-        """Give everything back; safe to call twice."""
+        """Release the renderer and the physics engine; a second call has no effect."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
         self.world.close()
 
     def _check_namespace(self, namespace: str, name: str) -> None:
-        """WorldError where a robot has the controller manager of `namespace` already."""
+        """Raise WorldError if another robot already has a controller manager in `namespace`."""
         for robot in self.robots.values():
             if robot.namespace == namespace and robot.name != name:
                 raise WorldError(
-                    f"model '{name}': its robot namespace {namespace or '/'} is that of model "
-                    f"'{robot.name}', whose controllers are served there; give it another one: "
-                    "<robotNamespace> of its gazebo_ros_control plugin, or robot_namespace of the "
-                    "request where the plugin has none"
+                    f"model '{name}': its robot namespace {namespace or '/'} is already used by "
+                    f"the controllers of model '{robot.name}'; set another <robotNamespace> in its "
+                    "gazebo_ros_control plugin or, if the plugin has none, another robot_namespace "
+                    "in the spawn request"
                 )
 
-    def _robot(
+    def _make_robot(
         self, model: Model, namespace: str, parameters: Mapping[str, object]
     ) -> ControlledModel | None:
         for plugin in model.description.control_plugins:
@@ -429,20 +500,20 @@ class Simulation:
             period_ns = None if period is None else round(period * 1e9)
             loop = ControlLoop(hardware, manager, self.step_ns, period_ns)
             robot = ControlledModel(model.name, namespace, model, hardware, manager, loop)
-            manager.on_started = partial(self._foretell, robot)
+            manager.on_started = partial(self._warn_if_unstable, robot)
             return robot
         return None
 
-    def _foretell(self, robot: ControlledModel) -> None:
-        """Say where the PIDs of the controllers that were started will not hold their joints."""
-        if text := robot.outlook(self.world.time_step):
+    def _warn_if_unstable(self, robot: ControlledModel) -> None:
+        """Log a warning if PIDs of the started controllers are unstable with the time step."""
+        if text := robot.report_stability(self.world.time_step):
             log.warning("%s", text)
 
     def camera(self, name: str) -> MountedCamera:
-        """The camera whose topics stand below `name` ('/labrob/camera').
+        """Return the camera with the topic namespace `name`, for example '/labrob/camera'.
 
         Raises:
-            WorldError: there is none; names those that exist.
+            WorldError: the camera does not exist; the message lists the existing cameras.
         """
         for camera in self.cameras:
             if camera.sensor.config.topic_root == name:
@@ -451,24 +522,32 @@ class Simulation:
         raise WorldError(f"camera '{name}' does not exist; there are: {known}")
 
     def add_camera(self, name: str, settings: Mapping[str, object]) -> MountedCamera:
-        """Put a camera into the world, fixed; see mounting.world_camera. Raises CameraError."""
-        config, pose = world_camera(name, settings, self._camera_defaults(), self.config.seed)
-        mounted = MountedCamera(self._sensor(config), None, "world", pose)
+        """Add a camera that is fixed in the world; see mounting.configure_world_camera.
+
+        Raises:
+            CameraError: the settings are invalid or a name is already in use.
+        """
+        config, pose = configure_world_camera(
+            name, settings, self._get_camera_defaults(), self.config.seed
+        )
+        mounted = MountedCamera(self._make_camera_sensor(config), None, "world", pose)
         self.cameras.append(mounted)
         return mounted
 
     def _mount(
         self, model: Model, camera: CameraDescription, settings: Mapping[str, object]
     ) -> None:
-        """Mount one camera of a description. One that is impossible must not cost the robot."""
+        """Mount one camera of a description; log an error if its settings are invalid."""
         try:
-            config = robot_camera(camera, settings, self._camera_defaults(), self.config.seed)
-            mounted = MountedCamera(self._sensor(config), model, camera.link)
+            config = configure_robot_camera(
+                camera, settings, self._get_camera_defaults(), self.config.seed
+            )
+            mounted = MountedCamera(self._make_camera_sensor(config), model, camera.link)
         except (CameraError, RenderingError) as error:
-            log.error("model '%s' goes without its camera '%s': %s", model.name, camera.name, error)
+            log.error("model '%s' has no camera '%s': %s", model.name, camera.name, error)
             return
         self.cameras.append(mounted)
-        first = together(mounted, self.cameras)[0].sensor
+        first = find_simultaneous(mounted, self.cameras)[0].sensor
         if mounted.sensor.rate != first.rate:
             log.warning(
                 "camera '%s' exposes together with camera '%s', at its %g Hz instead of %g Hz",
@@ -476,10 +555,10 @@ class Simulation:
             )
             mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)
 
-    def _camera_defaults(self) -> dict[str, object]:
+    def _get_camera_defaults(self) -> dict[str, object]:
         return {"legacy_camera_info": self.config.legacy_camera_info}
 
-    def _sensor(self, config: CameraConfig) -> CameraSensor:
+    def _make_camera_sensor(self, config: CameraConfig) -> CameraSensor:
         for camera in self.cameras:
             taken = config.names & camera.sensor.config.names
             if taken:
@@ -491,7 +570,7 @@ class Simulation:
                 )
         if self._renderer is None:
             self._renderer = create_renderer(
-                self.config.renderer, self.world, self._sunlight()
+                self.config.renderer, self.world, self._compute_lighting()
             )
         sensor = CameraSensor(config, self._renderer)
         sensor.check_time_step(self.step_ns)

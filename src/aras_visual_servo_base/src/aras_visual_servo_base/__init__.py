@@ -1,1 +1,1 @@
-"""The ground package: what every other package needs and none of them owns. It knows no ROS."""
+"""Common library of all other packages; it does not use ROS."""

@@ -1,4 +1,4 @@
-"""A camera in a robot's description, put where a hand-eye calibration found it."""
+"""Mounting of a camera in a robot description at the pose from a hand-eye calibration."""
 
 from __future__ import annotations
 
@@ -7,71 +7,74 @@ import xml.etree.ElementTree as ElementTree
 import numpy as np
 
 from .errors import DescriptionError
-from .hand_eye import HandEye, HandEyeError
-from .names import nearest
-from .poses import LINK_R_OPTICAL, inverse, optical, to_xyz_rpy, transform
+from .hand_eye import HandEyeCalibration, HandEyeError
+from .names import suggest
+from .poses import LINK_R_OPTICAL, inverse, matrix_from_xyz_rpy, optical_pose, xyz_rpy_from_matrix
 from .urdf import LINK, OPTICAL, parse_tree
 
 
-def carrying_link(urdf: str, found: HandEye, link: str = "") -> str:
-    """The link that carries the camera: as given, else as the file names it.
+def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "") -> str:
+    """Return the link that carries the camera: `link`, or by default the link that the file names.
 
     Raises:
-        HandEyeError: neither names one, or the description has none of that name.
+        HandEyeError: neither names a link, or the description has no link of that name.
     """
-    name, links = link or found.link, parse_tree(urdf).links
+    name, links = link or calibration.link, parse_tree(urdf).links
     if not name:
         raise HandEyeError("the file does not name the link that carries the camera: set "
-                           "hand_eye.link (launch: hand_eye_link), as tool0")  # fmt: skip
+                           "hand_eye.link (launch: hand_eye_link), for example tool0")  # fmt: skip
     if name not in links:
         raise HandEyeError(f"the description has no link '{name}' that could carry the camera: "
-                           f"{nearest(name, links)}: set hand_eye.link")  # fmt: skip
+                           f"{suggest(name, links)}: set hand_eye.link")  # fmt: skip
     return name
 
 
-def check_optical(found: HandEye) -> None:
-    """HandEyeError where the camera's frame is not said to be the optical one."""
-    if found.frame and "optical" not in found.frame:
+def check_optical(calibration: HandEyeCalibration) -> None:
+    """Check that the calibrated frame may be the optical frame. Raises HandEyeError otherwise."""
+    if calibration.frame and "optical" not in calibration.frame:
         raise HandEyeError(
-            f"the hand-eye file places the frame '{found.frame}', which the description has not: "
-            "whether it is the optical one (z forward) is not known; name it "
-            f"{found.frame}_optical_frame if it is"
+            f"the hand-eye file contains the pose of the frame '{calibration.frame}', which is not "
+            "in the description. It may not be the optical frame (z forward); if it is, rename it "
+            f"to {calibration.frame}_optical_frame"
         )
 
 
-def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
-    """A description whose camera sits where a hand-eye calibration found it.
+def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
+    """Return a description whose camera has the pose from a hand-eye calibration.
 
-    What is moved is the camera's link (`camera_link` of `camera_optical_frame`) with all that is
-    fixed to it; it is added where the description has none, and so is the optical frame in a link
-    without a camera sensor, which would say where that is.
+    The camera's link (`camera_link` for the frame `camera_optical_frame`) is moved with all links
+    that are fixed to it. It is added if the description has no such link. The optical frame is
+    added, too, if it is missing and the link has no camera sensor that defines it.
 
     Args:
-        link: that carries the camera; '': as the file names it. camera_frame: the optical frame.
+        link: link that carries the camera; '' for the link that the file names.
+        camera_frame: optical frame of the camera.
 
     Raises:
-        HandEyeError: a link that is not there, or a camera that joints move in the carrying link.
+        HandEyeError: a link does not exist, or the camera can move relative to its carrying link.
     """
     tree, robot = parse_tree(urdf), ElementTree.fromstring(urdf)
-    carrier = carrying_link(urdf, found, link)
+    carrier = find_camera_link(urdf, calibration, link)
     moved = f"{camera_frame.removesuffix(OPTICAL)}{LINK}"
     if moved not in tree.links and (camera_frame in tree.links or OPTICAL not in camera_frame):
         moved = camera_frame
-    frame = found.frame if found.frame in (*tree.links, moved) else camera_frame
+    frame = calibration.frame if calibration.frame in (*tree.links, moved) else camera_frame
     if frame == camera_frame:
-        check_optical(found)
+        check_optical(calibration)
     moved_T_frame = np.eye(4)
     if frame in tree.links and moved in tree.links:
         try:
-            for joint in tree.path(moved, frame):
+            for joint in tree.find_path(moved, frame):
                 if joint.kind != "fixed":
-                    raise HandEyeError(f"joint '{joint.name}' moves {frame} on {moved}: a hand-eye "
-                                       "calibration is of a camera that is fixed")  # fmt: skip
-                moved_T_frame = moved_T_frame @ transform(joint.origin_xyz, joint.origin_rpy)
+                    raise HandEyeError(f"joint '{joint.name}' moves {frame} relative to {moved}: a "
+                                       "hand-eye calibration needs a fixed camera")  # fmt: skip
+                moved_T_frame = moved_T_frame @ matrix_from_xyz_rpy(
+                    joint.origin_xyz, joint.origin_rpy
+                )
         except DescriptionError as error:
-            raise HandEyeError(f"the camera's frame is not on its link: {error}") from None
+            raise HandEyeError(f"the camera's frame is not fixed to its link: {error}") from None
     elif frame != moved and moved in tree.cameras:
-        moved_T_frame = optical(tree.cameras[moved].matrix())
+        moved_T_frame = optical_pose(tree.cameras[moved].matrix())
     elif frame != moved:
         moved_T_frame[:3, :3] = LINK_R_OPTICAL
     joint = next((j for j in robot.findall("joint") if j.find("child").get("link") == moved), None)
@@ -81,26 +84,28 @@ def with_camera(urdf: str, found: HandEye, link: str, camera_frame: str) -> str:
         if moved not in tree.links:
             ElementTree.SubElement(robot, "link", name=moved)
     elif joint.get("type") != "fixed":
-        raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration is "
-                           "of a camera that is fixed to its link")  # fmt: skip
-    if moved in tree.links and moved in (carrier, *(j.parent for j in tree.path("", carrier))):
-        raise HandEyeError(f"link '{carrier}' is the camera itself or hangs on it: set "
+        raise HandEyeError(f"joint '{joint.get('name')}' moves {moved}: a hand-eye calibration "
+                           "needs a camera that is fixed to its link")  # fmt: skip
+    if moved in tree.links and moved in (carrier, *(j.parent for j in tree.find_path("", carrier))):
+        raise HandEyeError(f"link '{carrier}' is the camera itself or a child of it: set "
                            "hand_eye.link to the link that carries the camera")  # fmt: skip
-    _put(joint, carrier, found.link_T_camera @ inverse(moved_T_frame))
+    _set_joint_pose(joint, carrier, calibration.link_T_camera @ inverse(moved_T_frame))
     placed = frame == camera_frame or moved not in tree.links
     if placed and camera_frame not in (*tree.links, moved) and moved not in tree.cameras:
         name = f"{camera_frame}_joint"
         joint = ElementTree.SubElement(robot, "joint", name=name, type="fixed")
         ElementTree.SubElement(joint, "child", link=camera_frame)
         ElementTree.SubElement(robot, "link", name=camera_frame)
-        _put(joint, moved, optical(np.eye(4)))
+        _set_joint_pose(joint, moved, optical_pose(np.eye(4)))
     return ElementTree.tostring(robot, encoding="unicode")
 
 
-def _put(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
-    """Have the joint's child at this pose (4, 4) in the link `parent`."""
+def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
+    """Attach the joint's child to the link `parent` with this relative pose (4, 4)."""
     for old in (*joint.findall("parent"), *joint.findall("origin")):
         joint.remove(old)
-    xyz, rpy = (" ".join(repr(float(v)) for v in part) for part in to_xyz_rpy(parent_T_child))
+    xyz, rpy = (
+        " ".join(repr(float(v)) for v in part) for part in xyz_rpy_from_matrix(parent_T_child)
+    )
     ElementTree.SubElement(joint, "parent", link=parent)
     ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)

@@ -1,11 +1,10 @@
-"""Numba for small loops and matrices of a few rows, where NumPy's calls cost more than their work.
+"""Compilation with Numba, for short loops and small matrices, where NumPy's calls take too long.
 
-Signatures are explicit, so set-up compiles everything. What was compiled is kept in __pycache__
-beside the source, or where NUMBA_CACHE_DIR says, until the source changes, or that of a compiled
-function of another module that it calls, or a number that it takes from one: Numba itself watches
-each file alone. A function is read from there when it is first called, for no program calls more
-than half of them, and compiled then if it is not there. Nodes call `compile_all` before their first
-image.
+Type signatures are explicit, so set-up can compile everything. Compiled functions are cached in
+__pycache__ next to the source, or in NUMBA_CACHE_DIR. A function is compiled again if its source
+file changes, or a compiled function or constant that it uses from another module; Numba alone
+checks only the source file. A function is loaded from the cache, or compiled, at its first call,
+because no program calls more than half of them. Nodes call `compile_all` before their first image.
 """
 
 from __future__ import annotations
@@ -29,87 +28,92 @@ if TYPE_CHECKING:
     from numba.core.dispatcher import Dispatcher
 
 
-def _import_without(left_out: str, module: str) -> None:
-    """Import a module that then takes `left_out`, if nothing has imported it yet, for missing."""
-    if left_out in sys.modules:
+def _import_without(excluded: str, module: str) -> None:
+    """Import a module as if `excluded` were not installed, unless that is already imported."""
+    if excluded in sys.modules:
         importlib.import_module(module)
         return
-    sys.modules[left_out] = None  # what Python takes for a module that cannot be imported
+    sys.modules[excluded] = None  # Python then treats the module as missing
     try:
         importlib.import_module(module)
     finally:
-        del sys.modules[left_out]
+        del sys.modules[excluded]
 
 
-# Here Numba looks for a BLAS to use in np.convolve and np.correlate, and so imports SciPy's linear
-# algebra: 0.1 s of processor time, 16 % of what importing the bridge takes and 9 % of a short run
-# that compiles nothing. Numba has no public option against it. Its np.dot looks for a BLAS when it
-# is compiled.
+# Numba searches for a BLAS library for np.convolve and np.correlate, and therefore imports SciPy's
+# linear algebra. This takes 0.1 s of processor time, 16 % of the bridge's import time and 9 % of a
+# short run that compiles nothing. Numba has no public option to prevent it. np.dot is not affected:
+# Numba searches for its BLAS when it compiles the call.
 _import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
-_one_at_a_time = threading.RLock()
+_compile_lock = threading.RLock()
 _functions: dict[tuple[str, str], CompiledFunction] = {}  # by module and name
 
 
 class CompiledFunction:
-    """A function for given argument types, compiled or read from the cache when it is first called,
-    from Python or by a function that is being compiled.
+    """A function that Numba compiles for given argument types.
+
+    It is compiled, or loaded from the cache, at its first call from Python or from a function that
+    is being compiled.
 
     Attributes:
-        py_func: the Python function.
+        py_func: the original Python function.
     """
 
     def __init__(self, function: Callable, arguments: tuple, options: dict[str, object]) -> None:
         functools.update_wrapper(self, function)
         self.py_func = function
         self._arguments, self._options = arguments, options
-        self._made: Dispatcher | None = None
+        self._dispatcher: Dispatcher | None = None
         self._call: Callable = self._first_call
 
     def __call__(self, *arguments: object) -> object:
-        """The function's value; TypeError for other types."""
+        """Call the function. Raises TypeError for other argument types."""
         return self._call(*arguments)
 
     def _first_call(self, *arguments: object) -> object:
         return self.compile()(*arguments)
 
     def compile(self) -> Dispatcher:
-        """Numba's function, compiled or read from the cache now if it was not before."""
-        with _one_at_a_time:
-            if self._made is None:
-                self._made = self._call = _compile(self.py_func, self._arguments, self._options)
-        return self._made
+        """Return Numba's function; compile it or load it from the cache if necessary."""
+        with _compile_lock:
+            if self._dispatcher is None:
+                self._dispatcher = self._call = _compile(
+                    self.py_func, self._arguments, self._options
+                )
+        return self._dispatcher
 
     @property
     def signatures(self) -> list[tuple]:
-        """The argument types; none while it is not compiled."""
-        return [] if self._made is None else self._made.signatures
+        """The argument types; empty before the function is compiled."""
+        return [] if self._dispatcher is None else self._dispatcher.signatures
 
     @property
     def stats(self) -> object:
-        """Numba's counts of what was read from the cache and what was compiled."""
+        """Numba's counts of functions that were loaded from the cache and compiled."""
         return self.compile().stats
 
 
 @typeof_impl.register(CompiledFunction)
-def _type_of(function: CompiledFunction, _context: object) -> numba.types.Type:
-    """The type by which compiled functions call it: that of Numba's function."""
+def _find_type(function: CompiledFunction, _context: object) -> numba.types.Type:
+    """Return the Numba type of the function, for calls from compiled functions."""
     return numba.typeof(function.compile())
 
 
-def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
-    """Decorator for a function of these argument types, in Numba's words: 'f8[:,::1], i8'.
+def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
+    """Return a decorator that compiles a function for a signature such as 'f8[:,::1], i8'.
 
-    Loops are compiled in less time than arithmetic of arrays. Where an array is assigned to a slice
-    Numba compiles the text of an error too, for a quarter of a second each; loops in its place
-    check no shapes: whoever calls them sees to those.
+    Loops compile faster than array expressions. If an array is assigned to a slice, Numba also
+    compiles the text of an error message, which takes a quarter of a second each time. Loops do
+    not check shapes, so the caller must.
 
-    Arrays in C order ('f8[:,::1]') may be written to. Those in any order ('f8[:,:]') are only read,
-    so read-only ones and views are taken too.
+    The function may write to arrays in C order ('f8[:,::1]'). It may only read arrays of any order
+    ('f8[:,:]'), which may therefore be views and read-only arrays.
 
-    allocates: whether it makes arrays. One that does not, and calls none that does, is compiled
-    without counting references to the rows that it reads.
+    Args:
+        allocates: whether the function, or a function that it calls, creates arrays. If not, it is
+            compiled without reference counting, which makes it faster.
     """
     given = eval(f"({signature},)", vars(numba.types))
     arguments = tuple(
@@ -117,9 +121,9 @@ def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Com
     )
 
     def compile_function(function: Callable) -> CompiledFunction:
-        # No other language calls it, so a C function of the same kind is not compiled. `_nrt` is
-        # private, and no public option counts no references: with them a step of the simulated
-        # arm takes 8.0 µs instead of 6.2 µs of processor time (+28 %).
+        # No other language calls the function, so the additional C wrapper is not compiled. `_nrt`
+        # is private, but no public option disables reference counting. With reference counting a
+        # step of the simulated arm takes 8.0 µs instead of 6.2 µs of processor time (+28 %).
         made = CompiledFunction(function, arguments, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
         })  # fmt: skip
@@ -130,32 +134,36 @@ def compiled(signature: str, allocates: bool = True) -> Callable[[Callable], Com
 
 
 def compile_all(package: str = "") -> None:
-    """Compile, or read from the cache, all functions of the imported modules, or of those of a
-    package: for nodes, whose first image must not wait for them."""
+    """Compile, or load from the cache, all functions of the imported modules or of one package.
+
+    Nodes call this at start, so that their first image need not wait.
+    """
     for (module, _), function in list(_functions.items()):
         if package in ("", module.partition(".")[0]):
             function.compile()
 
 
 def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -> Dispatcher:
-    # Numba's cache knows the function's own file and name alone, so the name tells it what else
-    # the function is made of.
+    # Numba's cache identifies a function only by its file and name. A checksum of everything else
+    # that the compiled code depends on is therefore added to the name.
     name = function.__qualname__
-    function.__qualname__ = f"{name}-{_made_of(function):08x}"
+    function.__qualname__ = f"{name}-{_compute_checksum(function):08x}"
     try:
         return numba.njit([arguments], cache=True, **options)(function)
-    except RuntimeError as error:  # neither its folder nor the user's cache can be written
+    except RuntimeError as error:  # neither the file's folder nor the user's cache is writable
         if "cannot cache" not in str(error):
             raise
-        _tell_once()
+        _warn_once()
         return numba.njit([arguments], **options)(function)
     finally:
         function.__qualname__ = name
 
 
-def _made_of(function: Callable) -> int:
-    """Checksum of what goes into compiled code besides its own source: the sources of the compiled
-    functions that it calls, and the values of its globals."""
+def _compute_checksum(function: Callable) -> int:
+    """Return a checksum of what compiled code depends on besides its own source file.
+
+    These are the source files of the compiled functions that it calls, and the values of globals.
+    """
     called, found = [function], set()
     for one in called:
         for name in one.__code__.co_names:
@@ -167,28 +175,30 @@ def _made_of(function: Callable) -> int:
                 found.add((name, repr(value)))
     for path in {one.__code__.co_filename for one in called[1:]}:
         stat = Path(path).stat()
-        found.add((Path(path).name, _checksum(path, stat.st_mtime_ns, stat.st_size)))
+        found.add((Path(path).name, _compute_file_checksum(path, stat.st_mtime_ns, stat.st_size)))
     return zlib.crc32(repr(sorted(found)).encode())
 
 
 @cache
-def _checksum(path: str, _time: int, _size: int) -> str:
-    """Of a file as it is now: copies of the same text are the same."""
+def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
+    """Return the checksum of a file's content; `_time` and `_size` detect changes."""
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
-def inlined(function: Callable) -> Callable:
-    """Decorator for a small function that becomes part of the compiled ones that call it: a call
-    with three arrays costs more than a triangle's test."""
+def jit_inline(function: Callable) -> Callable:
+    """Decorate a small function that LLVM inlines into the compiled functions that call it.
+
+    A call with three arrays would take more time than, for example, the test of one triangle.
+    """
     return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False,
                       no_cfunc_wrapper=True)(function)  # fmt: skip
 
 
-def inlined_by_numba(function: Callable) -> Callable:
-    """Decorator for a small function whose body Numba copies into each caller before LLVM sees it.
+def jit_inline_numba(function: Callable) -> Callable:
+    """Decorate a small function that Numba inlines into its callers before LLVM optimises them.
 
-    Use it for loops over rows of arrays: LLVM vectorizes them only where it can tell that the rows
-    do not overlap, and it loses that when it inlines the function itself, as for `inlined`.
+    Use this for loops over rows of arrays. LLVM vectorises such loops only if it can prove that the
+    rows do not overlap, which is not possible if LLVM itself inlines the function (`jit_inline`).
     """
     return numba.njit(inline="always", nogil=True, error_model="numpy", _nrt=False,
                       no_cfunc_wrapper=True)(function)  # fmt: skip
@@ -196,8 +206,7 @@ def inlined_by_numba(function: Callable) -> Callable:
 
 @intrinsic
 def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
-    """The number of the lowest bit of an integer of 64 bits that is not 0; for compiled functions.
-    """
+    """Return the index of the lowest set bit of a 64-bit integer other than 0, in compiled code."""
 
     def build(context: object, builder: object, signature: object, arguments: list) -> object:
         never_zero = context.get_constant(numba.types.boolean, True)
@@ -207,13 +216,13 @@ def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable
 
 
 @cache
-def _tell_once() -> None:
-    _log.warning("compiled loops cannot be kept, so every start takes some ten "
-                 "seconds longer; set NUMBA_CACHE_DIR to a folder that can be written")
+def _warn_once() -> None:
+    _log.warning("compiled functions cannot be cached, so every start takes about ten seconds "
+                 "longer; set NUMBA_CACHE_DIR to a writable folder")
 
 
 def column(number: int) -> property:
-    """A column of an object's `row`, as an attribute."""
+    """Return a property that reads and writes one column of an object's `row`."""
 
     def read(self: object) -> float:
         return self.row.item(number)

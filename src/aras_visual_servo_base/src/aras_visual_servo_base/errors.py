@@ -1,4 +1,4 @@
-"""Faults of what every package reads; each message says what is wrong, where, and the remedy."""
+"""Errors of the simulator; each message says what is wrong, where, and how to fix it."""
 
 
 class SimError(Exception):
@@ -8,8 +8,10 @@ class SimError(Exception):
 class DescriptionError(SimError):
     """A robot or world description (URDF, SDF, mesh, package path) cannot be used.
 
-    fault: what is wrong, and where. remedy: how to fix it; '' where the fault says so itself.
-    path: of the file that is at fault, '' where it is not known.
+    Attributes:
+        fault: what is wrong, and where.
+        remedy: how to fix it; '' if the fault makes this clear.
+        path: path of the invalid file, '' if unknown.
     """
 
     def __init__(self, fault: str, remedy: str = "", path: str = "") -> None:

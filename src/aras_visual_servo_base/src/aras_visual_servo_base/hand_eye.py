@@ -1,16 +1,16 @@
-"""Results of hand-eye calibrations: where a camera's frame is in the link that carries it.
+"""Reader of hand-eye calibration results: the pose of a camera frame in the link that carries it.
 
-Read are, by their content:
+The format is detected from the content of the file:
 
 - a 4x4 homogeneous matrix: text (numpy.savetxt), YAML, or OpenCV's FileStorage;
 - OpenCV's calibrateHandEye: R and t (`R_cam2gripper`, `t_cam2gripper`; R may be a rotation vector)
   in YAML or FileStorage;
 - ViSP: eMc as pose vector (t, theta u) in text or YAML, or vpXmlParserHomogeneousMatrix;
 - moveit_calibration: the launch file (ROS 1 or 2) with its static_transform_publisher;
-- easy_handeye, and a geometry_msgs/TransformStamped, in YAML.
+- easy_handeye, and geometry_msgs/TransformStamped, in YAML.
 
-ViSP and ROS write metres. Of the others nobody knows: lengths up to LONGEST are metres, longer ones
-need `units`.
+ViSP and ROS use metres. In the other formats the unit is not known: lengths up to
+LONGEST_TRANSLATION are in metres, larger ones need `units`.
 """
 
 from __future__ import annotations
@@ -25,34 +25,36 @@ from typing import Any
 import numpy as np
 
 from .errors import DescriptionError, SimError
-from .names import nearest
+from .names import suggest
 from .opencv_files import read_storage
 from .poses import LENGTH_UNITS, rotation_from_quaternion, rotation_from_rpy
 from .safe_xml import parse
-from .setting_values import as_number, said
+from .setting_values import as_number, format_value
 from .yaml_files import parse_yaml, read_text
 
-LONGEST = 2.0  # m from a camera to the link that carries it
-SHORTEST = 1e-3  # m, of one whose unit is given
-ROTATION = 1e-3  # how far R may be from a rotation: files are rounded
-# Names of rotation and translation, without case; the end says what they map to what.
+LONGEST_TRANSLATION = 2.0  # m from a camera to the link that carries it
+SHORTEST_TRANSLATION = 1e-3  # m, if units are specified
+ROTATION_TOLERANCE = 1e-3  # largest deviation of R from a rotation matrix, due to rounding
+# Lower-case names of rotation and translation; the end names the frames that they relate.
 R_AND_T = re.compile(r"(r|rot|rotation|rvec|t|trans|translation|tvec)(_?(\w+?)(2|_to_)(\w+))?")
 PAIRS = {"r": "t", "rot": "trans", "rotation": "translation", "rvec": "tvec"}
-FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
+PUBLISHER_FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
          "child-frame-id", "ros-args"}  # fmt: skip
 PUBLISHER = "static_transform_publisher"
 
 
 class HandEyeError(SimError):
-    """A hand-eye file that cannot be used."""
+    """A hand-eye file is invalid."""
 
 
 @dataclass(frozen=True, eq=False)
-class HandEye:
-    """Where a camera's frame is.
+class HandEyeCalibration:
+    """Pose of a camera frame in the link that carries the camera.
 
-    link_T_camera: (4, 4), m. link: that carries the camera; '': the file does not say. frame: of
-    the camera; '': its optical frame (z forward, x right, y down).
+    Attributes:
+        link_T_camera: (4, 4), m.
+        link: link that carries the camera; '' if the file does not name it.
+        frame: frame of the camera; '' for its optical frame (z forward, x right, y down).
     """
 
     link_T_camera: np.ndarray
@@ -60,52 +62,61 @@ class HandEye:
     frame: str = ""
 
 
-def read_hand_eye(path: str | Path, units: str = "") -> HandEye:
-    """Read a hand-eye result; see the module.
+def read_hand_eye(path: str | Path, units: str = "") -> HandEyeCalibration:
+    """Read a hand-eye calibration in one of the formats that the module lists.
 
     Args:
-        units: of its lengths: m, cm or mm; '': as the file says, else metres up to LONGEST.
+        units: unit of the lengths in the file: m, cm or mm; '' for the unit that the file states,
+            or metres up to LONGEST_TRANSLATION.
 
     Raises:
-        HandEyeError: naming the file, the field and what would be right.
+        HandEyeError: the file is invalid; the message names the file, the field and what is
+            expected.
     """
     path = Path(path).expanduser()
     text = read_text(path, HandEyeError)
     if text.lstrip().startswith("<"):
-        found, of_file = _xml(text, path), _units_in(text)
+        found, of_file = _read_xml(text, path), _find_units(text)
     elif PUBLISHER in text:
-        found, of_file = _published(re.findall(r"""["']([^"']*)["']""", _after(text)), path), ""
-    elif (rows := _rows(text)) is not None:
-        found, of_file = HandEye(_of_rows(rows, str(path))), ""
+        found, of_file = (
+            _read_publisher_arguments(
+                re.findall(r"""["']([^"']*)["']""", _find_publisher_text(text)), path
+            ),
+            "",
+        )
+    elif (rows := _parse_rows(text)) is not None:
+        found, of_file = HandEyeCalibration(_pose_from_rows(rows, str(path))), ""
     else:
-        found, of_file = _mapping(text, path)
-    return _in_metres(found, units or of_file, path)
+        found, of_file = _read_mapping(text, path)
+    return _convert_to_metres(found, units or of_file, path)
 
 
-def _in_metres(found: HandEye, units: str, path: Path) -> HandEye:
-    matrix = found.link_T_camera.copy()
+def _convert_to_metres(
+    calibration: HandEyeCalibration, units: str, path: Path
+) -> HandEyeCalibration:
+    matrix = calibration.link_T_camera.copy()
     if units and units not in LENGTH_UNITS:
-        raise HandEyeError(f"{path}: units are {said(units)}, must be m, cm or mm")
+        raise HandEyeError(f"{path}: units are {format_value(units)}, must be m, cm or mm")
     t = matrix[:3, 3] * LENGTH_UNITS.get(units, 1.0)
     length, written = float(np.linalg.norm(t)), np.round(matrix[:3, 3], 6).tolist()
-    if length > LONGEST:
+    if length > LONGEST_TRANSLATION:
         raise HandEyeError(
             f"{path}: the translation {written} is {length:.4g} m long"
             + (f" in {units}: correct it, or units" if units else
-               ": set units to mm (or cm) if it is in that, else correct it")
+               ": set units to mm (or cm) if it is in that unit, otherwise correct it")
         )  # fmt: skip
-    if units and 0.0 < length < SHORTEST:
+    if units and 0.0 < length < SHORTEST_TRANSLATION:
         raise HandEyeError(f"{path}: the translation {written} is {length:.3g} m long in {units}: "
                            "correct units")  # fmt: skip
     matrix[:3, 3] = t
-    return replace(found, link_T_camera=matrix)
+    return replace(calibration, link_T_camera=matrix)
 
 
 # -- formats -----------------------------------------------------------------------------------
 
 
-def _rows(text: str) -> list[list[float]] | None:
-    """Numbers of each line of a text that holds nothing else but comments; None: it does."""
+def _parse_rows(text: str) -> list[list[float]] | None:
+    """Return the numbers in each line of a text; None if it contains more than numbers."""
     lines = [re.split("[#%]", line)[0].strip(" \t[],;") for line in text.splitlines()]
     try:
         return [[float(word) for word in re.split(r"[\s,;]+", line)]
@@ -114,30 +125,32 @@ def _rows(text: str) -> list[list[float]] | None:
         return None
 
 
-def _of_rows(rows: Any, where: str) -> np.ndarray:
-    """A matrix (4, 4), its 16 numbers in one row, or ViSP's pose vector in a row or a column."""
+def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
+    """Return the pose (4, 4) of a 4x4 matrix, its 16 numbers in one row, or ViSP's pose vector."""
     if isinstance(rows, list | tuple) and not any(isinstance(row, list | tuple) for row in rows):
         rows = [rows]
-    numbers = _flat(rows, where)
-    shape = [len(_flat(row, where)) for row in rows]
+    numbers = _flatten(rows, where)
+    shape = [len(_flatten(row, where)) for row in rows]
     if shape in ([4] * 4, [16]):
-        return _of_matrix(np.reshape(numbers, (4, 4)), where)
+        return _pose_from_matrix(np.reshape(numbers, (4, 4)), where)
     if shape in ([6], [1] * 6):
-        return _made(_of_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where)
+        return _make_pose(
+            _rotation_from_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where
+        )
     raise HandEyeError(f"{where} holds {len(numbers)} numbers in {len(shape)} rows, must be a 4x4 "
-                       "matrix or ViSP's pose vector (t, theta u): is it whole?")  # fmt: skip
+                       "matrix or ViSP's pose vector (t, theta u): is it complete?")  # fmt: skip
 
 
-def _of_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
+def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
     if not np.array_equal(matrix[3], [0.0, 0.0, 0.0, 1.0]):
         hint = ": transpose it" if np.array_equal(matrix[:, 3], [0.0, 0.0, 0.0, 1.0]) else ""
         raise HandEyeError(f"{where}: the matrix's last row is {matrix[3].tolist()}, must be "
                            f"[0, 0, 0, 1]{hint}")  # fmt: skip
-    return _made(matrix[:3, :3], matrix[:3, 3], where)
+    return _make_pose(matrix[:3, :3], matrix[:3, 3], where)
 
 
-def _of_vector(vector: Sequence[float], where: str) -> np.ndarray:
-    """R (3, 3) of axis times angle, rad."""
+def _rotation_from_vector(vector: Sequence[float], where: str) -> np.ndarray:
+    """Return R (3, 3) of an axis-angle vector, rad."""
     import cv2
 
     turn = np.asarray(vector, float)
@@ -146,23 +159,23 @@ def _of_vector(vector: Sequence[float], where: str) -> np.ndarray:
     return cv2.Rodrigues(turn)[0]
 
 
-def _of_quaternion(q: Sequence[float], where: str) -> np.ndarray:
+def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
     length = math.sqrt(sum(part * part for part in q))
     if not abs(length - 1.0) < 1e-2:
         raise HandEyeError(f"{where} {list(q)} has the length {length:.4g}, must be 1: correct it")
     return np.array(rotation_from_quaternion(tuple(part / length for part in q)))
 
 
-def _made(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
-    """(4, 4) of a rotation that may be rounded."""
+def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
+    """Return the pose (4, 4) with R orthonormalised, because files contain rounded numbers."""
     R, t = np.asarray(R, float), np.asarray(t, float).ravel()
     if not (np.isfinite(R).all() and np.isfinite(t).all()) or t.shape != (3,):
         raise HandEyeError(f"{where}: the translation is {t.tolist()}, must be three finite "
                            "numbers")  # fmt: skip
     off = float(np.abs(R @ R.T - np.eye(3)).max())
-    if off > ROTATION or np.linalg.det(R) < 0.0:
-        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is no rotation (R R' is off by "
-                           f"{off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
+    if off > ROTATION_TOLERANCE or np.linalg.det(R) < 0.0:
+        raise HandEyeError(f"{where}: R {np.round(R, 4).tolist()} is not a rotation (R R' is off "
+                           f"by {off:.2g}, det {np.linalg.det(R):.3g}): correct it")  # fmt: skip
     U, _, V = np.linalg.svd(R)
     pose = np.eye(4)
     pose[:3, :3] = R if off < 1e-12 else U @ V
@@ -170,138 +183,150 @@ def _made(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
     return pose
 
 
-def _xml(text: str, path: Path) -> HandEye:
+def _read_xml(text: str, path: Path) -> HandEyeCalibration:
     try:
         root = parse(text, str(path))
     except DescriptionError as error:
-        raise HandEyeError(f"{error}: is the file whole?") from None
+        raise HandEyeError(f"{error}: is the file complete?") from None
     if root.tag == "launch":
         nodes = [node for node in root.iter("node") if node.get("type") == PUBLISHER]
         if len(nodes) != 1:
             raise HandEyeError(f"{path} has {len(nodes)} nodes {PUBLISHER}, must have one")
-        return _published(nodes[0].get("args", "").split(), path)
+        return _read_publisher_arguments(nodes[0].get("args", "").split(), path)
     if root.tag == "opencv_storage":
-        return _storage(text, path)
+        return _read_opencv(text, path)
     values = root.findall("homogeneous_transformation/values")
     if len(values) != 1:
         raise HandEyeError(f"{path} has {len(values)} <homogeneous_transformation> with <values>, "
-                           "must have one: keep that of the camera")  # fmt: skip
+                           "must have one: remove those of other cameras")  # fmt: skip
     tags = ("tx", "ty", "tz", "theta_ux", "theta_uy", "theta_uz")
-    found = [as_number(_float(values[0].findtext(tag))) for tag in tags]
+    found = [as_number(_parse_float(values[0].findtext(tag))) for tag in tags]
     for tag, number in zip(tags, found, strict=True):
         if number is None:
-            raise HandEyeError(f"{path}: <{tag}> is {said(values[0].findtext(tag))}, must be a "
+            raise HandEyeError(f"{path}: <{tag}> is {format_value(values[0].findtext(tag))}, must "
+                               "be a "
                                "finite number")  # fmt: skip
-    return HandEye(_of_rows(found, str(path)))
+    return HandEyeCalibration(_pose_from_rows(found, str(path)))
 
 
-def _published(words: Sequence[str], path: Path) -> HandEye:
-    """Of static_transform_publisher: x y z, yaw pitch roll or a quaternion, and two frames; or with
-    flags, as ROS 2 has them."""
+def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCalibration:
+    """Read the arguments of static_transform_publisher.
+
+    These are x y z, yaw pitch roll or a quaternion, and two frames; or flags as in ROS 2.
+    """
     where = f"{path}: {PUBLISHER}"
-    if any(word.startswith("--") for word in words):
-        given = {key.lstrip("-"): value for key, value in zip(words, words[1:], strict=False)
+    if any(word.startswith("--") for word in arguments):
+        given = {key.lstrip("-"): value for key,
+            value in zip(arguments, arguments[1:], strict=False)
                  if key.startswith("--")}  # fmt: skip
-        unknown = sorted(set(given) - FLAGS)
+        unknown = sorted(set(given) - PUBLISHER_FLAGS)
         if unknown:
-            raise HandEyeError(f"{where} has the flag {said(unknown[0])}: "
-                               f"{nearest(unknown[0], sorted(FLAGS))}")  # fmt: skip
+            raise HandEyeError(f"{where} has the flag {format_value(unknown[0])}: "
+                               f"{suggest(unknown[0], sorted(PUBLISHER_FLAGS))}")  # fmt: skip
         link, frame = given.get("frame-id", ""), given.get("child-frame-id", "")
         quaternion = any(key in given for key in ("qx", "qy", "qz", "qw"))
         keys = ("qx", "qy", "qz", "qw") if quaternion else ("yaw", "pitch", "roll")
-        words = [given.get(key, "1" if key == "qw" and not quaternion else "0")
+        arguments = [given.get(key, "1" if key == "qw" and not quaternion else "0")
                  for key in ("x", "y", "z", *keys)]  # fmt: skip
         rest: Sequence[str] = ()
     else:
-        count = next((i for i, word in enumerate(words) if _float(word) is None), len(words))
-        link, frame, *rest = (*words[count:], "", "")
-        rest = [word for word in rest if word and _float(word) is None]  # a period may follow
-        words = words[:count]
-    numbers = [_float(word) for word in words]
+        count = next(
+            (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
+        )
+        link, frame, *rest = (*arguments[count:], "", "")
+        rest = [word for word in rest if word and _parse_float(word) is None]  # a period may follow
+        arguments = arguments[:count]
+    numbers = [_parse_float(word) for word in arguments]
     if len(numbers) not in (6, 7) or None in numbers or not (link and frame) or rest:
-        raise HandEyeError(f"{where} has {len(numbers)} numbers and the frames {said(link)}, "
-                           f"{', '.join(map(said, (frame, *rest)))}, must have x y z, qx qy qz qw "
+        raise HandEyeError(f"{where} has {len(numbers)} numbers and the frames "
+                           f"{format_value(link)}, "
+                           f"{', '.join(map(format_value, (frame, *rest)))}, must have x y z, qx "
+                           "qy qz qw "
                            "(or yaw pitch roll) and two frames")  # fmt: skip
     if len(numbers) == 7:
-        R = _of_quaternion(numbers[3:], f"{where}: the quaternion")
+        R = _rotation_from_quaternion(numbers[3:], f"{where}: the quaternion")
     else:
         yaw, pitch, roll = numbers[3:]
         if max(map(abs, numbers[3:])) > 2.0 * math.pi:
             raise HandEyeError(f"{where}: yaw, pitch, roll are {numbers[3:]}: give them in rad")
         R = rotation_from_rpy(roll, pitch, yaw)
-    return HandEye(_made(R, numbers[:3], where), link.lstrip("/"), frame.lstrip("/"))
+    return HandEyeCalibration(
+        _make_pose(R, numbers[:3], where), link.lstrip("/"), frame.lstrip("/")
+    )
 
 
-def _after(text: str) -> str:
-    """What follows a publisher's name in a Python launch file, without comments."""
+def _find_publisher_text(text: str) -> str:
+    """Return the arguments of a publisher in a Python launch file, without comments."""
     code = re.sub(r"#.*", "", text)
     after = code[code.index(PUBLISHER) + len(PUBLISHER) :] if PUBLISHER in code else ""
     inside, closed, _ = after[max(after.find("arguments"), 0) :].partition("]")
     return inside if closed else ""
 
 
-def _mapping(text: str, path: Path) -> tuple[HandEye, str]:
+def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
     if text.startswith("%YAML") or re.search("opencv-(nd-)?matrix", text):
-        return _storage(text, path), _units_in(text)
+        return _read_opencv(text, path), _find_units(text)
     data = parse_yaml(text, str(path), HandEyeError)
     if not isinstance(data, Mapping):
-        return HandEye(_of_rows(data, str(path))), ""
+        return HandEyeCalibration(_pose_from_rows(data, str(path))), ""
     units = str(data.get("units", data.get("unit", "")))
     if "rows" in data and "data" in data:  # ViSP's arrays
-        numbers = _flat(data["data"], f"{path}: data")
-        if len(numbers) != _product(data, path):
-            raise HandEyeError(f"{path}: data hold {len(numbers)} numbers, and rows and cols say "
+        numbers = _flatten(data["data"], f"{path}: data")
+        if len(numbers) != _count_entries(data, path):
+            raise HandEyeError(f"{path}: data has {len(numbers)} numbers, but rows and cols are "
                                f"{data.get('rows')} and {data.get('cols')}")  # fmt: skip
         shape = (data["rows"], data["cols"])
-        return HandEye(_of_rows(np.reshape(numbers, shape).tolist(), str(path))), units
+        return HandEyeCalibration(
+            _pose_from_rows(np.reshape(numbers, shape).tolist(), str(path))
+        ), units
     for key in ("transformation", "transform"):
         if isinstance(data.get(key), Mapping):
-            return _of_ros(data, data[key], f"{path}: {key}"), units
+            return _read_ros(data, data[key], f"{path}: {key}"), units
     if isinstance(data.get("translation"), Mapping):
-        return _of_ros(data, data, str(path)), units
-    return HandEye(_of_entries(data, path)), units
+        return _read_ros(data, data, str(path)), units
+    return HandEyeCalibration(_read_entries(data, path)), units
 
 
-def _of_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> HandEye:
-    """easy_handeye's transformation, or a Transform."""
+def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> HandEyeCalibration:
+    """Read easy_handeye's transformation, or a geometry_msgs/Transform."""
     parts = {key: entry.get(key) for key in ("x", "y", "z", "qx", "qy", "qz", "qw")}
     for key, names in (("translation", ("x", "y", "z")), ("rotation", ("qx", "qy", "qz", "qw"))):
         if isinstance(entry.get(key), Mapping):
             parts |= {name: entry[key].get(name.removeprefix("q")) for name in names}
     for name, value in parts.items():
         if as_number(value) is None:
-            raise HandEyeError(f"{where}: {name} is {said(value)}, must be a finite number")
+            raise HandEyeError(f"{where}: {name} is {format_value(value)}, must be a finite number")
     x, y, z, *q = (float(as_number(value)) for value in parts.values())
-    matrix = _made(_of_quaternion(q, f"{where}: the quaternion"), (x, y, z), where)
+    matrix = _make_pose(_rotation_from_quaternion(q, f"{where}: the quaternion"), (x, y, z), where)
     of = data.get("parameters") if isinstance(data.get("parameters"), Mapping) else data
     header = data.get("header") if isinstance(data.get("header"), Mapping) else {}
     in_hand = of.get("eye_on_hand", of.get("calibration_type", "eye_in_hand") != "eye_on_base")
     link = of.get("robot_effector_frame" if in_hand else "robot_base_frame")
     frame = of.get("tracking_base_frame") or data.get("child_frame_id")
     names = (str(name or "").lstrip("/") for name in (link or header.get("frame_id"), frame))
-    return HandEye(matrix, *names)
+    return HandEyeCalibration(matrix, *names)
 
 
-def _storage(text: str, path: Path) -> HandEye:
-    """OpenCV's FileStorage with a 4x4 matrix, or R and t."""
+def _read_opencv(text: str, path: Path) -> HandEyeCalibration:
+    """Read an OpenCV FileStorage with a 4x4 matrix, or R and t."""
     entries = read_storage(text, path, HandEyeError)
     data = {name: value.tolist() for name, value in entries.items()
             if isinstance(value, np.ndarray)}  # fmt: skip
-    return HandEye(_of_entries(data, path))
+    return HandEyeCalibration(_read_entries(data, path))
 
 
-def _units_in(text: str) -> str:
+def _find_units(text: str) -> str:
     found = re.search(r"^\s*<?units?\s*[:>]\s*[\"']?(\w+)", text, re.MULTILINE)
     return found[1] if found else ""
 
 
-def _of_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
-    """A 4x4 matrix under any name, or R and t by their names."""
+def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
+    """Return the pose from a 4x4 matrix under any name, or from R and t, which have known names."""
     plain = {str(key): value for key, value in data.items() if isinstance(value, list | tuple)}
-    matrices = [key for key, value in plain.items() if len(_flat(value, f"{path}: {key}")) == 16]
+    matrices = [key for key, value in plain.items() if len(_flatten(value, f"{path}: {key}")) == 16]
     if len(matrices) == 1:
         name = matrices[0]
-        matrix = _of_rows(plain[name], f"{path}: {name}")
+        matrix = _pose_from_rows(plain[name], f"{path}: {name}")
         return np.linalg.inv(matrix) if _is_inverse(name) else matrix
     for name, value in plain.items():
         shape = R_AND_T.fullmatch(name.lower())
@@ -311,41 +336,43 @@ def _of_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
         t = next((plain[key] for key in plain if key.lower() == other), None)
         if t is None:
             raise HandEyeError(f"{path}: {name} has no {other}: add the translation")
-        turn = _flat(value, f"{path}: {name}")
+        turn = _flatten(value, f"{path}: {name}")
         if len(turn) not in (3, 9):
             raise HandEyeError(f"{path}: {name} holds {len(turn)} numbers, must be 9 (a matrix) or "
                                "3 (a rotation vector, rad)")  # fmt: skip
         where = f"{path}: {name}"
-        R = np.reshape(turn, (3, 3)) if len(turn) == 9 else _of_vector(turn, where)
-        matrix = _made(R, _flat(t, f"{path}: {other}"), where)
+        R = np.reshape(turn, (3, 3)) if len(turn) == 9 else _rotation_from_vector(turn, where)
+        matrix = _make_pose(R, _flatten(t, f"{path}: {other}"), where)
         return np.linalg.inv(matrix) if _is_inverse(name) else matrix
     raise HandEyeError(f"{path} has {', '.join(map(str, data)) or 'nothing'}, must have a 4x4 "
-                       "matrix, or R and t (as R_cam2gripper and t_cam2gripper)")  # fmt: skip
+                       "matrix, or R and t (such as R_cam2gripper and t_cam2gripper)")  # fmt: skip
 
 
 def _is_inverse(name: str) -> bool:
-    """Whether a name says that something is mapped to the camera, as gripper2cam."""
+    """Return whether a name, such as gripper2cam, denotes a transform to the camera frame."""
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 
-def _flat(value: Any, where: str) -> list[float]:
-    """The finite numbers of a list of any depth."""
+def _flatten(value: Any, where: str) -> list[float]:
+    """Return the finite numbers of a nested list."""
     if isinstance(value, list | tuple):
-        return [number for part in value for number in _flat(part, where)]
+        return [number for part in value for number in _flatten(part, where)]
     number = as_number(value)
     if number is None:
-        raise HandEyeError(f"{where}: {said(value)} is no finite number: is the file whole?")
+        raise HandEyeError(
+            f"{where}: {format_value(value)} is not a finite number: is the file complete?"
+        )
     return [number]
 
 
-def _product(data: Mapping[str, Any], path: Path) -> int:
+def _count_entries(data: Mapping[str, Any], path: Path) -> int:
     sides = [data.get(key) for key in ("rows", "cols")]
     if not all(isinstance(side, int) for side in sides):
         raise HandEyeError(f"{path}: rows and cols are {sides}, must be whole numbers")
     return sides[0] * sides[1]
 
 
-def _float(text: str | None) -> float | None:
+def _parse_float(text: str | None) -> float | None:
     try:
         number = float(text)
     except (TypeError, ValueError):

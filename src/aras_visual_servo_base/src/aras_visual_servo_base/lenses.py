@@ -1,4 +1,4 @@
-"""Formulas of lenses at unit focal length, with OpenCV's coefficients in OpenCV's order."""
+"""Lens models at unit focal length, with OpenCV's coefficients in OpenCV's order."""
 
 from __future__ import annotations
 
@@ -10,13 +10,17 @@ import numpy as np
 
 
 def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, ...]:
-    """Distorted x and y (n,) by Brown's model with a rational radial part, and their Jacobian.
+    """Distort points by Brown's model with rational radial terms, and compute the Jacobian.
 
-    D: k1 k2 p1 p2 k3 k4 k5 k6, the thin prism's s1 s2 s3 s4 and the tilt of the sensor taux tauy
-    (rad), or the first of them. Source: OpenCV, calib3d, "Detailed description".
+    Source: OpenCV, calib3d, "Detailed description".
+
+    Args:
+        x, y: undistorted coordinates (n,).
+        D: k1 k2 p1 p2 k3 k4 k5 k6, thin prism coefficients s1 s2 s3 s4 and sensor tilt taux tauy
+            (rad); trailing coefficients may be omitted.
 
     Returns:
-        x, y, and the entries of the Jacobian [[a, b], [c, d]], each (n,).
+        Distorted x and y, and the entries of the Jacobian [[a, b], [c, d]], each (n,).
     """
     k1, k2, p1, p2, k3, k4, k5, k6, *more = (*D, *(0.0,) * (8 - len(D)))
     r2 = x * x + y * y
@@ -39,18 +43,18 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
     a, b, c, d = a + of_x * x, b + of_x * y, b + of_y * x, d + of_y * y
     if not any(tilt):
         return xd, yd, a, b, c, d
-    H = _tilt(*tilt)
+    H = _tilt_homography(*tilt)
     u, v, w = (H[i, 0] * xd + H[i, 1] * yd + H[i, 2] for i in range(3))
     xt, yt = u / w, v / w
-    # Chain rule: the Jacobian of the tilt times that of all before it.
+    # Chain rule: the Jacobian of the tilt times the Jacobian of the previous steps.
     e, f = ((H[0, j] - xt * H[2, j]) / w for j in range(2))
     g, h = ((H[1, j] - yt * H[2, j]) / w for j in range(2))
     return xt, yt, e * a + f * c, e * b + f * d, g * a + h * c, g * b + h * d
 
 
 @functools.lru_cache(maxsize=32)
-def _tilt(taux: float, tauy: float) -> np.ndarray:
-    """Homography (3, 3) of a sensor tilted about x, then y, rad; OpenCV's sign of angles."""
+def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
+    """Return the homography (3, 3) of a sensor tilted about x, then y (rad, OpenCV's signs)."""
     cx, sx, cy, sy = math.cos(taux), math.sin(taux), math.cos(tauy), math.sin(tauy)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
     about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
@@ -61,8 +65,9 @@ def _tilt(taux: float, tauy: float) -> np.ndarray:
 
 @functools.lru_cache(maxsize=32)
 def fold_radius(D: tuple[float, ...]) -> float:
-    """Undistorted radius at which the radial part of `brown` stops growing; infinite if it never
-    does.
+    """Return the undistorted radius at which the radial part of `brown` has its maximum.
+
+    The result is infinite if it grows monotonically.
     """
     k1, k2, _, _, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))[:8]
     one = np.polynomial.Polynomial([1.0])
@@ -75,12 +80,13 @@ def fold_radius(D: tuple[float, ...]) -> float:
     return float(np.sqrt(real.min())) if len(real) else math.inf
 
 
-def brown_beyond_fold(
+def extrapolate_brown(
     x: np.ndarray, y: np.ndarray, D: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distorted x and y (n,) as `brown` has them up to the fold; beyond it they go on outwards.
+    """Distort x and y (n,) by `brown` up to the fold radius and extrapolate linearly beyond it.
 
-    There the polynomial would bring a point that no pixel shows back into the image.
+    Beyond that radius the polynomial would map points outside of the field of view back into the
+    image.
     """
     fold = fold_radius(D)
     if math.isinf(fold):
@@ -91,9 +97,10 @@ def brown_beyond_fold(
 
 
 def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Distances (n,) from the image's centre of angles (n,) from the axis, rad, and their slope.
+    """Return distances (n,) from the image centre for angles (n,) from the axis, and their slopes.
 
-    D: k1 k2 k3 k4 of theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8).
+    The radius is theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), with theta in rad
+    and D = (k1, k2, k3, k4).
     """
     k1, k2, k3, k4 = D
     t2 = np.square(theta)
@@ -101,15 +108,16 @@ def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, n
     return radius, 1.0 + t2 * (3 * k1 + t2 * (5 * k2 + t2 * (7 * k3 + t2 * 9 * k4)))
 
 
-def kannala_brandt_beyond_fold(theta: np.ndarray, D: Sequence[float]) -> np.ndarray:
-    """Distances (n,) as `kannala_brandt` has them up to the fold; beyond it they go on growing."""
+def extrapolate_kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> np.ndarray:
+    """Return the distances (n,) of `kannala_brandt`, extrapolated linearly beyond the fold."""
     factor = np.maximum(theta / kannala_brandt_fold(D), 1.0)
     return factor * kannala_brandt(theta / factor, D)[0]
 
 
 def kannala_brandt_fold(D: Sequence[float]) -> float:
-    """Angle from the axis, rad, at which the radius of `kannala_brandt` stops growing; infinite if
-    it never does.
+    """Return the angle (rad) at which the radius of `kannala_brandt` has its maximum.
+
+    The result is infinite if the radius grows monotonically.
     """
     k1, k2, k3, k4 = D
     roots = np.polynomial.Polynomial([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]).trim().roots()

@@ -1,4 +1,4 @@
-"""Names: the nearest known one, names of the ROS graph, objects by 'package.module:Name'."""
+"""Suggestions for unknown names, names in the ROS graph, and import of 'package.module:Name'."""
 
 from __future__ import annotations
 
@@ -9,62 +9,70 @@ from types import ModuleType
 from typing import Any
 
 Fault = type[Exception]
-# What a user's class or module may raise: it must end nothing but itself, sys.exit no more than
-# the rest.
+# Exceptions of a user's class or module, which must not end the program. SystemExit is included, so
+# that sys.exit in such code does not end it either.
 USER_FAULTS = (Exception, SystemExit)
 
 
-def likely(name: object, known: Iterable[str], cutoff: float = 0.6) -> str:
-    """The known name that is nearest; '' where none is near."""
-    return next(iter(difflib.get_close_matches(str(name), list(map(str, known)), 1, cutoff)), "")
+def find_nearest(name: object, known_names: Iterable[str], cutoff: float = 0.6) -> str:
+    """Return the most similar known name, or '' if none is similar."""
+    return next(
+        iter(difflib.get_close_matches(str(name), list(map(str, known_names)), 1, cutoff)), ""
+    )
 
 
-def nearest(name: object, known: Iterable[str]) -> str:
-    """What to say to an unknown name: the nearest known one as a question, or all of them."""
-    known = [str(entry) for entry in known]
-    near = likely(name, known)
-    return f"did you mean '{near}'?" if near else f"known are {', '.join(known) or 'none'}"
+def suggest(name: object, known_names: Iterable[str]) -> str:
+    """Return a suggestion for an unknown name: the most similar name, or all known names."""
+    known_names = [str(entry) for entry in known_names]
+    near = find_nearest(name, known_names)
+    return f"did you mean '{near}'?" if near else f"known are {', '.join(known_names) or 'none'}"
 
 
 def resolve_name(*names: str) -> str:
-    """Return the global name in the ROS graph of the last name, each relative to those before it.
+    """Return the global ROS name of the last name, each name being relative to the previous one.
 
-    As a chain of NodeHandles resolves them: a name that begins with "/" is global, and those before
-    it do not count.
+    Names are resolved as by a chain of NodeHandles: a name that starts with "/" is global, so the
+    names before it have no effect.
     """
     parts: list[str] = []
     for name in names:
-        own = [part for part in name.split("/") if part]
-        parts = own if name.startswith("/") else parts + own
+        name_parts = [part for part in name.split("/") if part]
+        parts = name_parts if name.startswith("/") else parts + name_parts
     return "/" + "/".join(parts)
 
 
-def unknown(kind: str, name: object, known: Iterable[str], own: bool = False) -> str:
-    """A message that lists all known names, the nearest one first; `own`: a class may be named."""
-    known = list(known)
-    near = likely(name, known, 0.5)
+def describe_unknown(
+    kind: str, name: object, known_names: Iterable[str], accepts_class: bool = False
+) -> str:
+    """Return a message that lists all known names, after the most similar one.
+
+    Args:
+        accepts_class: whether 'package.module:Class' is possible, too.
+    """
+    known_names = list(known_names)
+    near = find_nearest(name, known_names, 0.5)
     hint = f"did you mean '{near}'? " if near else ""
-    known_ones = ", ".join(known) + (", or 'package.module:Class'" if own else "")
+    known_ones = ", ".join(known_names) + (", or 'package.module:Class'" if accepts_class else "")
     return f"unknown {kind} '{name}': {hint}known are {known_ones}"
 
 
-def imported(
+def import_object(
     kind: str,
     name: object,
     fault: Fault,
     path: object = None,
     load: Callable[[str], ModuleType] = importlib.import_module,
 ) -> Any:
-    """What 'package.module:Name' stands for.
+    """Return the object that 'package.module:Name' refers to.
 
     Args:
-        kind: what is looked for, for messages: 'scheme', 'metric'.
-        name: as the user wrote it.
-        path: 'package.module:Name', where the name is another.
-        load: how modules are imported.
+        kind: kind of the object, for messages: 'scheme', 'metric'.
+        name: name that the user wrote.
+        path: 'package.module:Name', if it differs from the name.
+        load: imports a module.
 
     Raises:
-        fault: no such form, module or attribute, or the module raised.
+        fault: the path has another form, module or attribute do not exist, or the import fails.
     """
     path = str(name if path is None else path)
     module_name, _, attribute = path.partition(":")
@@ -78,24 +86,28 @@ def imported(
             "its workspace sourced?"
         ) from error
     except USER_FAULTS as error:
-        raise fault(f"{kind} '{name}': importing {module_name} raised {words(error)}") from error
+        raise fault(
+            f"{kind} '{name}': importing {module_name} raised {format_error(error)}"
+        ) from error
     if not hasattr(module, attribute):
-        near = likely(attribute, [n for n, v in vars(module).items() if isinstance(v, type)])
+        near = find_nearest(attribute, [n for n, v in vars(module).items() if isinstance(v, type)])
         hint = f": did you mean '{near}'?" if near else ""
         raise fault(f"{kind} '{name}': {module_name} has no {attribute}{hint}")
     return getattr(module, attribute)
 
 
-def subclass(kind: str, name: str, found: Any, bases: tuple[type, ...], fault: Fault) -> type:
-    """What was found, if it is a class derived from one of the bases; raises `fault` else."""
-    if isinstance(found, type) and issubclass(found, bases):
-        return found
-    called = getattr(found, "__name__", str(name).rpartition(":")[2])
+def check_subclass(
+    kind: str, name: str, candidate: Any, bases: tuple[type, ...], fault: Fault
+) -> type:
+    """Return the candidate if it is a subclass of one of the bases. Raises `fault` otherwise."""
+    if isinstance(candidate, type) and issubclass(candidate, bases):
+        return candidate
+    called = getattr(candidate, "__name__", str(name).rpartition(":")[2])
     expected = " or ".join(base.__name__ for base in bases)
     raise fault(f"{kind} '{name}': {called} is not a class derived from {expected}")
 
 
-def words(error: BaseException) -> str:
-    """An exception for a message: its type and text on one line."""
+def format_error(error: BaseException) -> str:
+    """Return the type and text of an exception on one line, for a message."""
     text = " ".join(str(error).split())
     return f"{type(error).__name__}: {text}" if text else type(error).__name__

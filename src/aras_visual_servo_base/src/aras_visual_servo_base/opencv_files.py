@@ -1,4 +1,4 @@
-"""Numbers, words and matrices of OpenCV's FileStorage files."""
+"""Reader of numbers, texts and matrices in OpenCV's FileStorage files."""
 
 from __future__ import annotations
 
@@ -10,48 +10,48 @@ import numpy as np
 
 from .errors import SimError
 
-LARGEST = 1000  # numbers of a matrix: calibrations have up to 27
+LARGEST = 1000  # numbers in a matrix; calibrations have up to 27
 
 
 def read_storage(text: str, path: str | Path, error: type[SimError]) -> dict[str, Any]:
-    """The entries of a file by name: numbers, texts, lists of numbers, and matrices (rows, cols).
+    """Return the entries of a file by name: numbers, texts, number lists, matrices (rows, cols).
 
-    Matrices are put together here: OpenCV's own reader writes beyond its memory, which ends the
-    process, where a file has more numbers than it says, or does not say how many.
+    Matrices are decoded here, because OpenCV's reader crashes with a memory error if a file
+    contains more numbers than it declares, or does not declare how many.
 
     Raises:
-        error: naming the file, the entry and what would be right.
+        error: the file is invalid; the message names the file, the entry and what is expected.
     """
     import cv2
 
     try:
         store = cv2.FileStorage(text, cv2.FILE_STORAGE_READ | cv2.FILE_STORAGE_MEMORY)
         nodes = {name: store.getNode(name) for name in store.root().keys()}  # noqa: SIM118
-        return {name: _value(node, f"{path}: {name}", error) for name, node in nodes.items()}
+        return {name: _read_value(node, f"{path}: {name}", error) for name, node in nodes.items()}
     except (cv2.error, SystemError) as fault:
         words = " ".join(str(getattr(fault, "err", "") or fault).split())
-        raise error(f"{path} cannot be read by OpenCV: {words}: is it whole?") from None
+        raise error(f"{path} cannot be read by OpenCV: {words}: is it complete?") from None
 
 
-def _value(node: Any, where: str, error: type[SimError]) -> Any:
+def _read_value(node: Any, where: str, error: type[SimError]) -> Any:
     if node.isMap():
-        return _matrix(node, where, error)
+        return _read_matrix(node, where, error)
     if node.isInt() or node.isReal():
         return node.real()
-    if node.isSeq() and (numbers := _numbers(node)):
+    if node.isSeq() and (numbers := _read_numbers(node)):
         return numbers
     return node.string() if node.isString() else None
 
 
-def _numbers(node: Any) -> list[float] | None:
+def _read_numbers(node: Any) -> list[float] | None:
     items = [node.at(i) for i in range(node.size())]
     if not all(item.isInt() or item.isReal() for item in items):
         return None
     return [item.real() for item in items]
 
 
-def _matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | None:
-    """A matrix, or a vector as a column; None for a mapping that is none."""
+def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | None:
+    """Return a matrix, or a vector as a column; None for a mapping that is not a matrix."""
     keys = set(node.keys())
     if not keys & {"rows", "cols", "sizes", "dt", "data"}:
         return None
@@ -59,20 +59,20 @@ def _matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | None:
     for key in (*shape, "dt", "data"):
         if key not in keys:
             raise error(f"{where} has no {key}, must have {', '.join(shape)}, dt and data: is it "
-                        "whole?")  # fmt: skip
-    sizes = _numbers(node.getNode("sizes")) if "sizes" in keys else [
+                        "complete?")  # fmt: skip
+    sizes = _read_numbers(node.getNode("sizes")) if "sizes" in keys else [
         node.getNode(key).real() for key in shape]  # fmt: skip
     kind = re.fullmatch(r"([1-4]?)[ucwsifdh]", node.getNode("dt").string())
     if not sizes or len(sizes) > 2 or kind is None or any(
         not 1 <= size <= LARGEST or size != int(size) for size in sizes
     ):
-        raise error(f"{where} has {', '.join(shape)} and dt that no matrix has: is it whole?")
+        raise error(f"{where} has invalid {', '.join(shape)} or dt: is it complete?")
     data = node.getNode("data")
-    if not data.isSeq() or data.size() > LARGEST or (numbers := _numbers(data)) is None:
+    if not data.isSeq() or data.size() > LARGEST or (numbers := _read_numbers(data)) is None:
         raise error(f"{where}: data must be a list of up to {LARGEST} numbers")
     rows, cols = int(sizes[0]), int(sizes[1]) if len(sizes) > 1 else 1
     width = cols * int(kind[1] or 1)
     if len(numbers) != rows * width:
         raise error(f"{where} holds {len(numbers)} numbers, must hold {rows} rows of {width}: "
-                    "is it whole?")  # fmt: skip
+                    "is it complete?")  # fmt: skip
     return np.reshape(numbers, (rows, width))

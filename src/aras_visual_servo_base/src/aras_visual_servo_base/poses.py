@@ -1,9 +1,9 @@
-"""Rotations, rigid poses and twists: the one home of their arithmetic.
+"""Rotations, rigid poses and twists.
 
-`a_T_b` maps coordinates in b to a, `a_R_b` directions. Lengths are in m, angles in rad; quaternions
-are (x, y, z, w), of unit length. Two forms, for two uses: plain floats (`Pose` and the functions
-above LINK_R_OPTICAL) for single poses in a 1 kHz loop, where NumPy is slow; arrays, (4, 4) and
-(3, 3), for what is multiplied with Jacobians and points.
+`a_T_b` maps coordinates in b to a, and `a_R_b` maps directions. Lengths are in m, angles in rad.
+Quaternions are (x, y, z, w) with unit length. There are two representations: plain floats (`Pose`
+and the functions above LINK_R_OPTICAL) for single poses in a 1 kHz loop, where NumPy is slow, and
+arrays (4, 4) and (3, 3) for products with Jacobians and points.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ import numpy as np
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # m, by name in files and settings
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # length units in m, by their name in files
 
 
 class Twist(NamedTuple):
@@ -29,7 +29,7 @@ class Twist(NamedTuple):
 class Pose(NamedTuple):
     """A rigid pose: position (x, y, z), m, and unit quaternion (x, y, z, w).
 
-    A pose a_T_b maps coordinates in b to a; `@` composes poses, `matrix` gives the (4, 4).
+    A pose a_T_b maps coordinates in b to a. `@` composes poses; `matrix` returns the (4, 4) matrix.
     """
 
     xyz: Vector3 = (0.0, 0.0, 0.0)
@@ -37,36 +37,36 @@ class Pose(NamedTuple):
 
     @classmethod
     def from_rpy(cls, xyz: Vector3, rpy: Vector3) -> Pose:
-        """Pose from URDF's fixed-axis roll, pitch, yaw (rad)."""
+        """Create a pose from URDF's fixed-axis roll, pitch, yaw (rad)."""
         return cls(tuple(xyz), quaternion_from_rpy(*rpy))
 
     @classmethod
     def from_matrix(cls, a_T_b: np.ndarray) -> Pose:
-        """Pose of a rigid (4, 4)."""
+        """Create a pose from a rigid transform (4, 4)."""
         x, y, z = a_T_b[:3, 3].tolist()
         return cls((x, y, z), quaternion_from_matrix(a_T_b[:3, :3].tolist()))
 
     @property
     def rpy(self) -> Vector3:
-        """The orientation as URDF's roll, pitch, yaw, rad."""
+        """The orientation as URDF's fixed-axis roll, pitch, yaw, rad."""
         return rpy_from_rotation(rotation_from_quaternion(self.quat))
 
     def __matmul__(self, other: Pose) -> Pose:
-        """a_T_b @ b_T_c = a_T_c."""
+        """Return the composed pose a_T_c = a_T_b @ b_T_c."""
         moved = rotate(self.quat, other.xyz)
-        return Pose(add(self.xyz, moved), normalised(multiply(self.quat, other.quat)))
+        return Pose(add(self.xyz, moved), normalise(multiply(self.quat, other.quat)))
 
     def inverse(self) -> Pose:
-        """b_T_a of a_T_b."""
+        """Return the inverse pose b_T_a of a_T_b."""
         back = conjugate(self.quat)
-        return Pose(scaled(rotate(back, self.xyz), -1.0), back)
+        return Pose(scale(rotate(back, self.xyz), -1.0), back)
 
     def apply(self, point: Vector3) -> Vector3:
-        """`point` of b in a."""
+        """Return the coordinates in a of a point given in b."""
         return add(self.xyz, rotate(self.quat, point))
 
     def matrix(self) -> np.ndarray:
-        """Homogeneous (4, 4)."""
+        """Return the homogeneous matrix (4, 4)."""
         first, second, third = rotation_from_quaternion(self.quat)
         x, y, z = self.xyz
         return np.array([[*first, x], [*second, y], [*third, z], [0.0, 0.0, 0.0, 1.0]])
@@ -76,32 +76,32 @@ IDENTITY = Pose()
 
 
 def add(a: Vector3, b: Vector3) -> Vector3:
-    """a + b."""
+    """Return a + b."""
     return (a[0] + b[0], a[1] + b[1], a[2] + b[2])
 
 
 def subtract(a: Vector3, b: Vector3) -> Vector3:
-    """a - b."""
+    """Return a - b."""
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 
 
-def scaled(a: Vector3, factor: float) -> Vector3:
-    """factor * a."""
+def scale(a: Vector3, factor: float) -> Vector3:
+    """Return factor * a."""
     return (a[0] * factor, a[1] * factor, a[2] * factor)
 
 
 def cross(a: Vector3, b: Vector3) -> Vector3:
-    """a x b."""
+    """Return the cross product a x b."""
     return (a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0])
 
 
 def conjugate(q: Quaternion) -> Quaternion:
-    """Inverse of a unit quaternion."""
+    """Return the inverse of a unit quaternion."""
     return (-q[0], -q[1], -q[2], q[3])
 
 
 def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
-    """Hamilton product a b: first b, then a."""
+    """Return the Hamilton product a b, which rotates by b first and then by a."""
     ax, ay, az, aw = a
     bx, by, bz, bw = b
     return (
@@ -113,7 +113,7 @@ def multiply(a: Quaternion, b: Quaternion) -> Quaternion:
 
 
 def rotate(q: Quaternion, v: Vector3) -> Vector3:
-    """`v` turned by the unit quaternion `q`."""
+    """Return `v` rotated by the unit quaternion `q`."""
     x, y, z, w = q
     tx = 2.0 * (y * v[2] - z * v[1])
     ty = 2.0 * (z * v[0] - x * v[2])
@@ -125,8 +125,8 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
     )
 
 
-def normalised(q: Quaternion) -> Quaternion:
-    """`q` at unit length; exactly unit quaternions are returned unchanged."""
+def normalise(q: Quaternion) -> Quaternion:
+    """Return `q` scaled to unit length; exact unit quaternions are returned unchanged."""
     norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if norm == 1.0:
         return q
@@ -134,7 +134,7 @@ def normalised(q: Quaternion) -> Quaternion:
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Rz(yaw) Ry(pitch) Rx(roll)."""
+    """Return the quaternion of Rz(yaw) Ry(pitch) Rx(roll), rad."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -146,14 +146,14 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
     )
 
 
-def quaternion_to(direction: Vector3) -> Quaternion:
-    """Turns z onto a unit vector, the shortest way."""
+def quaternion_from_z_to(direction: Vector3) -> Quaternion:
+    """Return the shortest rotation of the z axis onto a unit vector."""
     x, y, z = direction
-    return normalised((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
+    return normalise((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
 
 
 def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
-    """Unit quaternion of a (3, 3) rotation, from its largest component (Shepperd 1978)."""
+    """Return the unit quaternion of a rotation matrix (3, 3), by Shepperd's method (1978)."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = ([float(v) for v in row] for row in rotation)
     squares = (1.0 + xx - yy - zz, 1.0 - xx + yy - zz, 1.0 - xx - yy + zz, 1.0 + xx + yy + zz)
     rows = (
@@ -162,11 +162,11 @@ def quaternion_from_matrix(rotation: Sequence[Sequence[float]]) -> Quaternion:
         (xz + zx, yz + zy, squares[2], yx - xy),
         (zy - yz, xz - zx, yx - xy, squares[3]),
     )
-    return normalised(rows[squares.index(max(squares))])
+    return normalise(rows[squares.index(max(squares))])
 
 
 def rotation_from_quaternion(q: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
-    """Rows of the (3, 3) rotation of a unit quaternion."""
+    """Return the rows of the rotation matrix (3, 3) of a unit quaternion."""
     x, y, z, w = q
     a, b, c = 2.0 * x, 2.0 * y, 2.0 * z
     return (
@@ -177,19 +177,22 @@ def rotation_from_quaternion(q: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
 
 
 def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:
-    """Fixed-axis roll, pitch, yaw (rad) of a (3, 3) rotation; roll is 0 at a pitch of ±90°."""
+    """Return fixed-axis roll, pitch, yaw (rad) of a rotation (3, 3).
+
+    At a pitch of ±90° roll is 0.
+    """
     (xx, xy, _), (yx, yy, _), (zx, zy, zz) = ([float(v) for v in row] for row in R)
     across = math.hypot(xx, yx)
     pitch = math.atan2(-zx, across)
     if across > 1e-9:
         return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
-    return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw turn about one axis: all of it is yaw
+    return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw have the same axis: all is called yaw
 
 
-def checked_vector(
+def check_vector(
     values: object, what: str, fault: type[Exception], count: int = 3
 ) -> tuple[float, ...]:
-    """`count` finite floats as a tuple; raises `fault` naming `what` otherwise."""
+    """Return `count` finite floats as a tuple. Raises `fault` naming `what` otherwise."""
     try:
         result = tuple(float(v) for v in values)
     except (TypeError, ValueError):
@@ -197,36 +200,36 @@ def checked_vector(
     if len(result) != count:
         raise fault(f"{what}: needs {count} numbers, got {len(result)}")
     if not math.isfinite(sum(abs(v) for v in result)):
-        raise fault(f"{what}: {result} holds a number that is not finite")
+        raise fault(f"{what}: {result} contains a number that is not finite")
     return result
 
 
-def checked_pose(
+def check_pose(
     pose: object, what: str, fault: type[Exception], zero_is_identity: bool = False
 ) -> Pose:
-    """A finite pose with its quaternion normalised.
+    """Return a finite pose with its quaternion normalised.
 
     Args:
         pose: (xyz, quat).
-        what: whose pose, for the message.
-        fault: what is raised.
-        zero_is_identity: whether (0, 0, 0, 0) means no rotation, as an unset message field does.
+        what: name of the pose, for messages.
+        fault: exception class.
+        zero_is_identity: whether (0, 0, 0, 0), as in an unset message field, is the identity.
 
     Raises:
-        fault: not finite, wrong length, or a quaternion far from unit length.
+        fault: a number is not finite, a length is wrong, or the quaternion is far from unit length.
     """
     try:
         xyz, quat = pose
     except (TypeError, ValueError):
         raise fault(f"{what}: {pose!r} is not (position, quaternion)") from None
-    xyz = checked_vector(xyz, f"{what}: position", fault)
-    quat = checked_vector(quat, f"{what}: orientation", fault, 4)
+    xyz = check_vector(xyz, f"{what}: position", fault)
+    quat = check_vector(quat, f"{what}: orientation", fault, 4)
     norm = math.hypot(*quat)
     if zero_is_identity and norm == 0.0:
         return Pose(xyz)
     if not 1e-6 <= norm <= 1e6:
         raise fault(f"{what}: orientation {quat} is no unit quaternion; use (0, 0, 0, 1) for none")
-    return Pose(xyz, normalised(quat))
+    return Pose(xyz, normalise(quat))
 
 
 # Gazebo's camera link looks along +x with z up; the optical frame looks along +z with y down.
@@ -235,7 +238,7 @@ LINK_R_OPTICAL.setflags(write=False)
 
 
 def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
-    """Rotation matrix (3, 3) of fixed-axis roll, pitch, yaw (rad), as URDF writes them."""
+    """Return the rotation matrix (3, 3) of URDF's fixed-axis roll, pitch, yaw (rad)."""
     cr, sr = np.cos(roll), np.sin(roll)
     cp, sp = np.cos(pitch), np.sin(pitch)
     cy, sy = np.cos(yaw), np.sin(yaw)
@@ -248,8 +251,8 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
     )
 
 
-def transform(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
-    """Pose (4, 4) of a URDF `<origin>`: xyz in m, fixed-axis roll, pitch, yaw in rad."""
+def matrix_from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
+    """Return the pose (4, 4) of a URDF `<origin>`: xyz in m, fixed-axis roll, pitch, yaw in rad."""
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = rotation_from_rpy(*rpy)
     a_T_b[:3, 3] = xyz
@@ -257,15 +260,15 @@ def transform(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
 
 
 def inverse(a_T_b: np.ndarray) -> np.ndarray:
-    """`b_T_a` (4, 4) of a rigid pose."""
+    """Return the inverse `b_T_a` (4, 4) of a rigid pose."""
     b_T_a = np.eye(4)
     b_T_a[:3, :3] = a_T_b[:3, :3].T
     b_T_a[:3, 3] = -a_T_b[:3, :3].T @ a_T_b[:3, 3]
     return b_T_a
 
 
-def relative(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
-    """`b_T_c` (4, 4) of two rigid poses."""
+def relative_pose(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
+    """Return the relative pose `b_T_c` (4, 4) of two rigid poses."""
     b_R_a = a_T_b[:3, :3].T
     b_T_c = np.eye(4)
     b_T_c[:3, :3] = b_R_a @ a_T_c[:3, :3]
@@ -273,27 +276,27 @@ def relative(a_T_b: np.ndarray, a_T_c: np.ndarray) -> np.ndarray:
     return b_T_c
 
 
-def to_xyz_rpy(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
-    """Place (m) and fixed-axis roll, pitch, yaw (rad) of a pose (4, 4), as URDF has them."""
+def xyz_rpy_from_matrix(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
+    """Return URDF's xyz (m) and fixed-axis roll, pitch, yaw (rad) of a pose (4, 4)."""
     return a_T_b[:3, 3].tolist(), list(rpy_from_rotation(a_T_b[:3, :3]))
 
 
-def optical(a_T_link: np.ndarray) -> np.ndarray:
-    """`a_T_optical` (4, 4) of a camera that looks along its link's +x, z up, as Gazebo's do."""
+def optical_pose(a_T_link: np.ndarray) -> np.ndarray:
+    """Return `a_T_optical` (4, 4) of a camera whose link has +x forward and z up, as in Gazebo."""
     a_T_optical = np.array(a_T_link, float)
     a_T_optical[:3, :3] = a_T_link[:3, :3] @ LINK_R_OPTICAL
     return a_T_optical
 
 
 def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]:
-    """Distance (m) and rotation angle (rad) between two poses (4, 4) in one frame."""
+    """Return distance (m) and rotation angle (rad) between two poses (4, 4) in one frame."""
     distance = float(np.linalg.norm(a_T_b[:3, 3] - a_T_c[:3, 3]))
     return distance, float(np.linalg.norm(rotation_vector(a_T_b[:3, :3].T @ a_T_c[:3, :3])))
 
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Axis times angle (3,), rad, of a rotation matrix (3, 3); the angle in [0, pi]."""
-    # The antisymmetric part keeps its precision where arccos of the trace loses it.
+    """Return the rotation vector (3,), rad, of a rotation matrix (3, 3); its norm is in [0, pi]."""
+    # The antisymmetric part is accurate where arccos of the trace is not.
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
     x, y, z = zy - yz, xz - zx, yx - xy
     sine, cosine = 0.5 * math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0)
@@ -301,7 +304,7 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     if sine > 1e-4 or cosine > 0.0:
         factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
         return np.array([factor * x, factor * y, factor * z])
-    # Near half a turn the symmetric part keeps it: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
+    # Near half a turn the symmetric part is accurate: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
     outer = 0.5 * (R + R.T) - cosine * np.eye(3)
     axis = outer[:, int(np.argmax(np.diag(outer)))]
     if axis @ (x, y, z) < 0.0:
@@ -309,21 +312,27 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     return angle * axis / np.linalg.norm(axis)
 
 
-def rotation_vector_rate(turn: np.ndarray) -> np.ndarray:
-    """(3, 3) inverse right Jacobian J: the rotation vector `turn` of a_R_b changes with J @ omega,
-    omega (rad/s) of b in b's axes. Its transpose takes omega in a's axes."""
-    K = skew(turn)
-    return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(turn))) * K @ K
+def rotation_vector_rate(rotation: np.ndarray) -> np.ndarray:
+    """Return the inverse right Jacobian J (3, 3) of SO(3) at the rotation vector of a_R_b.
+
+    J @ omega is the rate of the rotation vector if omega (rad/s) is the angular velocity of b in
+    the axes of b. The transpose of J is used for omega in the axes of a.
+    """
+    K = skew(rotation)
+    return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(rotation))) * K @ K
 
 
 def skew(v: Sequence[float]) -> np.ndarray:
-    """[v]x (3, 3): skew(v) @ w is v x w."""
+    """Return the matrix [v]x (3, 3) with skew(v) @ w = v x w."""
     x, y, z = v
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def adjoint(a_T_b: np.ndarray) -> np.ndarray:
-    """(6, 6) of two frames on one rigid body: the twist of a in a is this @ that of b in b."""
+    """Return the matrix (6, 6) that maps the twist of b in b to that of a in a.
+
+    Both frames are fixed to one rigid body.
+    """
     turned = np.zeros((6, 6))
     turned[:3, :3] = turned[3:, 3:] = a_T_b[:3, :3]
     turned[:3, 3:] = skew(a_T_b[:3, 3]) @ a_T_b[:3, :3]
@@ -331,7 +340,7 @@ def adjoint(a_T_b: np.ndarray) -> np.ndarray:
 
 
 def exponential(twist: Sequence[float]) -> np.ndarray:
-    """a_T_b (4, 4) after one second of a constant twist (6,) of b in b, from b = a."""
+    """Return a_T_b (4, 4) after a constant twist (6,) of b in b for one second, starting at a."""
     vx, vy, vz, x, y, z = (float(rate) for rate in twist)
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
@@ -354,7 +363,7 @@ def exponential(twist: Sequence[float]) -> np.ndarray:
 
 
 def logarithm(a_T_b: np.ndarray) -> np.ndarray:
-    """The twist (6,) that makes this motion in one second, see exponential; rotations up to pi."""
+    """Return the twist (6,) that gives this motion in one second, for rotations up to pi."""
     a, b, c = rotation_vector(a_T_b[:3, :3]).tolist()
     x, y, z = a_T_b[:3, 3].tolist()
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
@@ -369,6 +378,6 @@ def logarithm(a_T_b: np.ndarray) -> np.ndarray:
 
 
 def _half_cotangent(angle: float) -> float:
-    """(1 - angle/2 cot(angle/2)) / angle^2, in the inverses of an exponential's derivatives."""
+    """Return (1 - angle/2 cot(angle/2)) / angle^2, for inverse derivatives of the exponential."""
     half = 0.5 * angle
     return (1.0 - half / math.tan(half)) / angle**2 if angle > 1e-4 else 1.0 / 12.0

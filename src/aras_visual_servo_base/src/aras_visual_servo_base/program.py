@@ -1,4 +1,4 @@
-"""How a program of the workspace begins."""
+"""Start of the workspace's programs."""
 
 from __future__ import annotations
 
@@ -10,11 +10,11 @@ from typing import NoReturn
 
 
 def run(module: str) -> NoReturn:
-    """Import a module, call its `main` and end with the status that this returns.
+    """Import a module, call its `main`, and exit with the status that it returns.
 
-    Until rospy takes over, a Ctrl-C ends the program without a traceback of what is being imported.
-    What was imported stays for as long as the program runs, so Python looks for garbage neither
-    meanwhile, which takes an eighth of a start, nor among it later.
+    Until rospy handles signals, Ctrl-C ends the program without a traceback. Imported objects exist
+    as long as the program, so garbage collection is disabled during the import, where it would take
+    an eighth of the start time, and ignores these objects afterwards.
     """
     signal.signal(signal.SIGINT, signal.SIG_DFL)
     gc.disable()

@@ -1,11 +1,11 @@
-"""Registries: the classes of one kind by short name, each declared in a file of the kind's folder.
+"""Registry of classes of one kind by short name, each declared in a file of the kind's folder.
 
     LAWS = Registry("law", "my_package.laws", (Law,), ConfigurationError)
 
     @LAWS.register("proportional")
     class Proportional(Law): ...
 
-A new entry is one file in the folder. Its parameters are fields that `settings.parameter` made.
+A new entry needs one file in the folder. Its parameters are declared with `settings.parameter`.
 """
 
 from __future__ import annotations
@@ -17,15 +17,23 @@ import pkgutil
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any, NamedTuple, TypeVar
 
-from .names import USER_FAULTS, Fault, imported, nearest, subclass, unknown, words
-from .setting_values import hint_words
-from .settings import annotations, default_of
+from .names import (
+    USER_FAULTS,
+    Fault,
+    check_subclass,
+    describe_unknown,
+    format_error,
+    import_object,
+    suggest,
+)
+from .setting_values import describe_hint
+from .settings import get_default, list_annotations
 
 C = TypeVar("C", bound=type)
 
 
 class Parameter(NamedTuple):
-    """What a registry's entry declares of one parameter; `default` is None where one is needed."""
+    """Declaration of one parameter of a registry's entry; a `default` of None means required."""
 
     name: str
     kind: str
@@ -38,8 +46,8 @@ class Parameter(NamedTuple):
 class Registry(Mapping[str, type]):
     """Classes of one kind by short name.
 
-    The folder's modules are imported when an entry is first asked for: the module of the entry's
-    own name, and only where that does not declare it the others one by one.
+    Modules are imported when an entry is first needed: first the module with the entry's name and,
+    if that does not declare the entry, all others one by one.
     """
 
     def __init__(
@@ -48,30 +56,33 @@ class Registry(Mapping[str, type]):
         package: str,
         bases: tuple[type, ...],
         fault: Fault,
-        others: tuple[Registry, ...] = (),
+        fallbacks: tuple[Registry, ...] = (),
         first: tuple[str, ...] = (),
     ) -> None:
-        """Args:
-            kind: of the entries, for messages: 'law'.
+        """Create an empty registry.
+
+        Args:
+            kind: kind of the entries, for messages: 'law'.
             package: full name of the folder whose modules declare entries.
-            bases: an entry derives from one of these.
-            fault: exception class of wrong names and parameters.
-            others: registries whose entries belong to this kind as well.
-            first: modules to look into before the others, as most users need them.
+            bases: base classes, one of which each entry must have.
+            fault: exception class for wrong names and parameters.
+            fallbacks: registries whose entries belong to this kind as well.
+            first: modules to import before the others, because most users need them.
         """
         self.kind, self.bases, self.fault = kind, bases, fault
-        self._package, self._others, self._first = package, others, first
+        self._package, self._fallbacks, self._first = package, fallbacks, first
         self._entries: dict[str, type] = {}
-        self._unread: list[str] | None = None  # modules of the folder that were not imported yet
+        # modules of the folder that have not been imported yet
+        self._unimported: list[str] | None = None
 
     def register(self, name: str) -> Callable[[C], C]:
-        """Return a class decorator that enters the class as `name`, and sets its attribute `name`.
+        """Return a class decorator that registers a class as `name` and sets its `name` attribute.
 
         Raises:
-            fault: the name is taken by another class.
+            fault: another class is registered under this name.
         """
 
-        def enter(cls: C) -> C:
+        def add_class(cls: C) -> C:
             taken = self._entries.get(name)
             if taken is not None and taken.__qualname__ != cls.__qualname__:
                 raise self.fault(
@@ -81,19 +92,19 @@ class Registry(Mapping[str, type]):
             cls.name = name
             return cls
 
-        return enter
+        return add_class
 
     def __getitem__(self, name: str) -> type:
-        registries = (self, *self._others)
+        registries = (self, *self._fallbacks)
         for registry in registries:
-            if name in registry._modules():
-                registry._read(name)
+            if name in registry._list_modules():
+                registry._import_module(name)
         for registry in registries:
             if name in registry._entries:
                 return registry._entries[name]
         for registry in registries:
-            while registry._modules():
-                registry._read(registry._modules()[0])
+            while registry._list_modules():
+                registry._import_module(registry._list_modules()[0])
                 if name in registry._entries:
                     return registry._entries[name]
         raise KeyError(name)
@@ -106,57 +117,60 @@ class Registry(Mapping[str, type]):
         return True
 
     def __iter__(self) -> Iterator[str]:
-        while self._modules():
-            self._read(self._modules()[0])
-        return iter(sorted({*self._entries, *(name for other in self._others for name in other)}))
+        while self._list_modules():
+            self._import_module(self._list_modules()[0])
+        return iter(
+            sorted({*self._entries, *(name for other in self._fallbacks for name in other)})
+        )
 
     def __len__(self) -> int:
         return len(list(iter(self)))
 
-    def _modules(self) -> list[str]:
-        """Return the names of the folder's modules that were not imported yet."""
-        if self._unread is None:
+    def _list_modules(self) -> list[str]:
+        """Return the names of the folder's modules that have not been imported yet."""
+        if self._unimported is None:
             folder = importlib.import_module(self._package).__path__
             there = sorted(module.name for module in pkgutil.iter_modules(folder))
-            self._unread = sorted(there, key=lambda name: name not in self._first)
-        return self._unread
+            self._unimported = sorted(there, key=lambda name: name not in self._first)
+        return self._unimported
 
-    def _read(self, module: str) -> None:
-        """Import a module of the folder, which enters what it declares."""
-        self._modules().remove(module)
+    def _import_module(self, module: str) -> None:
+        """Import a module of the folder, which registers its classes."""
+        self._list_modules().remove(module)
         importlib.import_module(f"{self._package}.{module}")
 
     def find(self, name: str) -> type:
-        """Return the class of a short name or of 'package.module:Class'.
+        """Return the class with a short name or 'package.module:Class'.
 
         Raises:
-            fault: no such name, module or class, or another kind of class.
+            fault: the name, module or class does not exist, or the class is of another kind.
         """
         if not all(str(name).partition(":")):
             if name not in self:
-                raise self.fault(unknown(self.kind, name, self, own=True))
+                raise self.fault(describe_unknown(self.kind, name, self, accepts_class=True))
             return self[name]
-        return subclass(self.kind, name, imported(self.kind, name, self.fault), self.bases,
+        return check_subclass(self.kind, name, import_object(self.kind, name, self.fault),
+            self.bases,
                         self.fault)  # fmt: skip
 
     def create(self, name: str, /, *arguments: object, **options: object) -> Any:
-        """Return an instance of a short name or of 'package.module:Class'.
+        """Create an instance of the class with a short name or 'package.module:Class'.
 
         Raises:
-            fault: as `find`; options that the class does not take; what its constructor raised.
+            fault: `find` or the constructor fails, or the class does not have one of the options.
         """
         return construct(self.kind, name, self.find(name), self.fault, *arguments, **options)
 
-    def parameters(self, name: str) -> tuple[Parameter, ...]:
-        """Return what an entry declares of its parameters."""
-        return declared_parameters(self.find(name))
+    def list_parameters(self, name: str) -> tuple[Parameter, ...]:
+        """Return the declarations of an entry's parameters."""
+        return list_parameters(self.find(name))
 
 
-def declared_parameters(cls: type) -> tuple[Parameter, ...]:
-    """Return the parameters of a class, which are the fields of a dataclass; none of another."""
+def list_parameters(cls: type) -> tuple[Parameter, ...]:
+    """Return the parameters of a dataclass, which are its fields; none for other classes."""
     if not dataclasses.is_dataclass(cls):
         return ()
-    hints, found = annotations(cls), []
+    hints, found = list_annotations(cls), []
     for field in dataclasses.fields(cls):
         rules = field.metadata
         if not field.init or rules.get("internal"):
@@ -168,7 +182,7 @@ def declared_parameters(cls: type) -> tuple[Parameter, ...]:
             if rules.get(key) is not None
         )
         found.append(Parameter(
-            field.name, hint_words(hints[field.name]), None if needed else default_of(field),
+            field.name, describe_hint(hints[field.name]), None if needed else get_default(field),
             rules.get("unit", ""), bounds or ", ".join(rules.get("choices", ())),
             rules.get("help", ""),
         ))  # fmt: skip
@@ -178,11 +192,10 @@ def declared_parameters(cls: type) -> tuple[Parameter, ...]:
 def construct(
     kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
 ) -> Any:
-    """Return an instance of a class that may be a user's: whatever it raises becomes one line.
+    """Create an instance of a class that may be a user's; any exception becomes a one-line error.
 
     Raises:
-        fault: an option that it has not, one that it needs and was not given, or the constructor
-            failed.
+        fault: an option is unknown, a required one is missing, or the constructor fails.
     """
     check_options(kind, name, cls, fault, *arguments, **options)
     try:
@@ -190,21 +203,21 @@ def construct(
     except fault:
         raise
     except USER_FAULTS as error:
-        raise fault(f"{kind} '{name}': its constructor raised {words(error)}") from error
+        raise fault(f"{kind} '{name}': its constructor raised {format_error(error)}") from error
 
 
 def check_options(
     kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
 ) -> None:
-    """Refuse options that a class's constructor does not take, by name.
+    """Check that a class's constructor has all these options.
 
     Raises:
-        fault: naming the option, and the nearest one that there is.
+        fault: an option is unknown; the message names it and the most similar known one.
     """
     try:
         signature = inspect.signature(cls)
     except (TypeError, ValueError):
-        return  # one that does not say what it takes
+        return  # a class without signature cannot be checked
     taken = sorted(
         key for key, one in signature.parameters.items()
         if one.kind in (one.KEYWORD_ONLY, one.POSITIONAL_OR_KEYWORD)
@@ -212,7 +225,7 @@ def check_options(
     if not any(one.kind is one.VAR_KEYWORD for one in signature.parameters.values()):
         for option in options:
             if option not in taken:
-                raise fault(f"{kind} '{name}' takes no '{option}': {nearest(option, taken)}")
+                raise fault(f"{kind} '{name}' takes no '{option}': {suggest(option, taken)}")
     try:
         signature.bind(*arguments, **options)
     except TypeError as error:

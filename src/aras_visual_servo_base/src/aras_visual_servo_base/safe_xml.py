@@ -1,4 +1,4 @@
-"""Read XML from strangers: no document type, no entities, bounded size, depth and count."""
+"""Reader of untrusted XML: no document type or entities, limited size, depth and element count."""
 
 import math
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -7,7 +7,7 @@ from xml.parsers import expat
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose, Vector3
 
-LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest robots in the wild have some 1e6
+LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest common robot descriptions have about 1e6
 LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
 
@@ -15,17 +15,17 @@ LARGEST_COUNT = 400_000
 def parse(
     xml: str | Element, what: str, largest: int = LARGEST_TEXT, doctype: bool = False
 ) -> Element:
-    """Root element of `xml`.
+    """Return the root element of an XML document.
 
     Args:
-        xml: the document; what this function made of one is returned as it is.
-        what: its kind for messages, 'URDF' or 'SDF'.
-        largest: how many characters it may have.
-        doctype: whether it may name its document type, as SVG files do; entities are refused still.
+        xml: the document; an element is returned unchanged.
+        what: kind of the document for messages, 'URDF' or 'SDF'.
+        largest: largest number of characters.
+        doctype: whether a document type is allowed, as in SVG files; entities are always rejected.
 
     Raises:
-        DescriptionError: not well formed, too big, too deep, or with a document type or entity
-            declaration (the door to entity expansion and to other files).
+        DescriptionError: the document is not well formed, too large or too deep, or declares a
+            document type or entity, which could expand without limit or read other files.
     """
     if isinstance(xml, Element):
         return xml
@@ -34,18 +34,18 @@ def parse(
     if len(xml) > largest:
         raise DescriptionError(
             f"{what}: {len(xml)} characters, more than the limit of {largest}; "
-            "keep meshes in files of their own"
+            "keep meshes in separate files"
         )
     if not xml.strip():
         raise DescriptionError(f"{what}: the description is empty")
-    text = _without_comments(xml).lstrip("\ufeff \t\r\n")
-    first_line = xml.count("\n") - text.count("\n")  # of what the parser gets, from 0
+    text = _remove_comments(xml).lstrip("\ufeff \t\r\n")
+    first_line = xml.count("\n") - text.count("\n")  # lines before the text that the parser gets
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     parser.buffer_text = True
     depth = count = 0
 
-    def line() -> int:
+    def find_line() -> int:
         return first_line + parser.CurrentLineNumber
 
     def start(tag: str, attributes: dict[str, str]) -> None:
@@ -54,12 +54,12 @@ def parse(
         count += 1
         if depth > LARGEST_DEPTH or count > LARGEST_COUNT:
             raise DescriptionError(
-                f"{what}: line {line()}: more than {LARGEST_DEPTH} elements deep "
+                f"{what}: line {find_line()}: more than {LARGEST_DEPTH} elements deep "
                 f"or {LARGEST_COUNT} in all"
             )
         if tag.startswith("xacro:"):
             raise DescriptionError(
-                f"{what}: line {line()}: unexpanded <{tag}>; "
+                f"{what}: line {find_line()}: unexpanded <{tag}>; "
                 "run xacro on the file first"
             )
         builder.start(tag, attributes)
@@ -71,7 +71,7 @@ def parse(
 
     def refuse(*_: object) -> None:
         raise DescriptionError(
-            f"{what}: line {line()}: document type and entity declarations are "
+            f"{what}: line {find_line()}: document type and entity declarations are "
             "refused; remove <!DOCTYPE …>"
         )
 
@@ -93,43 +93,48 @@ def parse(
     return builder.close()
 
 
-def _without_comments(xml: str) -> str:
-    """The text without its comments, whose ends of lines stay.
+def _remove_comments(xml: str) -> str:
+    """Return the text without comments, but with their line ends, so that line numbers match.
 
-    Gazebo's parser takes what XML forbids: a comment before the XML declaration, "--" within one.
+    Gazebo's parser accepts comments that XML forbids: before the XML declaration, or with "--"
+    inside.
     """
-    kept, at = [], 0
+    parts, at = [], 0
     while (begin := xml.find("<!--", at)) >= 0 and (end := xml.find("-->", begin + 4)) >= 0:
-        kept += [xml[at:begin], "\n" * xml.count("\n", begin, end)]
+        parts += [xml[at:begin], "\n" * xml.count("\n", begin, end)]
         at = end + 3
-    return "".join((*kept, xml[at:]))
+    return "".join((*parts, xml[at:]))
 
 
 def check_names(names: list[str], what: str) -> None:
-    """DescriptionError where two of `what` ('cameras') have one name."""
-    seen: set[str] = set()
+    """Check that names are unique; `what` is their kind ('cameras').
+
+    Raises:
+        DescriptionError: two are equal.
+    """
+    known_names: set[str] = set()
     for name in names:
-        if name in seen:
+        if name in known_names:
             raise DescriptionError(f"two {what} are named '{shorten(name)}'; rename one")
-        seen.add(name)
+        known_names.add(name)
 
 
 def shorten(text: str, length: int = 60) -> str:
-    """`text` for a message, cut when a stranger made it long."""
+    """Return `text` on one line and shortened for a message."""
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 1] + "…"
 
 
-def number(text: str | None, where: str, default: float | None = None) -> float:
-    """A finite float.
+def parse_number(text: str | None, where: str, default: float | None = None) -> float:
+    """Return a finite float.
 
     Args:
-        text: attribute or element text; None means absent.
-        where: what it is, for the message.
-        default: value when absent; None makes it required.
+        text: text of an attribute or element; None if it is absent.
+        where: name of the value, for messages.
+        default: value if absent; None makes it required.
 
     Raises:
-        DescriptionError: absent and required, not a number, or not finite.
+        DescriptionError: a required value is absent, or the text is not a finite number.
     """
     if text is None:
         if default is None:
@@ -144,9 +149,9 @@ def number(text: str | None, where: str, default: float | None = None) -> float:
     return value
 
 
-def numbers(text: str | None, count: int, where: str,
+def parse_numbers(text: str | None, count: int, where: str,
             default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """`count` finite floats separated by blanks; raises DescriptionError as `number` does."""
+    """Return `count` finite floats separated by blanks; errors are those of `parse_number`."""
     if text is None:
         if default is None:
             raise DescriptionError(f"{where} is missing")
@@ -154,40 +159,45 @@ def numbers(text: str | None, count: int, where: str,
     parts = text.split()
     if len(parts) != count:
         raise DescriptionError(f"{where}: needs {count} numbers, got '{shorten(text)}'")
-    return tuple(number(part, where) for part in parts)
+    return tuple(parse_number(part, where) for part in parts)
 
 
-def pose(text: str | None, where: str) -> Pose:
-    """SDF's position (m) and fixed-axis roll, pitch, yaw (rad), six numbers; no text, or an empty
-    one, is the identity. Raises DescriptionError as `number` does."""
+def parse_pose(text: str | None, where: str) -> Pose:
+    """Return the pose of SDF's six numbers: position (m) and fixed-axis roll, pitch, yaw (rad).
+
+    An absent or empty text is the identity. Errors are those of `parse_number`.
+    """
     if not text:
         return Pose()
-    x, y, z, roll, pitch, yaw = numbers(text, 6, where)
+    x, y, z, roll, pitch, yaw = parse_numbers(text, 6, where)
     return Pose.from_rpy((x, y, z), (roll, pitch, yaw))
 
 
-def direction(text: str | None, where: str, default: Vector3) -> Vector3:
-    """Three numbers scaled to length 1, the default as it is; raises DescriptionError as `number`
-    does, and for zero."""
+def parse_direction(text: str | None, where: str, default: Vector3) -> Vector3:
+    """Return three numbers scaled to length 1, or the default unchanged if the text is absent.
+
+    Raises:
+        DescriptionError: a number is invalid, or the vector is zero.
+    """
     if text is None:
         return default
-    vector = numbers(text, 3, where)
+    vector = parse_numbers(text, 3, where)
     length = math.sqrt(sum(v * v for v in vector))
     if length < 1e-9:
         raise DescriptionError(f"{where} is zero; it needs a direction")
     return tuple(v / length for v in vector)
 
 
-def integer(text: str | None, where: str, default: int | None = None) -> int:
-    """A whole number; raises DescriptionError as `number` does."""
-    value = number(text, where, default)
+def parse_integer(text: str | None, where: str, default: int | None = None) -> int:
+    """Return a whole number; errors are those of `parse_number`."""
+    value = parse_number(text, where, default)
     if value != int(value):
         raise DescriptionError(f"{where}: {value} is not a whole number")
     return int(value)
 
 
-def truth(text: str | None, where: str, default: bool) -> bool:
-    """'true'/'1'/'yes' or 'false'/'0'/'no'; raises DescriptionError for anything else."""
+def parse_bool(text: str | None, where: str, default: bool) -> bool:
+    """Return True for 'true', '1', 'yes' and False for 'false', '0', 'no'; others are errors."""
     if text is None:
         return default
     word = text.strip().lower()
@@ -198,8 +208,8 @@ def truth(text: str | None, where: str, default: bool) -> bool:
     raise DescriptionError(f"{where}: '{shorten(text)}' is neither true nor false")
 
 
-def text_of(element: Element | None, tag: str) -> str | None:
-    """Stripped text of the child `tag`; None when there is no such child."""
+def find_text(element: Element | None, tag: str) -> str | None:
+    """Return the stripped text of the child `tag`; None if there is no such child."""
     if element is None:
         return None
     child = element.find(tag)

@@ -1,4 +1,4 @@
-"""Values of settings before they are read: numbers, bounds, words of messages, and mappings."""
+"""Conversion, checks and descriptions of setting values before they become settings."""
 
 from __future__ import annotations
 
@@ -14,20 +14,20 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from .names import nearest
+from .names import suggest
 
 Fault = type[Exception]
-_WORDS = {
+_TYPE_NAMES = {
     float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
     Path: "a path",
 }  # fmt: skip
-# A number by YAML 1.2 that YAML 1.1 takes for a text, unless quoted.
+# An unquoted number of YAML 1.2 that YAML 1.1 reads as a text.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
-LONGEST_VALUE = 200  # characters of a value that a message repeats
+LONGEST_VALUE = 200  # characters of a value that a message shows
 
 
 def as_number(value: Any, infinite: bool = False) -> float | None:
-    """The finite number (or infinity, where that is allowed) that a value is; None for none."""
+    """Return a value as a finite number (or infinite, if allowed); None if it is not a number."""
     if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -39,12 +39,12 @@ def as_number(value: Any, infinite: bool = False) -> float | None:
     return number if math.isfinite(number) or infinite and math.isinf(number) else None
 
 
-def as_in_a_file(value: Any) -> Any:
-    """The lists, numbers and texts that a file would hold for a value given in Python."""
+def convert_to_file_types(value: Any) -> Any:
+    """Return the lists, numbers and texts that represent a Python value in a file."""
     if isinstance(value, Mapping):
-        return {key: as_in_a_file(item) for key, item in value.items()}
+        return {key: convert_to_file_types(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
-        items = list(map(as_in_a_file, value))
+        items = list(map(convert_to_file_types, value))
         return items if any(map(operator.is_not, items, value)) else value
     if isinstance(value, range):
         return list(value)
@@ -55,18 +55,18 @@ def as_in_a_file(value: Any) -> Any:
     return value
 
 
-def spelt(word: str) -> float | str:
-    """The number that a word of a text is, else the word."""
+def parse_word(word: str) -> float | str:
+    """Return a word as a number if possible, otherwise the word."""
     with contextlib.suppress(ValueError):
         return float(word)
     return word
 
 
 def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> None:
-    """Check a value, or each in a list or mapping, against the bounds of `parameter`.
+    """Check a value, or each value in a list or mapping, against the bounds of `parameter`.
 
     Raises:
-        fault: naming the value and the bound.
+        fault: a value is out of bounds; the message names the value and the bound.
     """
     if not rules:
         return
@@ -75,23 +75,25 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
             check_value(item, f"{where}[{i}]", fault, rules)
     elif isinstance(value, Mapping):
         for key, item in value.items():
-            check_value(item, key_place(where, key), fault, rules)
+            check_value(item, join_path(where, key), fault, rules)
     elif isinstance(value, str):
+        if value in (renamed := rules.get("renamed", {})):
+            raise fault(f"{where}: '{value}' is now called '{renamed[value]}'")
         if (known := rules.get("choices")) and value not in known:
-            raise fault(f"{where} is {said(value)}: {nearest(value, known)}")
+            raise fault(f"{where} is {format_value(value)}: {suggest(value, known)}")
     elif isinstance(value, int | float) and not isinstance(value, bool):
         for name, sign, holds in _BOUNDS:
             if (bound := rules.get(name)) is not None and not holds(value, bound):
                 unit = rules.get("unit") or ""
                 text = unit if unit[:1] in ("", ",") else f" {unit}"
-                if sign == "<=" and unit in _MISTAKEN:
-                    other, size = _MISTAKEN[unit]
+                if sign == "<=" and unit in _COMMON_UNIT_MISTAKES:
+                    other, size = _COMMON_UNIT_MISTAKES[unit]
                     text += f" ({value:g} {other} are {value * size:.4g} {unit})"
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# What a number that is too large may be given in: its unit's name and size, by the right unit.
-_MISTAKEN = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
+# Wrong unit in which a number that is too large may be given: name and size, by the correct unit.
+_COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),
     ("above", ">", lambda value, bound: value > bound),
@@ -100,27 +102,27 @@ _BOUNDS = (
 )
 
 
-def said(value: Any) -> str:
-    """A value for a message: shortened, and of any size."""
+def format_value(value: Any) -> str:
+    """Return a value as text for a message, shortened if it is long."""
     try:
         text = repr(value)
-    except ValueError:  # Python refuses to write thousands of digits
+    except ValueError:  # Python does not convert numbers with thousands of digits
         return "a number of thousands of digits"
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
-def key_place(where: str, key: Any) -> str:
-    """The full path of a key below `where`."""
+def join_path(where: str, key: Any) -> str:
+    """Return the full path of a key below `where`."""
     return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
 
 
-def hint_words(hint: Any) -> str:
-    """Return what an annotation takes, in words: 'a finite number'."""
-    if hint in _WORDS:
-        return _WORDS[hint]
+def describe_hint(hint: Any) -> str:
+    """Return a description of the values that an annotation accepts, such as 'a finite number'."""
+    if hint in _TYPE_NAMES:
+        return _TYPE_NAMES[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
     if origin in (typing.Union, types.UnionType):
-        kinds = dict.fromkeys(hint_words(part) for part in parts if part is not type(None))
+        kinds = dict.fromkeys(describe_hint(part) for part in parts if part is not type(None))
         return " or ".join(kinds)
     if origin is tuple:
         of = {float: "finite numbers", int: "whole numbers", str: "texts"}.get(parts[0], "values")
@@ -129,10 +131,9 @@ def hint_words(hint: Any) -> str:
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Lay `changes` over `base`, key by key at every depth: what they do not name stays.
+    """Return `base` with `changes` applied, key by key at every depth; other keys stay.
 
-    A mapping over something that has no keys, or the reverse, replaces it. Neither argument is
-    changed.
+    A mapping replaces a value without keys, and the reverse. The arguments are not modified.
     """
     merged = dict(base)
     for key, value in changes.items():
@@ -142,8 +143,8 @@ def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]
     return merged
 
 
-def look_up(values: Mapping[str, Any], path: str) -> Any:
-    """The value at 'a/b/c'; None where a step is missing or is no mapping."""
+def find_value(values: Mapping[str, Any], path: str) -> Any:
+    """Return the value at 'a/b/c'; None if a key is missing or a value is not a mapping."""
     node: Any = values
     for key in path.strip("/").split("/"):
         if not isinstance(node, Mapping) or key not in node:

@@ -1,7 +1,7 @@
-"""The tree of a URDF: its links by name, its joints, and the path from one link to another.
+"""Kinematic tree of a URDF: its links by name, its joints, and the path between two links.
 
-Follows http://wiki.ros.org/urdf/XML; where urdfdom would fail or guess, this says what is wrong.
-What a link weighs, looks like and touches is for the simulator to read.
+The reader follows http://wiki.ros.org/urdf/XML. It reports errors where urdfdom fails or guesses.
+Inertias, visuals and collisions are read by the description package of the simulator.
 """
 
 import math
@@ -14,9 +14,15 @@ from xml.etree.ElementTree import Element
 
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_direction,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
 
 ZERO: Vector3 = (0.0, 0.0, 0.0)
 Rgba = tuple[float, float, float, float]  # 0 to 1
@@ -25,24 +31,29 @@ CAMERA_KINDS = ("camera", "depth", "wideanglecamera", "multicamera")
 JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
-class Placed:
-    """What has a frame: `origin_xyz` (m) and `origin_rpy` (rad) in that of what it belongs to."""
+class FramedElement:
+    """Base of elements with a frame: `origin_xyz` (m), `origin_rpy` (rad) in the parent frame."""
 
     @property
     def pose(self) -> Pose:
-        """The same as one pose."""
+        """The origin as a Pose."""
         return Pose.from_rpy(self.origin_xyz, self.origin_rpy)
 
-    def at(self, pose: Pose) -> Self:
-        """A copy at another pose."""
+    def with_pose(self, pose: Pose) -> Self:
+        """Return a copy at another pose."""
         return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
-OPTICAL, LINK = "_optical_frame", "_link"  # ends of the names of a camera's frame and link
+OPTICAL, LINK = "_optical_frame", "_link"  # suffixes of a camera's optical frame and link
 
 
 @dataclass(frozen=True)
 class JointLimits:
-    """lower, upper: rad or m, None where the joint has no position limit (continuous).
-    effort: N m or N. velocity: rad/s or m/s. Both infinite where a continuous joint has none."""
+    """Limits of a joint.
+
+    Attributes:
+        lower, upper: rad or m, None for a continuous joint.
+        effort: N m or N; infinite if a continuous joint has no limit.
+        velocity: rad/s or m/s; infinite if a continuous joint has no limit.
+    """
 
     lower: float | None
     upper: float | None
@@ -52,7 +63,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class SoftLimits:
-    """`<safety_controller>`: soft position limits (None where not given) and gains."""
+    """Soft position limits (None if not given) and gains of a `<safety_controller>`."""
 
     lower: float | None
     upper: float | None
@@ -62,7 +73,7 @@ class SoftLimits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """q = multiplier * q(joint) + offset."""
+    """Coupling of a joint to another one: q = multiplier * q(joint) + offset."""
 
     joint: str
     multiplier: float = 1.0
@@ -70,12 +81,16 @@ class Mimic:
 
 
 @dataclass(frozen=True)
-class Joint(Placed):
-    """A joint; kind is revolute, continuous, prismatic, fixed, floating or planar.
+class Joint(FramedElement):
+    """A joint of a URDF.
 
-    origin_*: the joint (= child link) frame in the parent link. axis: unit vector in that frame.
-    damping: N m s/rad or N s/m. friction: Coulomb, N m or N. stiffness, rest: of a spring, N m/rad
-    or N/m, and where it pulls to, rad or m.
+    Attributes:
+        kind: revolute, continuous, prismatic, fixed, floating or planar.
+        origin_xyz, origin_rpy: joint frame (= frame of the child link) in the parent link.
+        axis: unit vector in the joint frame.
+        damping: N m s/rad or N s/m.
+        friction: Coulomb friction, N m or N.
+        stiffness, rest: stiffness of a spring, N m/rad or N/m, and its rest position, rad or m.
     """
 
     name: str
@@ -94,14 +109,16 @@ class Joint(Placed):
     rest: float = 0.0
 
     @property
-    def moves(self) -> bool:
-        """True for the kinds that have one degree of freedom."""
+    def is_movable(self) -> bool:
+        """Whether the joint has one degree of freedom."""
         return self.kind in MOVING_KINDS
 
     @property
     def stops(self) -> tuple[float, float]:
-        """Lower and upper stop, rad or m; infinite where it has none, 0 where its `<limit>` says
-        nothing, as URDF has it."""
+        """Lower and upper stop, rad or m: infinite without limits, 0 for a missing attribute.
+
+        In URDF, the missing attribute lower or upper of a `<limit>` is 0.
+        """
         if self.limits is None or self.kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
         return self.limits.lower or 0.0, self.limits.upper or 0.0
@@ -109,11 +126,14 @@ class Joint(Placed):
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a URDF; mappings keep the file's order and are read-only.
+    """Links and joints of a URDF; mappings have file order and are read-only.
 
-    root: the one link without a parent. links: name -> its element. joints: by name.
-    cameras: pose of the first camera sensor on a link, in it, by the link's name; it looks along
-        the pose's +x with z up, which is Gazebo's convention.
+    Attributes:
+        root: the only link without a parent.
+        links: XML elements of the links, by name.
+        joints: joints by name.
+        cameras: pose of the first camera sensor of each link, in the link; as in Gazebo, the
+            camera looks along the pose's +x axis with z up.
     """
 
     name: str
@@ -122,15 +142,16 @@ class UrdfTree:
     joints: Mapping[str, Joint]
     cameras: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
 
-    def path(self, base: str, link: str) -> list[Joint]:
-        """The joints from a base link down to a link; base '': from the root.
+    def find_path(self, base: str, link: str) -> list[Joint]:
+        """Return the joints from a base link down to a link; base '' is the root.
 
         Raises:
-            DescriptionError: the link is not there, or not below the base; with the nearest name.
+            DescriptionError: the link does not exist or is not below the base; the message
+                suggests the most similar name.
         """
         where = f"robot '{shorten(self.name)}'"
         if link not in self.links:
-            raise DescriptionError(f"{where} has no link {link}; {nearest(link, self.links)}")
+            raise DescriptionError(f"{where} has no link {link}; {suggest(link, self.links)}")
         above = {joint.child: joint for joint in self.joints.values()}
         joints: list[Joint] = []
         at, end = link, base or self.root
@@ -139,15 +160,15 @@ class UrdfTree:
             at = joints[-1].parent
         if at != end:
             known = [joint.parent for joint in reversed(joints)]
-            raise DescriptionError(f"{where}: {link} is not below {base}; {nearest(base, known)}")
+            raise DescriptionError(f"{where}: {link} is not below {base}; {suggest(base, known)}")
         return joints[::-1]
 
 
 @lru_cache(maxsize=8)
-def robot_name(urdf: str) -> str:
-    """The robot's name in its description; '' for what is no URDF with a name."""
+def read_robot_name(urdf: str) -> str:
+    """Return the robot's name in its description; '' if the text is not a URDF with a name."""
     try:
-        return _named(urdf)[1]
+        return _parse_robot(urdf)[1]
     except DescriptionError:
         return ""
 
@@ -156,19 +177,21 @@ def parse_tree(xml: str | Element) -> UrdfTree:
     """Read and check the tree of a URDF.
 
     Args:
-        xml: the document, xacro already expanded, or what safe_xml.parse made of it.
+        xml: the document with xacro already expanded, or the element that `safe_xml.parse`
+            returned for it.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to fix it.
+        DescriptionError: an element is invalid; the message names the element, the problem and how
+            to fix it.
     """
-    robot, name = _named(xml)
+    robot, name = _parse_robot(xml)
     links: dict[str, Element] = {}
     for element in robot.findall("link"):
         link = element.get("name")
         if not link:
             raise DescriptionError("URDF: a link has no name")
         if len(link) > 256:
-            raise DescriptionError(f"URDF: a link name of {len(link)} characters; 256 are enough")
+            raise DescriptionError(f"URDF: a link name has {len(link)} characters, not 1 to 256")
         if link in links:
             raise DescriptionError(f"URDF: two links are named '{link}'; rename one")
         links[link] = element
@@ -176,11 +199,11 @@ def parse_tree(xml: str | Element) -> UrdfTree:
         raise DescriptionError(f"URDF: robot '{name}' has no link")
     joints: dict[str, Joint] = {}
     for element in robot.findall("joint"):
-        joint = _joint(element)
+        joint = _read_joint(element)
         if joint.name in joints:
             raise DescriptionError(f"URDF: two joints are named '{joint.name}'; rename one")
         joints[joint.name] = joint
-    root = root_link(links, joints, f"robot '{shorten(name)}'")
+    root = find_root_link(links, joints, f"robot '{shorten(name)}'")
     _check_mimics(joints)
     cameras: dict[str, Pose] = {}
     for block in robot.findall("gazebo[@reference]"):
@@ -189,27 +212,31 @@ def parse_tree(xml: str | Element) -> UrdfTree:
             node = sensor.find("camera")
             if sensor.get("type") in CAMERA_KINDS and node is not None and link not in cameras:
                 where = f"camera '{shorten(sensor.get('name') or '')}' on link '{shorten(link)}'"
-                cameras[link] = Pose.from_rpy(*camera_pose(sensor, node, where))
+                cameras[link] = Pose.from_rpy(*read_camera_pose(sensor, node, where))
     return UrdfTree(name, root, MappingProxyType(links), MappingProxyType(joints),
                     MappingProxyType(cameras))
 
 
-def camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector3, Vector3]:
-    """xyz (m) and rpy (rad) of a camera in the link of its sensor; `node`: the sensor's <camera>.
+def read_camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector3, Vector3]:
+    """Return xyz (m) and rpy (rad) of a camera in the link of its sensor.
+
+    Args:
+        node: <camera> element of the sensor.
+        where: name of the camera, for messages.
 
     Raises:
-        DescriptionError: a pose that is not six numbers; `where` names the camera.
+        DescriptionError: a pose does not have six numbers.
     """
-    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    own = safe_xml.pose(text_of(node, "pose"), f"{where}: camera pose")
-    if own == Pose():
+    at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    camera_pose = safe_xml.parse_pose(find_text(node, "pose"), f"{where}: camera pose")
+    if camera_pose == Pose():
         return at[:3], at[3:]
-    both = Pose.from_rpy(at[:3], at[3:]) @ own
+    both = Pose.from_rpy(at[:3], at[3:]) @ camera_pose
     return both.xyz, both.rpy
 
 
-def _named(xml: str | Element) -> tuple[Element, str]:
-    """The <robot> and its name."""
+def _parse_robot(xml: str | Element) -> tuple[Element, str]:
+    """Return the <robot> element and its name."""
     robot = safe_xml.parse(xml, "URDF")
     if robot.tag != "robot":
         raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>")
@@ -219,18 +246,18 @@ def _named(xml: str | Element) -> tuple[Element, str]:
     return robot, name
 
 
-def origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
-    """xyz (m) and rpy (rad) of an element's <origin>; zeros where there is none."""
+def read_origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
+    """Return xyz (m) and rpy (rad) of an element's <origin>; zeros without one."""
     node = element.find("origin")
     if node is None:
         return ZERO, ZERO
     return (
-        numbers(node.get("xyz"), 3, f"{where}: origin xyz", ZERO),
-        numbers(node.get("rpy"), 3, f"{where}: origin rpy", ZERO),
+        parse_numbers(node.get("xyz"), 3, f"{where}: origin xyz", ZERO),
+        parse_numbers(node.get("rpy"), 3, f"{where}: origin rpy", ZERO),
     )
 
 
-def _joint(element: Element) -> Joint:
+def _read_joint(element: Element) -> Joint:
     name = element.get("name")
     if not name:
         raise DescriptionError("URDF: a joint has no name")
@@ -246,16 +273,16 @@ def _joint(element: Element) -> Joint:
         if node is None or not node.get("link"):
             raise DescriptionError(f"{where}: has no <{tag} link=…>")
         ends.append(node.get("link"))
-    xyz, rpy = origin(element, where)
+    xyz, rpy = read_origin(element, where)
     axis_node = element.find("axis")
     axis = (1.0, 0.0, 0.0)
     if axis_node is not None and kind in ("revolute", "continuous", "prismatic", "planar"):
-        axis = direction(axis_node.get("xyz"), f"{where}: axis", axis)
+        axis = parse_direction(axis_node.get("xyz"), f"{where}: axis", axis)
     dynamics = element.find("dynamics")
     damping = friction = 0.0
     if dynamics is not None:
-        damping = number(dynamics.get("damping"), f"{where}: damping", 0.0)
-        friction = number(dynamics.get("friction"), f"{where}: friction", 0.0)
+        damping = parse_number(dynamics.get("damping"), f"{where}: damping", 0.0)
+        friction = parse_number(dynamics.get("friction"), f"{where}: friction", 0.0)
         if damping < 0.0 or friction < 0.0:
             raise DescriptionError(
                 f"{where}: damping {damping} and friction {friction} must be ≥ 0"
@@ -267,14 +294,14 @@ def _joint(element: Element) -> Joint:
             raise DescriptionError(f"{where}: <mimic> names no joint")
         mimic = Mimic(
             node.get("joint"),
-            number(node.get("multiplier"), f"{where}: multiplier", 1.0),
-            number(node.get("offset"), f"{where}: offset", 0.0),
+            parse_number(node.get("multiplier"), f"{where}: multiplier", 1.0),
+            parse_number(node.get("offset"), f"{where}: offset", 0.0),
         )
-    return Joint(name, kind, ends[0], ends[1], xyz, rpy, axis, _limits(element, kind, where),
-                 damping, friction, _soft_limits(element, where), mimic)
+    return Joint(name, kind, ends[0], ends[1], xyz, rpy, axis, _read_limits(element, kind, where),
+                 damping, friction, _read_soft_limits(element, where), mimic)
 
 
-def _limits(element: Element, kind: str, where: str) -> JointLimits | None:
+def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     node = element.find("limit")
     if node is None:
         if kind in ("revolute", "prismatic"):
@@ -283,13 +310,13 @@ def _limits(element: Element, kind: str, where: str) -> JointLimits | None:
             )
         return None
     bounded = kind in ("revolute", "prismatic")
-    lower = number(node.get("lower"), f"{where}: limit lower", 0.0)
-    upper = number(node.get("upper"), f"{where}: limit upper", 0.0)
+    lower = parse_number(node.get("lower"), f"{where}: limit lower", 0.0)
+    upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
-    required = None if bounded else math.inf  # what a continuous joint leaves open is free
-    effort = number(node.get("effort"), f"{where}: limit effort", required)
-    velocity = number(node.get("velocity"), f"{where}: limit velocity", required)
+    required = None if bounded else math.inf  # a continuous joint without attribute has no limit
+    effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
+    velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)
     if effort < 0.0 or velocity < 0.0:
         raise DescriptionError(
             f"{where}: limit effort {effort} and velocity {velocity} must not be negative"
@@ -297,24 +324,25 @@ def _limits(element: Element, kind: str, where: str) -> JointLimits | None:
     return JointLimits(lower if bounded else None, upper if bounded else None, effort, velocity)
 
 
-def _soft_limits(element: Element, where: str) -> SoftLimits | None:
+def _read_soft_limits(element: Element, where: str) -> SoftLimits | None:
     node = element.find("safety_controller")
     if node is None:
         return None
     bounds = [
-        None if node.get(key) is None else number(node.get(key), f"{where}: {key}")
+        None if node.get(key) is None else parse_number(node.get(key), f"{where}: {key}")
         for key in ("soft_lower_limit", "soft_upper_limit")
     ]
     return SoftLimits(bounds[0], bounds[1],
-                      number(node.get("k_position"), f"{where}: k_position", 0.0),
-                      number(node.get("k_velocity"), f"{where}: k_velocity"))
+                      parse_number(node.get("k_position"), f"{where}: k_position", 0.0),
+                      parse_number(node.get("k_velocity"), f"{where}: k_velocity"))
 
 
-def root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str:
-    """The one link without a parent.
+def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str:
+    """Return the only link without a parent.
 
     Raises:
-        DescriptionError: a joint's end that is no link, a second parent, a loop, several roots.
+        DescriptionError: a joint names a link that does not exist, a link has two parents, or the
+            joints form a loop or several trees.
     """
     parents: dict[str, str] = {}
     for joint in joints.values():
@@ -331,15 +359,15 @@ def root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -> str
     if len(roots) != 1:
         found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
         raise DescriptionError(f"{where}: needs exactly one root link, found {found}")
-    lost = _in_a_loop(links, parents)
+    lost = _find_cycle(links, parents)
     if lost is not None:
         raise DescriptionError(
             f"{where}: link '{lost}' is in a loop of joints, not in the tree of '{roots[0]}'")
     return roots[0]
 
 
-def _in_a_loop(names: Iterable[str], followed: Mapping[str, str]) -> str | None:
-    """A name that `followed` leads back to itself or into such a loop; None when there is none."""
+def _find_cycle(names: Iterable[str], parents: Mapping[str, str]) -> str | None:
+    """Return a name from which `parents` leads into a loop; None if there is no loop."""
     settled: set[str] = set()
     for name in names:
         path: dict[str, None] = {}
@@ -348,7 +376,7 @@ def _in_a_loop(names: Iterable[str], followed: Mapping[str, str]) -> str | None:
             if at in path:
                 return name
             path[at] = None
-            at = followed.get(at)
+            at = parents.get(at)
         settled.update(path)
     return None
 
@@ -357,9 +385,9 @@ def _check_mimics(joints: dict[str, Joint]) -> None:
     leaders = {joint.name: joint.mimic.joint for joint in joints.values()
                if joint.mimic is not None}
     for name, leader in leaders.items():
-        if leader not in joints or not joints[leader].moves:
+        if leader not in joints or not joints[leader].is_movable:
             raise DescriptionError(f"joint '{name}': mimics '{shorten(leader)}', which is not a "
                                    "moving joint of this robot")
-    lost = _in_a_loop(leaders, leaders)
+    lost = _find_cycle(leaders, leaders)
     if lost is not None:
         raise DescriptionError(f"joint '{lost}': its mimics form a loop")

@@ -1,4 +1,4 @@
-"""YAML files of settings: read whole, or refused in one line."""
+"""Reader of YAML setting files, which reads a file completely or raises a one-line error."""
 
 from __future__ import annotations
 
@@ -14,56 +14,58 @@ LARGEST_FILE = 1_000_000  # bytes
 
 
 def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
-    """What a YAML file holds; None for an empty one.
+    """Return the content of a YAML file; None for an empty file.
 
     Args:
-        what: the file is, for messages, as 'the goal'.
+        what: kind of the file, for messages, such as 'the goal'.
 
     Raises:
-        fault: it is no ordinary file, cannot be read, is too large, or is no YAML.
+        fault: the file is not a regular file, cannot be read, is too large, or is not YAML.
     """
     return parse_yaml(read_text(path, fault, what), str(Path(path).expanduser()), fault)
 
 
 def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
-    """The text of a file of settings; see `read_yaml`."""
+    """Return the text of a settings file; see `read_yaml`."""
     path = Path(path).expanduser()
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
-        if not stat.S_ISREG(path.stat().st_mode):  # a pipe would be waited for
-            raise fault(f"{cannot}: it is no ordinary file")
+        if not stat.S_ISREG(path.stat().st_mode):  # reading a pipe would block
+            raise fault(f"{cannot}: it is not a regular file")
         with open(path, "rb") as file:
             data = file.read(LARGEST_FILE + 1)
     except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
         raise fault(f"{cannot}: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > LARGEST_FILE:
-        raise fault(f"{path} holds more than {LARGEST_FILE} bytes: no such file is meant")
+        raise fault(f"{path} has more than {LARGEST_FILE} bytes, too many for such a file")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
-        raise fault(f"{path} is no text in UTF-8: {error}") from None
+        raise fault(f"{path} is not UTF-8 text: {error}") from None
 
 
 def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
-    """What a YAML text says, the caller's own copy.
+    """Return the content of a YAML text as a new object.
 
     Args:
-        where: the text's name, for the message.
+        where: name of the text, for messages.
 
     Raises:
-        fault: it is no YAML.
+        fault: the text is not YAML.
     """
     try:
-        return copy.deepcopy(_parsed(text))
+        return copy.deepcopy(_parse(text))
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        # A ValueError comes of a number of 5000 digits, and of a date such as 2026-13-01.
+        # A number of 5000 digits, or a date such as 2026-13-01, raises a ValueError.
         words = " ".join(str(error).split()).partition("; use sys.")[0]
         raise fault(f"{where} is not valid YAML: {words}") from None
 
 
 @functools.lru_cache(maxsize=32)
-def _parsed(text: str) -> Any:
-    """Texts read lately are not parsed again: ten thousand runs of a process read the same few
-    files, at 10 ms a file. libyaml would be quick but crashes on what is nested ten thousand deep.
+def _parse(text: str) -> Any:
+    """Parse a YAML text, with a cache: ten thousand runs of one process read the same few files.
+
+    Parsing takes about 10 ms per file. libyaml is faster, but it crashes on texts that are nested
+    ten thousand levels deep.
     """
     return yaml.safe_load(text)

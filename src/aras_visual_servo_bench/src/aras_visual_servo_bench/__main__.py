@@ -2,7 +2,7 @@
 
 import sys
 
-from aras_visual_servo_bench.commands import main
+from aras_visual_servo_bench.cli import main
 
 if __name__ == "__main__":
     sys.exit(main())

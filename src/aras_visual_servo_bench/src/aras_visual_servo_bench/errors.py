@@ -1,4 +1,4 @@
-"""Faults of this package: each message says what, where and how to fix it."""
+"""Errors of this package: each message says what is wrong, where, and how to fix it."""
 
 from __future__ import annotations
 
@@ -17,64 +17,74 @@ class BenchError(Exception):
 
 
 class ExperimentError(BenchError):
-    """An experiment that cannot be run as it is written."""
+    """Error in the settings of an experiment."""
 
 
 class ViewError(BenchError):
-    """A view that shows no target: it is behind the camera or outside of the picture."""
+    """Error of a camera pose from which the target is behind the camera or outside the image."""
 
 
 class StudyError(BenchError):
-    """A study that cannot be begun, gone on with or read as it is."""
+    """Error of a study that cannot be started, continued or read."""
 
 
 class RefusedError(BenchError):
-    """A request that is not carried out, with the reason."""
+    """Request that is refused; the message gives the reason."""
 
 
 def require(condition: bool, text: str) -> None:
-    """Raise ExperimentError with this text unless the condition holds."""
+    """Raise an ExperimentError with this text unless the condition holds."""
     if not condition:
         raise ExperimentError(text)
 
 
-def check_formats(given: Iterable[str], known: Collection[str]) -> None:
-    """StudyError naming the first format that is not among the known ones."""
-    for name in given:
-        if name not in known:
-            raise StudyError(f"no format '{name}': there are {', '.join(known)}")
+def check_formats(requested: Iterable[str], available: Collection[str]) -> None:
+    """Check that all requested formats are available.
+
+    Raises:
+        StudyError: naming the first format that is not.
+    """
+    for name in requested:
+        if name not in available:
+            raise StudyError(f"unknown format '{name}': use one of {', '.join(available)}")
 
 
 @contextlib.contextmanager
-def writing(where: object, fault: type[BenchError] = StudyError) -> Iterator[None]:
-    """Raise `fault`, in one line, where what is within cannot write there."""
+def catch_write_errors(where: object, error_class: type[BenchError] = StudyError) -> Iterator[None]:
+    """Convert an OSError of the `with` block into an `error_class` with a one-line message.
+
+    Args:
+        where: file or folder that the block writes to, named in the message.
+    """
     try:
         yield
     except OSError as error:
-        raise fault(f"cannot write {where}: {error.strerror or error}") from error
+        raise error_class(f"cannot write {where}: {error.strerror or error}") from error
 
 
-def program() -> str:
-    """What the command line of this package is called here: `aras-servo` where pip installed it,
-    `bench` where catkin did. Messages name commands by it."""
-    called = Path(sys.argv[0]).name
-    return called if called == "aras-servo" else "bench"
+def find_program_name() -> str:
+    """Return the name of this package's command line for messages.
+
+    The command is `aras-servo` if pip installed the package, and `bench` if catkin built it.
+    """
+    program = Path(sys.argv[0]).name
+    return program if program == "aras-servo" else "bench"
 
 
-def not_installed(library: str | None, extra: str = "bench") -> BenchError:
-    """The fault that a library is missing, which is among pip's `extra`."""
+def make_missing_library_error(library: str | None, extra: str = "bench") -> BenchError:
+    """Make the error of a missing library that pip's optional dependency group `extra` contains."""
     return BenchError(
         f"{library} is not installed: run ./setup.sh; without ROS, pip install '.[{extra}]' in the "
         "folder of the sources"
     )
 
 
-def first_line(error: BaseException) -> str:
-    """What an exception says in its first line, or its class."""
+def read_first_line(error: BaseException) -> str:
+    """Return the first line of an exception's message; without a message, the name of its class."""
     return str(error).splitlines()[0] if str(error) else type(error).__name__
 
 
 @lru_cache
 def log_once(note: str) -> None:
-    """Log a warning, once a process: the runs of a study have much in common."""
+    """Log a warning only once per process, because the runs of a study repeat many warnings."""
     log.warning("%s", note)

@@ -1,4 +1,4 @@
-"""A recorded run by the name of its bag, folder, study or experiment."""
+"""Load a run from a bag, a folder, a study or the settings file of an experiment."""
 
 from __future__ import annotations
 
@@ -9,38 +9,38 @@ from pathlib import Path
 from .errors import BenchError, ExperimentError
 from .recording.run import Run
 
-RUN_OF_STUDY = re.compile(r"(.+):(\d+)$")
+STUDY_RUN = re.compile(r"(.+):(\d+)$")
 
 
-def _ignore(part: float) -> None:
-    """Show no progress."""
+def _ignore_progress(part: float) -> None:
+    """Ignore the progress."""
 
 
-def load_run(source: str | Path, progress: Callable[[float], None] = _ignore) -> Run:
-    """Return the run that a bag, a folder, a study or an experiment holds, with its images.
+def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_progress) -> Run:
+    """Return a run with its images, from a bag, a folder, a study or an experiment.
 
     Args:
         source: one of
-            a bag of ROS, also one whose recorder was cut off (needs ROS's Python packages);
-            a folder with run.bag, as the demo writes it;
-            FOLDER:NUMBER, a run of a study, which is carried out again;
-            a YAML file of an experiment, which is carried out.
-        progress: called with the part of a bag, 0 to 1, that is read.
+            a ROS bag, also one whose recorder was killed (needs ROS's Python packages);
+            a folder with a run.bag, as the demo writes it;
+            FOLDER:NUMBER, a run of a study, which is repeated;
+            a YAML file of an experiment, which is run.
+        progress: called with the fraction of the bag that has been read, 0 to 1.
 
     Raises:
-        BenchError: there is no such run, or it cannot be read.
+        BenchError: the run does not exist or cannot be read.
     """
-    given = str(source)
-    match, path = RUN_OF_STUDY.match(given), Path(given)
+    source_text = str(source)
+    match, path = STUDY_RUN.match(source_text), Path(source_text)
     if match and not path.exists():
-        from .study import replay
-        from .study.folder import Folder
+        from .studies import replay
+        from .studies.study_folder import StudyFolder
 
-        folder = Folder.open(Path(match[1]))
+        folder = StudyFolder.open(Path(match[1]))
         return replay.replay(folder, int(match[2]), f"{folder.path.name}:{match[2]}")[0]
-    path = _bag_or_file(path)
+    path = _find_file(path)
     if path.suffix in (".yaml", ".yml"):
-        from .study import replay
+        from .studies import replay
 
         try:
             return replay.run_with_images(path, path.stem, str(path))
@@ -54,16 +54,20 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore) ->
     return read_bag(path, progress)
 
 
-def _bag_or_file(path: Path) -> Path:
-    """The file that a path names, or the bag in a folder; BenchError if there is none."""
+def _find_file(path: Path) -> Path:
+    """Return the file at a path, or the bag in a folder.
+
+    Raises:
+        BenchError: there is no such file or bag.
+    """
     if path.is_dir():
         bags = [path / name for name in ("run.bag", "run.bag.active") if (path / name).is_file()]
         if not bags:
             raise BenchError(
-                f"{path} holds no run.bag; a study's run is named as {path}:NUMBER"
+                f"{path} has no run.bag; for a run of a study give {path}:NUMBER"
             )
         path = bags[0]
-    active = path.with_name(path.name + ".active")  # of a recorder that was cut off
+    active = path.with_name(path.name + ".active")  # left by a recorder that was killed
     if not path.is_file() and active.is_file():
         path = active
     if not path.is_file():

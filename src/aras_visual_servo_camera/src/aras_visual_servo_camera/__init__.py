@@ -1,1 +1,1 @@
-"""Visual features of a camera image and how they move with the camera."""
+"""Visual features of camera images, and their interaction matrices."""

@@ -1,8 +1,8 @@
-"""Outline and corners of the segmented target, below a pixel exact, in normalised coordinates.
+"""Outline and corners of the segmented target, with sub-pixel accuracy, in normalised coordinates.
 
-The outline is where the target covers half a pixel: from each pixel of its edge one goes along
-the gradient of the grey level to the level between target and ground. Corners are where straight
-lines through the sides meet; sides are straight in normalised coordinates, whatever the lens.
+The outline runs where the target covers half of a pixel. From each edge pixel it is searched along
+the gradient of the grey level. Corners are the intersections of straight lines that are fitted to
+the sides. The lines are fitted in normalised coordinates, where sides are straight for any lens.
 """
 
 from __future__ import annotations
@@ -11,39 +11,42 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .coverage import coverage
+from .coverage import compute_coverage
 from .errors import SegmentationError
-from .line_fits import PARALLEL, FittedLine, spread_of_crossings
+from .line_fits import PARALLEL, FittedLine, compute_crossing_spread
 from .polygons import Array, next_vertices, signed_area
 from .segmented_target import SegmentedTarget
 from .undistortion import CameraModel
 
-# How far a side may bend before it counts as two: a part of the outline's length, and pixels; and
-# pixels that a side is long at least, as sharp corners are blunted. Of outlines of four corners, 17
-# to 40 px wide and with noise of up to 5 grey levels, all pictures show four; by the part alone a
-# fifth of them, and most that are 10 to 17 px wide, showed five to eight.
-BEND, BLURRED, SHORT = 0.012, 1.2, 2.0
+# A side that deviates from a line by more than MAX_BEND (as a fraction of the outline's length) and
+# MIN_BEND (px) is split in two. Sides shorter than MIN_SIDE (px) are blunted corners, not sides.
+# With all three, four corners are found in every image of a quadrilateral 17 to 40 px wide with
+# noise of up to 5 grey levels. With MAX_BEND alone, a fifth of these images, and most images of
+# quadrilaterals 10 to 17 px wide, gave five to eight corners.
+MAX_BEND, MIN_BEND, MIN_SIDE = 0.012, 1.2, 2.0
 MAX_CORNERS = 32
-FITS = 2  # of the sides' lines: between rough corners, and between those so found
-PARTS = 128  # of the way round, at which an outline is compared with a model
-# px rms, by which corners are off besides what the fits of their sides tell: measured on 840
-# quadrilaterals of 12 to 180 px, with noise of up to 5 grey levels.
+FIT_ITERATIONS = 2  # lines are fitted between the rough corners, then between the fitted ones
+OUTLINE_SAMPLES = 128  # points at which an outline is compared with a model
+# Error of corners in px rms in addition to that estimated from the line fits, measured on 840
+# quadrilaterals of 12 to 180 px with noise of up to 5 grey levels.
 CORNER_ACCURACY = 0.022
-UNLIKE = 0.1  # of its radius that a corner may be off its model's, and a pixel
+# A corner may be this far (in radii of the outline), plus one pixel, from that of the model.
+MAX_CORNER_DISTANCE = 0.1
 
 
-def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
-    """The outer outline (n, 2) of the target, normalised, one point a pixel of its edge.
+def extract_outline(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel) -> Array:
+    """Extract the outer outline (n, 2) of the target, normalised, with one point per edge pixel.
 
     Args:
-        grey: (rows, columns) that the target was segmented in.
-        target: as segment() found it.
-        camera: for the undistorted place of each point.
+        grey: (rows, columns) image in which the target was segmented.
+        target: result of `segment`.
+        camera: model that normalises the points.
 
     Raises:
-        SegmentationError: no outline, no contrast, or a part of it that no ray leads to.
+        SegmentationError: the target has no outline or no contrast, or a part of the outline lies
+            where the lens model has no ray.
     """
-    weights, (left, top), _, _ = coverage(grey, target)
+    weights, (left, top), _, _ = compute_coverage(grey, target)
     rows, columns = weights.shape
     mask = np.ascontiguousarray(target.mask[top : top + rows, left : left + columns])
     found, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
@@ -52,17 +55,17 @@ def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraM
     edge = max(found, key=len)[:, 0, :]
     if len(edge) < 8:
         raise SegmentationError(f"the target's outline is {len(edge)} pixel(s) long: too small")
-    # Sobel's kernels weigh a step of one in both directions 8 times.
+    # The weights of a Sobel kernel multiply a slope of one per pixel by 8.
     gx = cv2.Sobel(weights, cv2.CV_64F, 1, 0, borderType=cv2.BORDER_REPLICATE) / 8.0
     gy = cv2.Sobel(weights, cv2.CV_64F, 0, 1, borderType=cv2.BORDER_REPLICATE) / 8.0
     u, v = edge[:, 0], edge[:, 1]
     slope = np.hypot(gx[v, u], gy[v, u])
     steep = slope > 0.05
     if steep.sum() < 8:
-        raise SegmentationError("the target's outline is blurred out")
+        raise SegmentationError("the target's outline is too blurred: the image has no sharp edge")
     u, v, slope = u[steep], v[steep], slope[steep]
-    nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outwards
-    out = _to_edge(weights, u, v, nx, ny)
+    nx, ny = -gx[v, u] / slope, -gy[v, u] / slope  # outward normal
+    out = _locate_edge(weights, u, v, nx, ny)
     x, y, valid = camera.normalise(left + u + out * nx, top + v + out * ny)
     if not valid.all():
         raise SegmentationError(
@@ -71,12 +74,12 @@ def outline_of(grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraM
     return np.stack([x, y], axis=1)
 
 
-def _to_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
-    """How far (n,), pixels, the edge is from each pixel (u, v) along its normal.
+def _locate_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
+    """Compute the distance (n,), px, of the edge from each pixel (u, v) along its normal.
 
-    The weights along the normal add up to the part of it that the target covers: from two pixels
-    inside, where they are one, to two outside, where they are zero. That is right for an edge
-    blurred by any symmetric kernel.
+    The coverage is integrated along the normal from two pixels inside the target, where it is one,
+    to two pixels outside, where it is zero. The integral is the covered length. It is exact for an
+    edge that is blurred by a symmetric kernel.
     """
     steps = np.arange(-2.0, 2.25, 0.25)
     columns = (u[:, None] + nx[:, None] * steps).astype(np.float32)
@@ -88,119 +91,138 @@ def _to_edge(weights: Array, u: Array, v: Array, nx: Array, ny: Array) -> Array:
     return np.clip(covered - 2.0, -1.5, 1.5)
 
 
-def corners_of(outline: Array, bend: float = BEND) -> Array:
-    """Corners (n, 2) of a polygon's outline; see fit_corners."""
-    return fit_corners(outline, bend)[0]
+def find_corners(outline: Array, max_bend: float = MAX_BEND) -> Array:
+    """Find the corners (n, 2) of a polygon's outline; `fit_corners` explains the method."""
+    return fit_corners(outline, max_bend)[0]
 
 
-def fit_corners(outline: Array, bend: float = BEND) -> tuple[Array, Array]:
-    """Corners (n, 2) of a polygon's outline (m, 2), in its order, with positive turn, and their
-    spread (2n, 2n) by how the outline scatters about its sides: see spread_of_crossings.
+def fit_corners(outline: Array, max_bend: float = MAX_BEND) -> tuple[Array, Array]:
+    """Fit the corners (n, 2) of a polygon's outline (m, 2) and their uncertainty.
 
-    Sides are found by Douglas and Peucker's rule, fitted by total least squares without the
-    points next to their ends, and met; then again between the corners so found.
+    The corners have positive orientation (from x to y). The sides are found by the
+    Douglas-Peucker algorithm and fitted by total least squares, without the points next to their
+    ends. Neighbouring lines are intersected, and the fit is repeated between these corners.
 
     Args:
-        outline: closed, as outline_of() gives it.
-        bend: part of the outline's length by which a side may differ from a line, BLURRED pixels
-            at least. Sides of less than SHORT pixels are none.
+        outline: closed outline, as `extract_outline` returns it.
+        max_bend: largest deviation of a side from a line, as a fraction of the outline's length; at
+            least MIN_BEND pixels. Sides shorter than MIN_SIDE pixels are merged into a corner.
+
+    Returns:
+        The corners, and their spread (2n, 2n) from the scatter of the outline about its sides, as
+        `compute_crossing_spread` returns it.
 
     Raises:
-        SegmentationError: fewer than three sides, or more than 32: no polygon.
+        SegmentationError: the outline has fewer than three or more than 32 sides.
     """
-    points, middle = _turned(outline)
-    steps = _sides(points)
+    points, middle = _centre_polygon(outline)
+    steps = _compute_side_lengths(points)
     pixel = float(np.median(steps))
-    width = max(bend * float(steps.sum()), BLURRED * pixel)
-    # approxPolyDP takes float32: numbers about the middle keep their digits.
+    width = max(max_bend * float(steps.sum()), MIN_BEND * pixel)
+    # approxPolyDP takes float32; coordinates about the middle lose fewer digits.
     rough = cv2.approxPolyDP(points.astype(np.float32)[:, None], width, True)
     corners = rough[:, 0].astype(float)
-    while len(corners) > 3 and (sides := _sides(corners)).min() < SHORT * pixel:
+    while len(corners) > 3 and (sides := _compute_side_lengths(corners)).min() < MIN_SIDE * pixel:
         first = int(sides.argmin())
         last = (first + 1) % len(corners)
         corners[first] = 0.5 * (corners[first] + corners[last])
         corners = np.delete(corners, last, axis=0)
-    corners, spread = _fitted(points, corners)
+    corners, spread = _fit_sides(points, corners)
     return corners + middle, spread
 
 
-def corners_like(outline: Array, model: Array) -> Array:
-    """Corners (n, 2) of a polygon's outline (m, 2), as many as the model (n, 2) has, and in its
-    order: where the outline is a few pixels long, its sides cannot be told without knowing them.
+def match_corners(outline: Array, model: Array) -> Array:
+    """Find the corners (n, 2) of a polygon's outline (m, 2) with the help of a model.
 
-    The model is laid over the outline by the similarity that fits best, points at equal parts of
-    the way round compared; its corners then say where sides begin.
+    The result has as many corners as the model (n, 2), in its order. A model is needed where the
+    outline is only a few pixels long, because its sides cannot be found without it. The model is
+    aligned with the outline by the best-fitting similarity, with points at equal distances along
+    both. Its corners then separate the sides.
 
     Args:
-        outline: closed, as outline_of() gives it.
-        model: corners of the same target from another view of the same side.
+        outline: closed outline, as `extract_outline` returns it.
+        model: corners of the same target in another view of the same side.
 
     Raises:
-        SegmentationError: two corners come to lie on one point of the outline; or the outline is
-            no view of the model.
+        SegmentationError: two corners fall on one point of the outline, or the outline is no view
+            of the model.
     """
-    points, middle = _turned(outline)
-    wanted, _ = _turned(model)
-    seen, known = _spaced(points), _spaced(wanted)
-    origin = known.mean()
-    known = known - origin
-    # Of the model begun k parts later, by the correlation theorem.
-    fits = np.fft.ifft(np.fft.fft(seen) * np.conj(np.fft.fft(known)))
-    turned = fits[int(np.abs(fits).argmax())] / np.vdot(known, known).real
-    laid = (wanted[:, 0] + 1j * wanted[:, 1] - origin) * turned + seen.mean()
-    corners, _ = _fitted(points, np.stack([laid.real, laid.imag], axis=1))
-    if len(corners) != len(wanted):
+    points, middle = _centre_polygon(outline)
+    model_points, _ = _centre_polygon(model)
+    outline_samples, model_samples = _resample(points), _resample(model_points)
+    origin = model_samples.mean()
+    model_samples = model_samples - origin
+    # Correlation with the model for every start point, by the correlation theorem.
+    correlation = np.fft.ifft(np.fft.fft(outline_samples) * np.conj(np.fft.fft(model_samples)))
+    similarity = (
+        correlation[int(np.abs(correlation).argmax())] / np.vdot(model_samples, model_samples).real
+    )
+    aligned = (
+        model_points[:, 0] + 1j * model_points[:, 1] - origin
+    ) * similarity + outline_samples.mean()
+    corners, _ = _fit_sides(points, np.stack([aligned.real, aligned.imag], axis=1))
+    if len(corners) != len(model_points):
         raise SegmentationError(
-            f"the target is too small to tell its {len(wanted)} corners from each other"
+            f"the target is too small to separate its {len(model_points)} corners"
         )
-    # A plane seen from elsewhere is about an affine map of it.
-    flat = np.column_stack([wanted, np.ones(len(wanted))])
-    off = corners - flat @ np.linalg.lstsq(flat, corners, rcond=None)[0]
+    # Two views of a plane are related approximately by an affine map.
+    homogeneous = np.column_stack([model_points, np.ones(len(model_points))])
+    deviation = corners - homogeneous @ np.linalg.lstsq(homogeneous, corners, rcond=None)[0]
     pixel = float(np.median(np.linalg.norm(np.diff(points, axis=0), axis=1)))
     radius = float(np.sqrt(points.var(axis=0).sum()))
-    if np.linalg.norm(off, axis=1).max() > pixel + UNLIKE * radius:
-        raise SegmentationError(f"what is seen has not the goal's {len(wanted)} corners")
+    if np.linalg.norm(deviation, axis=1).max() > pixel + MAX_CORNER_DISTANCE * radius:
+        raise SegmentationError(
+            f"the outline does not match the {len(model_points)} corners of the goal's target"
+        )
     return (corners[::-1] if signed_area(np.asarray(model, float)) < 0.0 else corners) + middle
 
 
-def _turned(polygon: Array) -> tuple[Array, Array]:
-    """Points (n, 2) about their middle, with positive turn; and that middle (2,)."""
+def _centre_polygon(polygon: Array) -> tuple[Array, Array]:
+    """Return the points (n, 2) about their middle, with positive orientation, and the middle (2,).
+    """
     points = np.asarray(polygon, dtype=float)
     middle = points.mean(axis=0)
     points = points - middle
     return (points[::-1] if signed_area(points) < 0.0 else points), middle
 
 
-def _sides(points: Array) -> Array:
-    """Lengths (n,) of a polygon's sides, from each of its points (n, 2) to the next."""
+def _compute_side_lengths(points: Array) -> Array:
+    """Compute the lengths (n,) of a polygon's sides, from each point (n, 2) to the next."""
     return np.linalg.norm(next_vertices(points) - points, axis=1)
 
 
-def _spaced(polygon: Array) -> Array:
-    """Complex points (PARTS,) at equal parts of the way round a polygon (n, 2)."""
+def _resample(polygon: Array) -> Array:
+    """Return OUTLINE_SAMPLES complex points at equal distances along a closed polygon (n, 2)."""
     closed = np.vstack([polygon, polygon[:1]])
-    way = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
-    at = way[-1] * np.arange(PARTS) / PARTS
-    return np.interp(at, way, closed[:, 0]) + 1j * np.interp(at, way, closed[:, 1])
+    arc_length = np.concatenate([[0.0], np.linalg.norm(np.diff(closed, axis=0), axis=1).cumsum()])
+    positions = arc_length[-1] * np.arange(OUTLINE_SAMPLES) / OUTLINE_SAMPLES
+    return np.interp(positions, arc_length, closed[:, 0]) + 1j * np.interp(
+        positions, arc_length, closed[:, 1]
+    )
 
 
-def _fitted(points: Array, corners: Array) -> tuple[Array, Array]:
-    """Corners (n, 2) where lines through the outline's sides meet, from rough ones (k, 2), and
-    their spread (2n, 2n).
+def _fit_sides(points: Array, corners: Array) -> tuple[Array, Array]:
+    """Fit lines to the sides of an outline and intersect them, starting from rough corners (k, 2).
+
+    Returns:
+        The corners (n, 2) and their spread (2n, 2n).
 
     Raises:
-        SegmentationError: as corners_of().
+        SegmentationError: as in `fit_corners`.
     """
-    for _ in range(FITS):
-        breaks = _places(points, corners)
+    for _ in range(FIT_ITERATIONS):
+        breaks = _find_nearest_indices(points, corners)
         if not 3 <= len(breaks) <= MAX_CORNERS:
             raise SegmentationError(f"the target's outline has {len(breaks)} sides: no polygon")
-        corners, lines = _met(points, breaks)
-    return corners, spread_of_crossings(lines)
+        corners, lines = _intersect_sides(points, breaks)
+    return corners, compute_crossing_spread(lines)
 
 
-def _places(points: Array, corners: Array) -> NDArray[np.intp]:
-    """Indices in the outline of its points nearest to the corners, rising from the first."""
+def _find_nearest_indices(points: Array, corners: Array) -> NDArray[np.intp]:
+    """Return the indices of the outline points nearest to the corners.
+
+    The indices are in cyclic order, starting with that of the first corner.
+    """
     distance = np.linalg.norm(points[None, :, :] - corners[:, None, :], axis=2)
     places = distance.argmin(axis=1)
     order = np.argsort((places - places[0]) % len(points), kind="stable")
@@ -208,27 +230,33 @@ def _places(points: Array, corners: Array) -> NDArray[np.intp]:
     return places[np.concatenate([[True], np.diff(places) != 0])]
 
 
-def _met(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
-    """Corners (n, 2) where the lines of the sides between the breaks of the outline meet, and these
-    lines, each of which begins at its corner."""
+def _intersect_sides(points: Array, breaks: NDArray[np.intp]) -> tuple[Array, list[FittedLine]]:
+    """Intersect the lines of neighbouring sides of an outline.
+
+    The breaks are the indices of the outline points that separate the sides.
+
+    Returns:
+        The corners (n, 2), and the lines, each of which starts at its corner.
+    """
     ends = np.roll(breaks, -1)
-    lines = [_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
+    lines = [_fit_line(points, a, b) for a, b in zip(breaks, ends, strict=True)]
     corners = []
     for before, line, place in zip(lines[-1:] + lines[:-1], lines, breaks, strict=True):
         n0, n1 = before.normal, line.normal
         d0, d1 = float(n0 @ before.middle), float(n1 @ line.middle)
         cross = n0[0] * n1[1] - n0[1] * n1[0]
-        if abs(cross) < PARALLEL:  # no corner to meet at
+        if abs(cross) < PARALLEL:  # parallel lines do not intersect
             corners.append(points[place])
             continue
         corners.append([(d0 * n1[1] - d1 * n0[1]) / cross, (n0[0] * d1 - n1[0] * d0) / cross])
     return np.array(corners), lines
 
 
-def _line(points: Array, first: int, last: int) -> FittedLine:
-    """The line through the outline from one corner to the next."""
+def _fit_line(points: Array, first: int, last: int) -> FittedLine:
+    """Fit a line to the outline from one corner to the next."""
     count = (last - first) % len(points) or len(points)
-    # Near a corner the grey levels mix both sides: two pixels, or a third of a short side.
+    # Near a corner the grey levels mix both sides: leave out two pixels, or a third of a short
+    # side.
     cut = min(3, count // 3)
     side = points[(first + np.arange(cut, count - cut + 1)) % len(points)]
     centre = side.mean(axis=0)

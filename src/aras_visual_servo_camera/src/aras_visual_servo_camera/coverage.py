@@ -1,4 +1,4 @@
-"""How much of each pixel the segmented target covers, by the grey levels at its edge."""
+"""Fraction of each pixel that the segmented target covers, from the grey levels at its edge."""
 
 from __future__ import annotations
 
@@ -8,35 +8,38 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 from .errors import SegmentationError
 from .segmented_target import Mask, SegmentedTarget
 
-AROUND = 3  # pixels to each side of one, whose mean is its level of ground, or of an uneven target
-CONTRAST = 8.0  # grey levels between target and ground below which an edge pixel is not divided
+# Half width (px) of the neighbourhood whose mean is the local level of the background or the
+# target.
+BAND_WIDTH = 3
+# Grey levels; where target and background differ by less, an edge pixel counts as a whole.
+MIN_CONTRAST = 8.0
 
 
-def coverage(
+def compute_coverage(
     grey: Mask, target: SegmentedTarget, band: int = 2
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """How much of each pixel the target covers.
+    """Compute the fraction of each pixel that the target covers.
 
-    Inside the target (more than `band` pixels from its edge) a pixel counts as one, outside as
-    zero, and in the band along the edge as (bg - I) / (bg - fg), with bg and fg the mean levels
-    just outside and inside. So noise away from the edge has no say. The fraction is not cut off
-    at 0 and 1: noise has zero mean only as long as both its signs count.
+    Pixels inside the target, more than `band` pixels from its edge, have weight one; pixels outside
+    have weight zero. In the band along the edge the weight is (bg - I) / (bg - fg), where bg and fg
+    are the mean levels just outside and inside. Noise away from the edge therefore has no effect.
+    The weight is not clipped to [0, 1], because noise has zero mean only if both its signs count.
 
-    Where levels differ from place to place (`target.uneven`) they are the means around each pixel,
-    the band is the pixels next to the edge, and those without contrast are target or not as the
-    mask has them.
+    If the levels vary over the image (`target.is_uneven`), they are the means around each pixel,
+    and the band consists of the pixels next to the edge. Edge pixels without contrast keep the
+    value of the mask.
 
     Returns:
-        weights (rows, columns) of a crop, (column, row) of the crop's first pixel, bg and fg
-        (of uneven ones the means over the crop).
+        The weights (rows, columns) of a crop; (column, row) of the crop's first pixel; bg and fg,
+        which are means over the crop for an uneven target.
 
     Raises:
-        SegmentationError: no contrast between inside and outside.
+        SegmentationError: inside and outside have no contrast.
     """
     margin = 2 * band + 1
     column, row, width, height = target.box
@@ -45,49 +48,54 @@ def coverage(
     bottom = min(row + height + margin, grey.shape[0])
     inside = target.mask[top:bottom, left:right] & 1
     image = grey[top:bottom, left:right]
-    if target.uneven:
-        return _uneven(image, inside, (left, top))
-    element = _square(band)
+    if target.is_uneven:
+        return _compute_local_coverage(image, inside, (left, top))
+    element = _make_square(band)
     around = cv2.dilate(inside, element)
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
-    bg, fg = _levels(image, around, core)
+    bg, fg = _measure_levels(image, around, core)
     if abs(bg - fg) < 1.0:
         raise SegmentationError("the target has no contrast to its surroundings")
-    return _weights(image, around, core, bg, fg), (left, top), bg, fg
+    return _compute_weights(image, around, core, bg, fg), (left, top), bg, fg
 
 
-def _uneven(
+def _compute_local_coverage(
     image: Mask, inside: Mask, corner: tuple[int, int]
 ) -> tuple[NDArray[np.float64], tuple[int, int], float, float]:
-    """As `coverage`, of a crop whose levels differ from place to place."""
-    around = cv2.dilate(inside, _square(1))
-    core = cv2.erode(inside, _square(1), borderType=cv2.BORDER_REPLICATE)
+    """Compute the coverage, as `compute_coverage` does, of a crop with varying levels."""
+    around = cv2.dilate(inside, _make_square(1))
+    core = cv2.erode(inside, _make_square(1), borderType=cv2.BORDER_REPLICATE)
     levels = []
-    for there in (1 - around, core):
+    for region in (1 - around, core):
         total, count = (
-            cv2.boxFilter(part, -1, (2 * AROUND + 1,) * 2, normalize=False,
+            cv2.boxFilter(part, -1, (2 * BAND_WIDTH + 1,) * 2, normalize=False,
                           borderType=cv2.BORDER_CONSTANT)
-            for part in (there * image.astype(np.float64), there.astype(np.float64))
+            for part in (region * image.astype(np.float64), region.astype(np.float64))
         )  # fmt: skip
         levels.append(np.where(count > 0.5, total / np.maximum(count, 1.0), np.nan))
     bg, fg = levels
     weights = inside.astype(float)
-    edge = (around > core) & (np.abs(bg - fg) > CONTRAST)
+    edge = (around > core) & (np.abs(bg - fg) > MIN_CONTRAST)
     weights[edge] = np.clip((bg[edge] - image[edge]) / (bg[edge] - fg[edge]), 0.0, 1.0)
-    means = (cv2.mean(image, there)[0] for there in (1 - inside, inside))
+    means = (cv2.mean(image, region)[0] for region in (1 - inside, inside))
     return weights, corner, *means
 
 
 @cache
-def _square(band: int) -> Mask:
-    """All within `band` pixels, diagonally too."""
+def _make_square(band: int) -> Mask:
+    """Return a structuring element that reaches `band` pixels in each direction, also diagonally.
+    """
     return cv2.getStructuringElement(cv2.MORPH_RECT, (2 * band + 1, 2 * band + 1))
 
 
-@compiled("u1[:,:], u1[:,:], u1[:,:]")
-def _levels(image, around, core):
-    """Mean levels of the pixels (rows, columns) that are not around the target, and of its core; of
-    none: the greatest and the least level there is."""
+@jit("u1[:,:], u1[:,:], u1[:,:]")
+def _measure_levels(image, around, core):
+    """Return the mean grey levels of the background and of the target's core.
+
+    The background consists of the pixels (rows, columns) where `around` is zero. If there are no
+    such pixels, the highest level of the image replaces their mean; the lowest level replaces that
+    of an empty core.
+    """
     counts, sums = np.zeros(2, np.int64), np.zeros(2, np.int64)
     highest, lowest = 0, 255
     for row in range(image.shape[0]):
@@ -105,9 +113,9 @@ def _levels(image, around, core):
     return bg, fg
 
 
-@compiled("u1[:,:], u1[:,:], u1[:,:], f8, f8")
-def _weights(image, around, core, bg, fg):
-    """(rows, columns) 1 in the core, 0 where not around it, between the levels in between."""
+@jit("u1[:,:], u1[:,:], u1[:,:], f8, f8")
+def _compute_weights(image, around, core, bg, fg):
+    """Return weights (rows, columns): 1 in the core, 0 outside, and by grey level at the edge."""
     of_level = (bg - np.arange(256.0)) / (bg - fg)
     weights = np.zeros(image.shape)
     for row in range(image.shape[0]):

@@ -1,7 +1,7 @@
-"""When a feature is undefined: the denominator it divides by, measured free of scale.
+"""Checks of features whose denominator may vanish, which leaves them undefined.
 
-Every measure is dimensionless: a moment of order n is compared with m00 rg^n, rg being the
-radius of gyration, so the answer does not depend on the target's size or distance.
+Every measure is dimensionless: a moment of order n is compared with m00 rg^n, where rg is the
+radius of gyration. The result therefore does not depend on the size or distance of the target.
 """
 
 from __future__ import annotations
@@ -11,41 +11,52 @@ from math import comb, sqrt
 
 from .moments import Moments
 
-# Rounding leaves about 1e-13; a feature that is judged by less has no digit left to servo on.
+# Rounding errors are about 1e-13; below this tolerance a feature has too few correct digits.
 DEFAULT_TOLERANCE = 1e-9
 
 
 def gyration_radius(moments: Moments) -> float:
-    """sqrt((mu20 + mu02) / m00), in normalised units."""
+    """Compute the radius of gyration sqrt((mu20 + mu02) / m00) in normalised units."""
     mu20, _, mu02 = moments.second
     return sqrt(max(mu20 + mu02, 0.0) / moments.m00)
 
 
 def moment_norm(moments: Moments, n: int) -> float:
-    """Norm of the centred moments of order n that no image rotation changes."""
+    """Compute a norm of the centred moments of order n that is invariant to image rotation."""
     return sqrt(sum(comb(n, j) * moments.mu(n - j, j) ** 2 for j in range(n + 1)))
 
 
 def asymmetry(moments: Moments, n: int = 3) -> float:
-    """Norm of order n over m00 rg^n: zero, for odd n, if the shape has a centre of symmetry."""
+    """Compute the norm of the moments of order n divided by m00 rg^n.
+
+    For odd n it is zero if the shape has a centre of symmetry.
+    """
     scale = moments.m00 * gyration_radius(moments) ** n
     return moment_norm(moments, n) / scale if scale > 0.0 else 0.0
 
 
 def anisotropy(moments: Moments) -> float:
-    """sqrt((mu20 - mu02)^2 + 4 mu11^2) / (mu20 + mu02): 0 for a square or disc, 1 for a line."""
+    """Compute sqrt((mu20 - mu02)^2 + 4 mu11^2) / (mu20 + mu02).
+
+    It is 0 for a square or a disc and 1 for a line.
+    """
     mu20, mu11, mu02 = moments.second
     c, s, total = mu20 - mu02, 2.0 * mu11, mu20 + mu02
     return sqrt(c * c + s * s) / total if total > 0.0 else 0.0
 
 
-def _anisotropy(moments: Moments, value: float, tolerance: float) -> str | None:
+def _check_anisotropy(moments: Moments, value: float, tolerance: float) -> str | None:
     if anisotropy(moments) > tolerance:
         return None
-    return "the shape has no main axis (mu20 = mu02 and mu11 = 0, as a square seen square on)"
+    return (
+        "the shape has no main axis: mu20 = mu02 and mu11 = 0, as for a square parallel to the "
+        "image plane"
+    )
 
 
-def _ratio(n: int, degree: int, name: str) -> Callable[[Moments, float, float], str | None]:
+def _make_ratio_check(
+    n: int, degree: int, name: str
+) -> Callable[[Moments, float, float], str | None]:
     def check(moments: Moments, value: float, tolerance: float) -> str | None:
         if n % 2 and asymmetry(moments, n) <= tolerance:
             return f"the shape is symmetric about its centre: its moments of order {n} vanish"
@@ -56,11 +67,11 @@ def _ratio(n: int, degree: int, name: str) -> Callable[[Moments, float, float], 
     return check
 
 
-# name of the denominator -> check(moments, its value, tolerance) -> reason or None
+# Check of each denominator: (moments, its value, tolerance) -> reason, or None if defined.
 CHECKS: dict[str, Callable[[Moments, float, float], str | None]] = {
-    "anisotropy": _anisotropy,
-    "I4": _ratio(3, 2, "I4"),
-    "I6": _ratio(3, 4, "I6"),
-    "I10": _ratio(4, 2, "I10"),
-    "I15": _ratio(5, 2, "I15"),
+    "anisotropy": _check_anisotropy,
+    "I4": _make_ratio_check(3, 2, "I4"),
+    "I6": _make_ratio_check(3, 4, "I6"),
+    "I10": _make_ratio_check(4, 2, "I10"),
+    "I15": _make_ratio_check(5, 2, "I15"),
 }

@@ -1,36 +1,36 @@
-"""Faults of this package: one base class, one subclass a kind, each message ready to be shown."""
+"""Exceptions of the package; each message can be shown to the user as it is."""
 
 
 class VisionError(Exception):
-    """Base of every fault that this package raises on purpose."""
+    """Base class of all exceptions that this package raises on purpose."""
 
 
 class ImageError(VisionError):
-    """An image message that cannot be read: encoding, size or length of the data."""
+    """An image message that cannot be read because of its encoding, size or data length."""
 
 
 class CalibrationError(VisionError):
-    """A camera_info that no pixel can be normalised with."""
+    """A CameraInfo that cannot be used to normalise pixels."""
 
 
 class SegmentationError(VisionError):
-    """A segmentation that was asked for with impossible settings."""
+    """A segmentation with invalid settings, or an image that cannot be segmented."""
 
 
 class MomentsError(VisionError):
-    """A shape that has no usable moments: empty, too few points, crossing edges, not finite."""
+    """A shape without usable moments: empty, too few points, crossing edges or not finite."""
 
 
 class FeatureError(VisionError):
-    """A feature that does not exist or that lacks what it needs."""
+    """A feature that does not exist or whose inputs are missing."""
 
 
 class DegenerateFeatureError(FeatureError):
-    """A feature that is undefined for this shape.
+    """A feature that is undefined for the current shape.
 
     Attributes:
         name: the feature.
-        reason: why it is undefined, in words.
+        reason: explanation why it is undefined.
     """
 
     def __init__(self, name: str, reason: str) -> None:
@@ -40,8 +40,8 @@ class DegenerateFeatureError(FeatureError):
 
 
 class ModelError(VisionError):
-    """A mesh that no pose can be tracked by: open, inside out, or not in metres."""
+    """A mesh or a start pose that cannot be used for tracking."""
 
 
 class ParameterError(VisionError):
-    """A parameter of the node that is unknown, ill-typed or out of range."""
+    """A parameter of the node that is unknown, of the wrong type or out of range."""

@@ -1,16 +1,16 @@
-"""Visual features of a target and their interaction matrices, as one immutable result.
+"""Visual features of image moments and their interaction matrices, as one immutable result.
 
     result = compute_moment_features(moments, ("xn", "yn", "an", "alpha"), plane, reference)
     result.values    # s, (4,)
     result.L         # ds/dt = L v, (4, 6), v the camera's twist in its own optical frame
 
-Names: m00 ... , mu20 ... (any moment), xg, yg, area, xn, yn, an, alpha (symmetric, in
-(-pi/2, pi/2]), alpha_full (reference-based, in (-pi, pi]), C1 ... C10, Sx, Sy, Px, Py, and the
-polynomials I1 ... I15 behind them. A combination is written as it is meant: "C3 - 0.5 * C4" is
-a feature too, its interaction matrix follows by the chain rule.
+Names: m00 ..., mu20 ... (any moment), xg, yg, area, xn, yn, an, alpha (symmetric, in
+(-pi/2, pi/2]), alpha_full (relative to the reference, in (-pi, pi]), C1 ... C10, Sx, Sy, Px, Py,
+and the polynomials I1 ... I15 from which they are made. An expression such as "C3 - 0.5 * C4" is
+also a feature; its interaction matrix follows by the chain rule.
 
-A feature that a shape leaves undefined (the alpha of a square, a ratio 0/0) is listed in
-`degenerate` with the reason; its value and row are zero, never NaN.
+A feature that is undefined for a shape (alpha of a square, a ratio 0/0) is listed in `degenerate`
+with the reason. Its value and row are zero, never NaN.
 """
 
 from __future__ import annotations
@@ -26,28 +26,28 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from .definitions import DENOMINATORS, FORMULAS
 from .degeneracy import CHECKS, DEFAULT_TOLERANCE
 from .errors import DegenerateFeatureError, FeatureError
+from .feature_formulas import DENOMINATORS, FORMULAS
 from .formula import Formula, Program
-from .interaction import Plane, centred_rows, raw_rows
+from .interaction import Plane, compute_centred_interaction, compute_raw_interaction
 from .moments import DENSE, Moments, exponents
 from .orientation import Orientation, full_alpha
 from .polygons import Array
 
-PAPER = ("xn", "yn", "an", "alpha")
+PAPER_FEATURES = ("xn", "yn", "an", "alpha")
 
 _MOMENT = re.compile(r"(m|mu)(\d)(\d)\Z")
 
 
 @dataclass(frozen=True)
 class Reference:
-    """Area, depth and orientation of the desired view, which an, xn, yn and alpha_full refer to.
+    """Area, depth and orientation of the desired view, to which an, xn, yn and alpha_full refer.
 
     Attributes:
         area: a*, the `Moments.area` of the desired view.
-        depth: Z*, m, of the target's plane along the optical axis in the desired view.
-        orientation: of the desired view, for alpha_full; None if it has no main axis.
+        depth: Z*, depth of the target's plane on the optical axis in the desired view, m.
+        orientation: orientation in the desired view, for alpha_full; None if it has no main axis.
     """
 
     area: float
@@ -62,13 +62,13 @@ class Reference:
 
     @classmethod
     def from_moments(cls, moments: Moments, depth: float, plane: Plane | None = None) -> Reference:
-        """From the moments of the desired view and its depth Z* (m).
+        """Return the reference of a desired view with the given moments and depth Z* (m).
 
-        `plane` is the target's plane in that view, square to the optical axis by default.
+        `plane` is the target's plane in that view; by default it is parallel to the image plane.
         Moments below order 3 give a reference without orientation.
         """
         plane = Plane.fronto_parallel(depth) if plane is None else plane
-        return cls(moments.area, depth, Orientation.of(moments, plane))
+        return cls(moments.area, depth, Orientation.from_moments(moments, plane))
 
 
 @dataclass(frozen=True, eq=False)
@@ -76,11 +76,11 @@ class FeatureSet:
     """Features and their interaction matrix.
 
     Attributes:
-        names: k names, in the order asked for.
+        names: k names, in the requested order.
         values: (k,) read-only.
         L: (k, 6) read-only; d(values)/dt = L (vx, vy, vz, wx, wy, wz).
-        degenerate: name -> reason, for those that this shape leaves undefined.
-        plane: the plane that L was worked out for.
+        degenerate: reason by name, for the features that are undefined for this shape.
+        plane: the plane for which L was computed.
     """
 
     names: tuple[str, ...]
@@ -90,19 +90,24 @@ class FeatureSet:
     plane: Plane
 
     @property
-    def ok(self) -> bool:
+    def is_defined(self) -> bool:
         """True if every feature is defined."""
         return not self.degenerate
 
     def __getitem__(self, name: str) -> float:
-        """Value of one feature. Raises DegenerateFeatureError or FeatureError."""
-        return float(self.values[self._index(name)])
+        """Return the value of one feature.
 
-    def row(self, name: str) -> Array:
-        """L of one feature, (6,). Raises DegenerateFeatureError or FeatureError."""
-        return self.L[self._index(name)]
+        Raises:
+            DegenerateFeatureError: the feature is undefined for this shape.
+            FeatureError: the feature was not computed.
+        """
+        return float(self.values[self._find_index(name)])
 
-    def _index(self, name: str) -> int:
+    def get_interaction_row(self, name: str) -> Array:
+        """Return the row of L of one feature, (6,); raise errors as `__getitem__` does."""
+        return self.L[self._find_index(name)]
+
+    def _find_index(self, name: str) -> int:
         if name in self.degenerate:
             raise DegenerateFeatureError(name, self.degenerate[name])
         if name not in self.names:
@@ -111,20 +116,20 @@ class FeatureSet:
 
 
 class _Node(NamedTuple):
-    """A formula with what it rests on, worked out once per name."""
+    """A formula with the leaves and denominators that it depends on, computed once per name."""
 
-    formula: Formula | None  # None: a leaf
+    formula: Formula | None  # None for a leaf
     leaves: frozenset[str]
     denominators: tuple[str, ...]
 
 
 @cache
-def _node(name: str) -> _Node:
+def _make_node(name: str) -> _Node:
     own = (DENOMINATORS[name],) if name in DENOMINATORS else ()
     if name == "alpha_full":
         third = (name, "mu30", "mu21", "mu12", "mu03")
-        return _Node(None, frozenset((*third, *_node("alpha").leaves)), own)
-    if name in ("a", "xg", "yg", "a_star", "Z_star") or _moment_of(name):
+        return _Node(None, frozenset((*third, *_make_node("alpha").leaves)), own)
+    if name in ("a", "xg", "yg", "a_star", "Z_star") or _parse_moment(name):
         return _Node(None, frozenset((name,)), own)
     formula = FORMULAS.get(name)
     if formula is None:
@@ -137,20 +142,20 @@ def _node(name: str) -> _Node:
             formula = Formula(name)
         except (SyntaxError, ValueError) as error:
             raise FeatureError(f"'{name}' is neither a feature nor a formula: {error}") from None
-    below = [_node(n) for n in formula.names]
+    below = [_make_node(n) for n in formula.names]
     denominators = dict.fromkeys((*own, *(d for n in below for d in n.denominators)))
     return _Node(formula, frozenset().union(*(n.leaves for n in below)), tuple(denominators))
 
 
 @cache
-def _moment_of(leaf: str) -> tuple[str, int, int] | None:
-    """('m' or 'mu', i, j) of a moment's name."""
+def _parse_moment(leaf: str) -> tuple[str, int, int] | None:
+    """Return ('m' or 'mu', i, j) for the name of a moment, otherwise None."""
     match = _MOMENT.match(leaf)
     return None if match is None else (match[1], int(match[2]), int(match[3]))
 
 
-def _leaf_order(leaf: str, kind: str) -> int:
-    if moment := _moment_of(leaf):
+def _find_leaf_order(leaf: str, kind: str) -> int:
+    if moment := _parse_moment(leaf):
         return moment[1] + moment[2]
     if leaf == "a":
         return 0 if kind == DENSE else 2
@@ -158,53 +163,56 @@ def _leaf_order(leaf: str, kind: str) -> int:
 
 
 class _Plan(NamedTuple):
-    """What a list of features needs, worked out once per list.
+    """Inputs that a list of features needs, computed once per list.
 
     Attributes:
-        leaves: in the order of the rows of _leaf_rows().
-        centred_order, raw_order: highest order that needs rows; raw -1: none is asked for.
-        gather: where _leaf_rows() finds the leaf in the stack of all rows.
+        leaves: names, in the order of the rows of `_compute_leaf_rows`.
+        centred_order, raw_order: highest order of the rows that are needed; raw_order is -1 if no
+            raw moments are used.
+        row_indices: index of each leaf in the stack of all rows.
     """
 
     leaves: tuple[str, ...]
     centred_order: int
     raw_order: int
-    gather: NDArray[np.intp]
+    row_indices: NDArray[np.intp]
 
 
 @lru_cache(maxsize=256)
-def _plan(names: tuple[str, ...], kind: str) -> _Plan:
-    leaves = sorted(frozenset().union(*(_node(name).leaves for name in names)))
-    raw = [_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
-    rest = [_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
+def _make_plan(names: tuple[str, ...], kind: str) -> _Plan:
+    leaves = sorted(frozenset().union(*(_make_node(name).leaves for name in names)))
+    raw = [_find_leaf_order(n, kind) for n in leaves if re.match(r"m\d", n)]
+    rest = [_find_leaf_order(n, kind) for n in leaves if not re.match(r"m\d", n)]
     centred_order, raw_order = max([1, *rest]), max([1, *raw]) if raw else -1
-    # the stack: area, xg, yg, zero, all mu, all m
+    # Order of the stack: area, xg, yg, zero, all mu, all m.
     first_raw = 4 + len(exponents(centred_order))
 
-    def position(leaf: str) -> int:
-        if moment := _moment_of(leaf):
+    def find_position(leaf: str) -> int:
+        if moment := _parse_moment(leaf):
             table, i, j = moment
             index = (i + j) * (i + j + 1) // 2 + j
             return index + (first_raw if table == "m" else 4)
         return {"a": 0, "xg": 1, "yg": 2}.get(leaf, 3)
 
-    return _Plan(tuple(leaves), centred_order, raw_order, np.array([position(n) for n in leaves]))
+    return _Plan(
+        tuple(leaves), centred_order, raw_order, np.array([find_position(n) for n in leaves])
+    )
 
 
 @lru_cache(maxsize=256)
-def _program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
-    return Program(names, lambda name: _node(name).formula, leaves, {"alpha_full": "alpha"})
+def _make_program(names: tuple[str, ...], leaves: tuple[str, ...]) -> Program:
+    return Program(names, lambda name: _make_node(name).formula, leaves, {"alpha_full": "alpha"})
 
 
-def required_order(names: Iterable[str], kind: str = DENSE) -> int:
-    """Order of moments that the features and their L need: one more than their values do."""
-    plan = _plan(tuple(names), kind)
+def compute_required_order(names: Iterable[str], kind: str = DENSE) -> int:
+    """Return the order of moments that L of the features needs, one more than their values."""
+    plan = _make_plan(tuple(names), kind)
     return max(plan.centred_order, plan.raw_order) + 1
 
 
 def compute_moment_features(
     moments: Moments,
-    names: Sequence[str] = PAPER,
+    names: Sequence[str] = PAPER_FEATURES,
     plane: Plane | None = None,
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
@@ -215,67 +223,73 @@ def compute_moment_features(
     T-RO 20(4), 2004; O. Tahri and F. Chaumette, IEEE T-RO 21(6), 2005.
 
     Args:
-        moments: of the current view.
-        names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; see the head of this module.
+        moments: moments of the current view.
+        names: features such as 'xn', 'alpha' or 'C3 - 0.5 * C4'; this module's docstring lists
+            them.
         plane: target's plane in the current optical frame, 1/Z = A x + B y + C. By default it is
-            square to the optical axis, at the depth at which the area matches the reference.
-        reference: the desired view, for an, xn, yn, alpha_full and the default plane.
-        tolerance: dimensionless size below which a denominator counts as zero; rounding needs
-            1e-9, a noisy image of a square rather 1e-2.
+            parallel to the image plane, at the depth at which the area matches the reference.
+        reference: desired view, for an, xn, yn, alpha_full and the default plane.
+        tolerance: dimensionless size below which a denominator counts as zero: 1e-9 for rounding
+            errors, about 1e-2 for a noisy image of a square.
 
     Returns:
-        values s (k,), L (k, 6), and why which of them is undefined for this shape.
+        Values s (k,), L (k, 6), and the reason for each feature that is undefined for this shape.
 
     Raises:
-        FeatureError: unknown name, order of moments too low, or no reference where one is needed.
+        FeatureError: a name is unknown, the order of the moments is too low, or a reference is
+            missing.
     """
     names = tuple(names)
-    plane = _plane(moments, reference) if plane is None else plane
-    view, plan = _View(moments, plane, reference, tolerance), _plan(names, moments.kind)
-    values, rows, degenerate = view.found(names, plan)
-    L = np.array(rows) @ _leaf_rows(moments, plane, plan)
+    plane = _make_plane(moments, reference) if plane is None else plane
+    view, plan = _View(moments, plane, reference, tolerance), _make_plan(names, moments.kind)
+    values, rows, degenerate = view.evaluate_defined(names, plan)
+    L = np.array(rows) @ _compute_leaf_rows(moments, plane, plan)
     L.setflags(write=False)
     return FeatureSet(names, values, L, MappingProxyType(degenerate), plane)
 
 
-def values(
+def compute_feature_values(
     moments: Moments,
     names: tuple[str, ...],
     plane: Plane,
     reference: Reference | None = None,
     tolerance: float = DEFAULT_TOLERANCE,
 ) -> Array:
-    """The values (k,) of `compute_moment_features`, without L; FeatureError likewise."""
-    plan = _plan(names, moments.kind)
-    return _View(moments, plane, reference, tolerance).found(names, plan)[0]
+    """Compute only the values (k,) of `compute_moment_features`, without L.
+
+    Raises:
+        FeatureError: as in `compute_moment_features`.
+    """
+    plan = _make_plan(names, moments.kind)
+    return _View(moments, plane, reference, tolerance).evaluate_defined(names, plan)[0]
 
 
-def _plane(moments: Moments, reference: Reference | None) -> Plane:
-    """Square to the optical axis, where the area matches the reference."""
+def _make_plane(moments: Moments, reference: Reference | None) -> Plane:
+    """Return the plane parallel to the image plane at which the area matches the reference."""
     if reference is None:
-        raise FeatureError("give a plane, or a reference that its depth can be taken from")
+        raise FeatureError("give a plane, or a reference from which its depth can be computed")
     if not moments.area > 0.0:
-        raise FeatureError("the points coincide: no depth can be taken from them")
+        raise FeatureError("the points coincide: no depth can be computed from them")
     return Plane.fronto_parallel(reference.depth * sqrt(reference.area / moments.area))
 
 
-def _leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
-    """(leaves, 6) interaction rows of the leaves, in the order of plan.leaves."""
-    centre, mu = centred_rows(moments, plane, plan.centred_order)
+def _compute_leaf_rows(moments: Moments, plane: Plane, plan: _Plan) -> Array:
+    """Compute the interaction rows of the leaves, (n, 6), in the order of plan.leaves."""
+    centre, mu = compute_centred_interaction(moments, plane, plan.centred_order)
     area = mu[:1]
     if moments.kind != DENSE and "a" in plan.leaves:
         area = mu[3:4] + mu[5:6]
     stack = [area, centre, _NO_ROW, mu]
     if plan.raw_order > 0:
-        stack.append(raw_rows(moments, plane, plan.raw_order))
-    return np.concatenate(stack)[plan.gather]
+        stack.append(compute_raw_interaction(moments, plane, plan.raw_order))
+    return np.concatenate(stack)[plan.row_indices]
 
 
 _NO_ROW = np.zeros((1, 6))
 
 
 class _View:
-    """Values of one view and their derivatives by the leaves."""
+    """Values of one view and their derivatives with respect to the leaves."""
 
     def __init__(
         self, moments: Moments, plane: Plane, reference: Reference | None, tolerance: float
@@ -286,11 +300,14 @@ class _View:
         self.tolerance = tolerance
         self._mu = moments.centred.tolist()
 
-    def found(
+    def evaluate_defined(
         self, names: tuple[str, ...], plan: _Plan
     ) -> tuple[Array, tuple[tuple[float, ...], ...], dict[str, str]]:
-        """Values (k,) of the features, each one's derivatives by the plan's leaves, and why some
-        are undefined; those have zeros.
+        """Evaluate the features and replace undefined ones by zeros.
+
+        Returns:
+            Values (k,); derivatives of each feature with respect to the plan's leaves; and the
+            reasons for the undefined features by name.
 
         Raises:
             FeatureError: the order of the moments is too low.
@@ -301,7 +318,7 @@ class _View:
                 f"{', '.join(names)} need moments up to order {needed} (one more than their "
                 f"values, for L); these go up to {order}"
             )
-        reasons = ((name, self.undefined(name)) for name in names)
+        reasons = ((name, self.explain_undefined(name)) for name in names)
         degenerate = {name: reason for name, reason in reasons if reason is not None}
         defined = tuple(n for n in names if n not in degenerate) if degenerate else names
         try:
@@ -317,54 +334,54 @@ class _View:
                     values.append(value)
                     rows.append(row)
         if degenerate:
-            nothing, left = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
-            both = [nothing if name in degenerate else next(left) for name in names]
-            values, rows = zip(*both, strict=True)
+            zeros, remaining = (0.0, (0.0,) * len(plan.leaves)), zip(values, rows, strict=True)
+            results = [zeros if name in degenerate else next(remaining) for name in names]
+            values, rows = zip(*results, strict=True)
         values = np.array(values)
         values.setflags(write=False)
         return values, rows, degenerate
 
-    def undefined(self, name: str) -> str | None:
-        """Why the feature is undefined, or None."""
-        for denominator in _node(name).denominators:
-            value = self._value(denominator) if denominator in FORMULAS else 0.0
+    def explain_undefined(self, name: str) -> str | None:
+        """Return the reason if the feature is undefined, otherwise None."""
+        for denominator in _make_node(name).denominators:
+            value = self._get_value(denominator) if denominator in FORMULAS else 0.0
             reason = CHECKS[denominator](self.moments, value, self.tolerance)
             if reason is not None:
                 return reason
-        if name == "alpha_full" and self._reference(name).orientation is None:
+        if name == "alpha_full" and self._get_reference(name).orientation is None:
             return "the reference has no main axis, hence no orientation to compare with"
         return None
 
     def evaluate(
         self, names: tuple[str, ...], leaves: tuple[str, ...]
     ) -> tuple[tuple[float, ...], tuple[tuple[float, ...], ...]]:
-        """Values of the features, and each one's derivatives by the leaves.
+        """Return the values of the features and their derivatives with respect to the leaves.
 
         Raises:
-            ZeroDivisionError: one of them divides by zero.
+            ZeroDivisionError: a feature divides by zero.
         """
-        program = _program(names, leaves)
-        used = program.used
-        return program.evaluate(*(self._leaf(n) if n in used else 0.0 for n in leaves))
+        program = _make_program(names, leaves)
+        used = program.used_leaves
+        return program.evaluate(*(self._get_leaf(n) if n in used else 0.0 for n in leaves))
 
-    def _value(self, name: str) -> float:
-        return self.evaluate((name,), tuple(sorted(_node(name).leaves)))[0][0]
+    def _get_value(self, name: str) -> float:
+        return self.evaluate((name,), tuple(sorted(_make_node(name).leaves)))[0][0]
 
-    def _leaf(self, name: str) -> float:
+    def _get_leaf(self, name: str) -> float:
         moments = self.moments
-        if moment := _moment_of(name):
+        if moment := _parse_moment(name):
             table, i, j = moment
             return moments.m(i, j) if table == "m" else self._mu[i][j]
         if name == "a":
             return moments.area
         if name in ("xg", "yg"):
             return moments.xg if name == "xg" else moments.yg
-        reference = self._reference(name)
+        reference = self._get_reference(name)
         if name == "alpha_full":
-            return full_alpha(moments, self._value("alpha"), self.plane, reference.orientation)
+            return full_alpha(moments, self._get_value("alpha"), self.plane, reference.orientation)
         return reference.area if name == "a_star" else reference.depth
 
-    def _reference(self, name: str) -> Reference:
+    def _get_reference(self, name: str) -> Reference:
         if self.reference is None:
             raise FeatureError(f"'{name}' needs a reference: the desired area and depth")
         return self.reference

@@ -1,8 +1,8 @@
-"""Formulas that are written once and differentiated by rule.
+"""Formulas with automatic symbolic derivatives.
 
-An interaction matrix that is typed in beside its feature can disagree with it (ViSP's L of C5
-did, for years). Here a feature is one expression; its partial derivatives come from the
-expression itself, so a feature and its interaction matrix cannot drift apart.
+An interaction matrix that is typed in by hand can disagree with its feature, as the matrix of C5
+did in ViSP for years. Here a feature is a single expression, and its partial derivatives follow
+from that expression. The feature and its interaction matrix therefore always agree.
 """
 
 from __future__ import annotations
@@ -15,17 +15,18 @@ _ZERO, _ONE = ast.Constant(0.0), ast.Constant(1.0)
 
 
 class Formula:
-    """A real expression of named variables in + - * / ** (constant powers), sqrt and atan2.
+    """A real expression of named variables with + - * /, ** (constant exponents), sqrt and atan2.
 
     Attributes:
-        source: the expression as written.
+        source: the expression as text.
         names: its variables, in order of first appearance.
+        body: source text of a tuple of the value and its partial derivatives.
     """
 
     def __init__(self, source: str) -> None:
         self.source = source
         tree = ast.parse(source, mode="eval").body
-        self.names: tuple[str, ...] = tuple(_variables(tree))
+        self.names: tuple[str, ...] = tuple(_find_variables(tree))
         partials = [_differentiate(tree, name) for name in self.names]
         self.body = ast.unparse(ast.Tuple(elts=[tree, *partials], ctx=ast.Load()))
 
@@ -34,88 +35,101 @@ class Formula:
 
 
 class Program:
-    """Several formulas that rest on each other, and their derivatives by what all rest on, as one
-    function without loops.
+    """Several formulas that use each other, compiled to one function without loops.
+
+    The function returns the values of the formulas and their derivatives with respect to the
+    leaves. A leaf is a name without a formula, such as a moment.
 
     Attributes:
-        leaves: what it takes, in this order. used: those that matter.
+        leaves: arguments of `evaluate`, in this order.
+        used_leaves: those that affect the result.
+        evaluate: the compiled function; it returns the values and the rows of derivatives.
     """
 
     def __init__(
         self,
         names: Sequence[str],
-        formula_of: Callable[[str], Formula | None],
+        find_formula: Callable[[str], Formula | None],
         leaves: Sequence[str],
         same_slope: Mapping[str, str],
     ) -> None:
-        """Write it.
+        """Compile the program.
 
         Args:
-            names: what it answers: formulas, or leaves themselves.
-            formula_of: a name's formula; None for a leaf.
-            leaves: all of them; there may be more than are used.
-            same_slope: leaves whose derivatives are those of a formula.
+            names: formulas or leaves whose values are returned.
+            find_formula: function that returns the formula of a name, or None for a leaf.
+            leaves: all leaves; some may be unused.
+            same_slope: maps leaves to formulas that have the same derivatives.
         """
         self.leaves = tuple(leaves)
-        self.used: set[str] = set()
-        self._formula_of, self._same_slope = formula_of, same_slope
+        self.used_leaves: set[str] = set()
+        self._find_formula, self._same_slope = find_formula, same_slope
         self._lines: list[str] = []
-        # name -> the local variable of its value, and those of its derivatives by leaf
-        self._known: dict[str, tuple[str, dict[str, str]]] = {}
-        found = [self._locals_of(name) for name in names]
-        values = _tuple(value for value, _ in found)
-        rows = _tuple(_tuple(slopes.get(n, "0.0") for n in self.leaves) for _, slopes in found)
+        # By name: the local variable of the value, and those of the derivatives by leaf.
+        self._local_names: dict[str, tuple[str, dict[str, str]]] = {}
+        found = [self._get_locals(name) for name in names]
+        values = _format_tuple(value for value, _ in found)
+        rows = _format_tuple(
+            _format_tuple(slopes.get(n, "0.0") for n in self.leaves) for _, slopes in found
+        )
         body = "\n    ".join([*self._lines, f"return {values}, {rows}"])
-        self.evaluate = _made(f"def program({', '.join(self.leaves)}):\n    {body}", "program")
+        self.evaluate = _compile_function(
+            f"def program({', '.join(self.leaves)}):\n    {body}", "program"
+        )
 
-    def _locals_of(self, name: str) -> tuple[str, dict[str, str]]:
-        """The variables of a value and its derivatives, after writing the lines that set them."""
-        if name not in self._known:
-            formula = self._formula_of(name)
+    def _get_locals(self, name: str) -> tuple[str, dict[str, str]]:
+        """Return the local variables of a name's value and derivatives.
+
+        The lines that set the variables are written at the first call.
+        """
+        if name not in self._local_names:
+            formula = self._find_formula(name)
             if formula is not None:
-                self._known[name] = self._written(formula)
+                self._local_names[name] = self._write_formula(formula)
             else:
-                self.used.add(name)
+                self.used_leaves.add(name)
                 same = self._same_slope.get(name)
-                slopes = {name: "1.0"} if same is None else self._locals_of(same)[1]
-                self._known[name] = name, slopes
-        return self._known[name]
+                slopes = {name: "1.0"} if same is None else self._get_locals(same)[1]
+                self._local_names[name] = name, slopes
+        return self._local_names[name]
 
-    def _written(self, formula: Formula) -> tuple[str, dict[str, str]]:
-        below = [self._locals_of(name) for name in formula.names]
-        own = f"_{len(self._known)}"
-        partials = [f"{own}_{k}" for k in range(len(below))]
-        # The expression names what it rests on; there they are called otherwise, or are leaves.
-        locally = {name: value for name, (value, _) in zip(formula.names, below, strict=True)}
-        renamed = _renamed(formula.body, locally)
-        self._lines.append(f"{', '.join([own, *partials])} = {renamed}")
+    def _write_formula(self, formula: Formula) -> tuple[str, dict[str, str]]:
+        arguments = [self._get_locals(name) for name in formula.names]
+        variable = f"_{len(self._local_names)}"
+        partials = [f"{variable}_{k}" for k in range(len(arguments))]
+        # In the program, the variables of the expression are leaves or local variables.
+        local_values = {
+            name: value for name, (value, _) in zip(formula.names, arguments, strict=True)
+        }
+        expression = _rename_variables(formula.body, local_values)
+        self._lines.append(f"{', '.join([variable, *partials])} = {expression}")
         sums: dict[str, list[str]] = {}
-        for (_, slopes), partial in zip(below, partials, strict=True):
+        for (_, slopes), partial in zip(arguments, partials, strict=True):
             for leaf, slope in slopes.items():
                 sums.setdefault(leaf, []).append(
                     partial if slope == "1.0" else f"{partial} * {slope}"
                 )
         slopes = {}
         for k, (leaf, terms) in enumerate(sums.items()):
-            slopes[leaf] = f"{own}_by_{k}"
+            slopes[leaf] = f"{variable}_by_{k}"
             self._lines.append(f"{slopes[leaf]} = {' + '.join(terms)}")
-        return own, slopes
+        return variable, slopes
 
 
-def _tuple(entries: Iterable[str]) -> str:
+def _format_tuple(entries: Iterable[str]) -> str:
     return f"({''.join(f'{entry}, ' for entry in entries)})"
 
 
-def _made(source: str, name: str = "") -> Callable[..., tuple]:
-    """The function that a text of our own defines, or a lambda."""
-    known: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
+def _compile_function(source: str, name: str = "") -> Callable[..., tuple]:
+    """Compile generated source to a function; without a name it is a lambda."""
+    namespace: dict[str, object] = {"sqrt": sqrt, "atan2": atan2, "__builtins__": {}}
     if not name:
-        return eval(compile(source, f"<formula {source}>", "eval"), known)  # noqa: S307
-    exec(compile(source, f"<formulas {source}>", "exec"), known)  # noqa: S102
-    return known[name]
+        return eval(compile(source, f"<formula {source}>", "eval"), namespace)  # noqa: S307
+    exec(compile(source, f"<formulas {source}>", "exec"), namespace)  # noqa: S102
+    return namespace[name]
 
 
-def _renamed(body: str, names: Mapping[str, str]) -> str:
+def _rename_variables(body: str, names: Mapping[str, str]) -> str:
     tree = ast.parse(body, mode="eval")
     for node in ast.walk(tree):
         if isinstance(node, ast.Name):
@@ -123,7 +137,7 @@ def _renamed(body: str, names: Mapping[str, str]) -> str:
     return ast.unparse(tree)
 
 
-def _variables(tree: ast.expr) -> list[str]:
+def _find_variables(tree: ast.expr) -> list[str]:
     functions = {n.func.id for n in ast.walk(tree) if isinstance(n, ast.Call)}
     found: dict[str, None] = {}
     for node in ast.walk(tree):
@@ -132,28 +146,28 @@ def _variables(tree: ast.expr) -> list[str]:
     return list(found)
 
 
-def _is(node: ast.expr, number: float) -> bool:
+def _is_number(node: ast.expr, number: float) -> bool:
     return isinstance(node, ast.Constant) and node.value == number
 
 
-def _sum(a: ast.expr, b: ast.expr, sign: ast.operator) -> ast.expr:
-    if _is(b, 0.0):
+def _add(a: ast.expr, b: ast.expr, sign: ast.operator) -> ast.expr:
+    if _is_number(b, 0.0):
         return a
-    if _is(a, 0.0) and isinstance(sign, ast.Sub):
+    if _is_number(a, 0.0) and isinstance(sign, ast.Sub):
         return ast.UnaryOp(ast.USub(), b)
-    return b if _is(a, 0.0) else ast.BinOp(a, sign, b)
+    return b if _is_number(a, 0.0) else ast.BinOp(a, sign, b)
 
 
-def _product(a: ast.expr, b: ast.expr) -> ast.expr:
-    if _is(a, 0.0) or _is(b, 0.0):
+def _multiply(a: ast.expr, b: ast.expr) -> ast.expr:
+    if _is_number(a, 0.0) or _is_number(b, 0.0):
         return _ZERO
-    if _is(a, 1.0):
+    if _is_number(a, 1.0):
         return b
-    return a if _is(b, 1.0) else ast.BinOp(a, ast.Mult(), b)
+    return a if _is_number(b, 1.0) else ast.BinOp(a, ast.Mult(), b)
 
 
-def _quotient(a: ast.expr, b: ast.expr) -> ast.expr:
-    return _ZERO if _is(a, 0.0) else ast.BinOp(a, ast.Div(), b)
+def _divide(a: ast.expr, b: ast.expr) -> ast.expr:
+    return _ZERO if _is_number(a, 0.0) else ast.BinOp(a, ast.Div(), b)
 
 
 def _square(a: ast.expr) -> ast.expr:
@@ -161,29 +175,29 @@ def _square(a: ast.expr) -> ast.expr:
 
 
 def _differentiate(node: ast.expr, name: str) -> ast.expr:
-    """The derivative of `node` by the variable `name`, as a tree."""
+    """Return the derivative of `node` with respect to the variable `name`, as a tree."""
     match node:
         case ast.Constant():
             return _ZERO
         case ast.Name(id=variable):
             return _ONE if variable == name else _ZERO
         case ast.UnaryOp(op=ast.USub(), operand=a):
-            return _sum(_ZERO, _differentiate(a, name), ast.Sub())
+            return _add(_ZERO, _differentiate(a, name), ast.Sub())
         case ast.BinOp(left=a, op=(ast.Add() | ast.Sub()) as sign, right=b):
-            return _sum(_differentiate(a, name), _differentiate(b, name), sign)
+            return _add(_differentiate(a, name), _differentiate(b, name), sign)
         case ast.BinOp(left=a, op=ast.Mult(), right=b):
             da, db = _differentiate(a, name), _differentiate(b, name)
-            return _sum(_product(da, b), _product(a, db), ast.Add())
+            return _add(_multiply(da, b), _multiply(a, db), ast.Add())
         case ast.BinOp(left=a, op=ast.Div(), right=b):
             da, db = _differentiate(a, name), _differentiate(b, name)
-            return _sum(_quotient(da, b), _quotient(_product(a, db), _square(b)), ast.Sub())
+            return _add(_divide(da, b), _divide(_multiply(a, db), _square(b)), ast.Sub())
         case ast.BinOp(left=a, op=ast.Pow(), right=ast.Constant(value=n)):
             power = a if n == 2 else ast.BinOp(a, ast.Pow(), ast.Constant(n - 1))
-            return _product(_product(ast.Constant(n), power), _differentiate(a, name))
+            return _multiply(_multiply(ast.Constant(n), power), _differentiate(a, name))
         case ast.Call(func=ast.Name(id="sqrt"), args=[a]):
-            return _quotient(_differentiate(a, name), _product(ast.Constant(2.0), node))
+            return _divide(_differentiate(a, name), _multiply(ast.Constant(2.0), node))
         case ast.Call(func=ast.Name(id="atan2"), args=[s, c]):
             ds, dc = _differentiate(s, name), _differentiate(c, name)
-            turn = _sum(_product(c, ds), _product(s, dc), ast.Sub())
-            return _quotient(turn, ast.BinOp(_square(s), ast.Add(), _square(c)))
+            turn = _add(_multiply(c, ds), _multiply(s, dc), ast.Sub())
+            return _divide(turn, ast.BinOp(_square(s), ast.Add(), _square(c)))
     raise ValueError(f"no rule to differentiate {ast.unparse(node)!r}")

@@ -1,4 +1,4 @@
-"""From the bytes of an image message to grey and RGB arrays, with numpy and OpenCV only."""
+"""Decoding of image messages to grey and RGB arrays, with numpy and OpenCV only."""
 
 from __future__ import annotations
 
@@ -12,11 +12,11 @@ from numpy.typing import NDArray
 
 from .errors import ImageError
 
-# A servo loop's pictures are small: OpenCV's threads find nothing to share in 320 x 240 pixels, and
-# wait for it at full speed: twice the processor time that segmentation and moments take.
+# Images of a servo loop are small. With 320 x 240 pixels, OpenCV's threads have nothing to share,
+# and their busy waiting takes twice the processor time of segmentation and moments.
 cv2.setNumThreads(1)
 
-# encoding -> (bytes a channel, channels, conversion to grey, conversion to RGB)
+# By encoding: bytes per channel, channels, conversion to grey, conversion to RGB.
 _ENCODINGS: dict[str, tuple[int, int, int | None, int | None]] = {
     "mono8": (1, 1, None, cv2.COLOR_GRAY2RGB),
     "mono16": (2, 1, None, cv2.COLOR_GRAY2RGB),
@@ -25,7 +25,8 @@ _ENCODINGS: dict[str, tuple[int, int, int | None, int | None]] = {
     "bgr8": (1, 3, cv2.COLOR_BGR2GRAY, cv2.COLOR_BGR2RGB),
     "rgba8": (1, 4, cv2.COLOR_RGBA2GRAY, cv2.COLOR_RGBA2RGB),
     "bgra8": (1, 4, cv2.COLOR_BGRA2GRAY, cv2.COLOR_BGRA2RGB),
-    # OpenCV names a Bayer pattern by its second row's second and third pixel, ROS by the first two
+    # OpenCV names a Bayer pattern after the second and third pixel of its second row, ROS after
+    # the first two pixels of the first row.
     "bayer_rggb8": (1, 1, cv2.COLOR_BayerBG2GRAY, cv2.COLOR_BayerBG2RGB),
     "bayer_bggr8": (1, 1, cv2.COLOR_BayerRG2GRAY, cv2.COLOR_BayerRG2RGB),
     "bayer_gbrg8": (1, 1, cv2.COLOR_BayerGR2GRAY, cv2.COLOR_BayerGR2RGB),
@@ -36,47 +37,49 @@ ENCODINGS = tuple(_ENCODINGS)
 
 @dataclass(frozen=True, eq=False)
 class Image:
-    """One image; grey and colour are worked out when first asked for.
+    """One image; its grey and RGB arrays are computed at first use.
 
     Attributes:
-        pixels: (rows, columns) or (rows, columns, channels) uint8, as encoded, 16 bit reduced.
+        pixels: (rows, columns) or (rows, columns, channels) uint8, in the encoding of the message;
+            16-bit channels are reduced to 8 bits.
         encoding: one of ENCODINGS.
-        labelled: (rows, columns) 255 where a label image has the target, 0 elsewhere; None: there
-            is none.
+        target_mask: (rows, columns), 255 where a label image shows the target and 0 elsewhere; None
+            without a label image.
     """
 
     pixels: NDArray[np.uint8]
     encoding: str
-    labelled: NDArray[np.uint8] | None = None
+    target_mask: NDArray[np.uint8] | None = None
 
     @property
     def shape(self) -> tuple[int, int]:
-        """(rows, columns)."""
+        """Size (rows, columns)."""
         return self.pixels.shape[:2]
 
     @cached_property
     def grey(self) -> NDArray[np.uint8]:
-        """(rows, columns) grey levels."""
+        """Grey levels (rows, columns)."""
         code = _ENCODINGS[self.encoding][2]
         return self.pixels if code is None else cv2.cvtColor(self.pixels, code)
 
     @cached_property
     def rgb(self) -> NDArray[np.uint8]:
-        """(rows, columns, 3) red, green, blue."""
+        """Red, green and blue levels (rows, columns, 3)."""
         code = _ENCODINGS[self.encoding][3]
         return self.pixels if code is None else cv2.cvtColor(self.pixels, code)
 
     @property
     def has_colour(self) -> bool:
-        """False for the mono encodings."""
+        """True if the encoding has colours, i.e. is not a mono encoding."""
         return not self.encoding.startswith("mono")
 
 
 def decode(message: Any) -> Image:
-    """Read a sensor_msgs/Image (or anything with its attributes).
+    """Decode a sensor_msgs/Image or any object with its attributes.
 
     Raises:
-        ImageError: unknown encoding, empty size, or data shorter than size and step promise.
+        ImageError: the encoding is unknown, the image is empty, or the data are shorter than size
+            and step require.
     """
     encoding = str(message.encoding)
     if encoding not in _ENCODINGS:
@@ -90,7 +93,7 @@ def decode(message: Any) -> Image:
         raise ImageError(f"an image of {columns} x {rows} pixels is empty")
     if step < line:
         raise ImageError(f"step {step} is less than the {line} bytes of a row of {encoding}")
-    # the padding after the last row may be missing
+    # The padding after the last row may be missing.
     if len(message.data) < step * (rows - 1) + line:
         raise ImageError(
             f"the data is truncated: {len(message.data)} bytes for {rows} rows of {step}"
@@ -104,8 +107,8 @@ def decode(message: Any) -> Image:
             data, (rows, line), (step, 1), writeable=False
         ).reshape(shape)
     if depth == 2:  # keep the upper byte, as a division by 256 does
-        first = 0 if message.is_bigendian else 1
-        pixels = np.ascontiguousarray(pixels[:, first::2])
+        start = 0 if message.is_bigendian else 1
+        pixels = np.ascontiguousarray(pixels[:, start::2])
         if channels > 1:
             pixels = pixels.reshape(rows, columns, channels)
     return Image(pixels, encoding)

@@ -1,24 +1,25 @@
-"""Interaction matrices of moments and points: how they change when the camera moves.
+"""Interaction matrices of image moments and image points.
 
-    d(m_ij)/dt = L (vx, vy, vz, wx, wy, wz),   twist of the camera in its own optical frame.
+    d(m_ij)/dt = L (vx, vy, vz, wx, wy, wz)
 
-One derivation serves raw and centred moments. A point of the plane 1/Z = A x + B y + C, seen
-from a camera that moves, travels through the image with
+with the twist of the camera in its own optical frame. Raw and centred moments have the same
+derivation. When the camera moves, the image of a point of the plane 1/Z = A x + B y + C has the
+velocity
 
     x' = -vx/Z + x vz/Z + x y wx - (1 + x^2) wy + y wz
     y' = -vy/Z + y vz/Z + (1 + y^2) wx - x y wy - x wz,
 
-for each twist component a polynomial of degree two in x and y. About any origin (x0, y0) it is
-again one, so with a = x - x0, b = y - y0
+which, for each twist component, is a polynomial of degree two in x and y. This also holds about
+any origin (x0, y0). With a = x - x0 and b = y - y0, the derivative of a moment is
 
-    d(m_ij)/dt = integral of (i a^(i-1) b^j x' + j a^i b^(j-1) y' + delta a^i b^j div(x', y')),
+    d(m_ij)/dt = integral of (i a^(i-1) b^j x' + j a^i b^(j-1) y' + delta a^i b^j div(x', y')).
 
-which is a linear combination of moments up to order i + j + 1. delta is 1 for a region (its
-boundary moves with the points) and 0 for a set of points. For centred moments the origin is the
-centre of gravity and its own velocity is taken off x' and y'.
+It is a linear combination of moments up to order i + j + 1. delta is 1 for a region, whose boundary
+moves with the points, and 0 for a set of points. For centred moments the origin is the centre of
+gravity, and its velocity is subtracted from x' and y'.
 
 Reference: F. Chaumette, Image moments: a general and useful set of features for visual
-servoing, IEEE Transactions on Robotics 20(4), 2004, where the same rows are given term by term.
+servoing, IEEE Transactions on Robotics 20(4), 2004, which gives the same rows term by term.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 from .errors import FeatureError
 from .moments import DENSE, Moments
@@ -47,30 +48,31 @@ class Plane(NamedTuple):
 
     @classmethod
     def fronto_parallel(cls, Z: float) -> Plane:
-        """The plane at depth Z (m) square to the optical axis."""
+        """Return the plane at depth Z (m) parallel to the image plane."""
         if not Z > 0.0:
             raise FeatureError(f"the depth of the target's plane must be positive, got {Z:g} m")
         return cls(0.0, 0.0, 1.0 / Z)
 
     @classmethod
     def from_pose(cls, R: ArrayLike, t: ArrayLike) -> Plane:
-        """The plane z = 0 of an object frame with rotation R (3, 3) and origin t (3,), m."""
+        """Return the plane z = 0 of an object frame with rotation R (3, 3) and origin t (3,), m."""
         normal = np.asarray(R, dtype=float)[:, 2]
         distance = float(normal @ np.asarray(t, dtype=float))
         if distance == 0.0:
-            raise FeatureError("the target's plane passes through the camera: nothing to be seen")
+            raise FeatureError("the target's plane passes through the camera: it is seen edge-on")
         A, B, C = normal / distance
         return cls(float(A), float(B), float(C))
 
     def inverse_depth(self, x: float, y: float) -> float:
-        """1/Z of the plane's point that is seen at (x, y), 1/m."""
+        """Return 1/Z, in 1/m, of the plane's point whose image is (x, y)."""
         return self.A * x + self.B * y + self.C
 
 
 def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
     """Return the interaction matrix of image points, d(x, y)/dt = L v.
 
-    The equation is that of this module; v is the twist of the camera in its own optical frame.
+    The equations are those of x' and y' at the top of this module; v is the twist of the camera in
+    its own optical frame.
 
     Args:
         points: (n, 2) normalised coordinates x = X/Z, y = Y/Z.
@@ -90,13 +92,15 @@ def point_interaction(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarr
     return L.reshape(-1, 6)
 
 
-@compiled("f8, f8, f8, f8, f8")
+@jit("f8, f8, f8, f8, f8")
 def image_velocity(A, B, C, x0, y0):
-    """Velocity field of the image of the plane (A, B, C) about (x0, y0), a = x - x0, b = y - y0.
+    """Compute the velocity field of the image of the plane (A, B, C).
+
+    The field is a polynomial in a = x - x0 and b = y - y0.
 
     Returns:
-        (6, 15): a row per twist component; columns 0-5 the coefficients of 1, a, b, a^2, ab, b^2
-        in x', 6-11 the same of y', 12-14 those of 1, a, b in the divergence.
+        (6, 15), one row per twist component. Columns 0-5 are the coefficients of 1, a, b, a^2, ab,
+        b^2 in x', columns 6-11 those in y', and columns 12-14 those of 1, a, b in the divergence.
     """
     C = A * x0 + B * y0 + C
     Ax, Ay, Bx, By, xy = A * x0, A * y0, B * x0, B * y0, x0 * y0
@@ -122,24 +126,32 @@ def image_velocity(A, B, C, x0, y0):
     return field
 
 
-def raw_rows(moments: Moments, plane: Plane, order: int | None = None) -> Array:
-    """L ((order+1)(order+2)/2, 6) of every m_ij with i + j <= order, in exchange order.
+def compute_raw_interaction(moments: Moments, plane: Plane, order: int | None = None) -> Array:
+    """Compute L, ((order+1)(order+2)/2, 6), of all m_ij with i + j <= order, in exchange order.
 
-    order: default and at most moments.order - 1.
+    `order` is at most moments.order - 1, which is the default.
     """
-    order = _row_order(moments, order)
-    return _rows(moments.raw, image_velocity(*plane, 0.0, 0.0), order, _divergence(moments))
-
-
-def centred_rows(moments: Moments, plane: Plane, order: int | None = None) -> tuple[Array, Array]:
-    """L of the centre of gravity, (2, 6) of xg and yg, and of every mu_ij, as `raw_rows`."""
-    order = _row_order(moments, order)
-    return _about_centre(
-        moments.centred, *plane, moments.xg, moments.yg, order, _divergence(moments)
+    order = _find_order(moments, order)
+    return _compute_rows(
+        moments.raw, image_velocity(*plane, 0.0, 0.0), order, _compute_divergence(moments)
     )
 
 
-def _row_order(moments: Moments, order: int | None) -> int:
+def compute_centred_interaction(
+    moments: Moments, plane: Plane, order: int | None = None
+) -> tuple[Array, Array]:
+    """Compute L of the centre of gravity and of the centred moments.
+
+    Returns:
+        (2, 6) of xg and yg; and L of all mu_ij in the shape of `compute_raw_interaction`.
+    """
+    order = _find_order(moments, order)
+    return _compute_centred_rows(
+        moments.centred, *plane, moments.xg, moments.yg, order, _compute_divergence(moments)
+    )
+
+
+def _find_order(moments: Moments, order: int | None) -> int:
     highest = moments.order - 1
     if order is None:
         order = highest
@@ -151,15 +163,21 @@ def _row_order(moments: Moments, order: int | None) -> int:
     return order
 
 
-def _divergence(moments: Moments) -> float:
-    """delta: whether the boundary moves with the points."""
+def _compute_divergence(moments: Moments) -> float:
+    """Return delta: 1 for a region, whose boundary moves with its points, 0 for points."""
     return 1.0 if moments.kind == DENSE else 0.0
 
 
-@compiled("f8[:,:], f8[:,:], i8, f8")
-def _rows(table, velocity, order, delta):
-    """((order+1)(order+2)/2, 6) d(m_ij)/dt in exchange order, of moments (n, n) in a field of
-    velocities (6, 15) as image_velocity() gives it."""
+@jit("f8[:,:], f8[:,:], i8, f8")
+def _compute_rows(table, velocity, order, delta):
+    """Compute d(m_ij)/dt, ((order+1)(order+2)/2, 6), in exchange order.
+
+    Args:
+        table: (n, n) moments.
+        velocity: (6, 15) velocity field of `image_velocity`.
+        order: highest i + j.
+        delta: 1 for a region, 0 for points.
+    """
     rows, row = np.zeros(((order + 1) * (order + 2) // 2, 6)), 0
     for n in range(order + 1):
         for j in range(n + 1):
@@ -177,18 +195,21 @@ def _rows(table, velocity, order, delta):
     return rows
 
 
-@compiled("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
-def _about_centre(centred, A, B, C, xg, yg, order, delta):
-    """(2, 6) d(xg)/dt and d(yg)/dt, and the rows of `_rows` of the centred moments (n, n)."""
+@jit("f8[:,:], f8, f8, f8, f8, f8, i8, f8")
+def _compute_centred_rows(centred, A, B, C, xg, yg, order, delta):
+    """Compute d(xg)/dt and d(yg)/dt, (2, 6), and the rows of the centred moments (n, n).
+
+    The rows are those of `_compute_rows`.
+    """
     velocity = image_velocity(A, B, C, xg, yg)
     # About the centre of gravity mu10 = mu01 = 0, so L_xg = L_m10 / m00 without a quotient rule.
-    first, centre = _rows(centred, velocity, 1, delta), np.empty((2, 6))
+    first_rows, centre = _compute_rows(centred, velocity, 1, delta), np.empty((2, 6))
     for i in range(6):
         for k in range(2):
-            centre[k, i] = first[1 + k, i] / centred[0, 0]
-            # Its velocity is taken off the constant terms of x' and y'.
+            centre[k, i] = first_rows[1 + k, i] / centred[0, 0]
+            # Subtract the velocity of the centre from the constant terms of x' and y'.
             velocity[i, 6 * k] -= centre[k, i]
-    rows = _rows(centred, velocity, order, delta)
+    rows = _compute_rows(centred, velocity, order, delta)
     for i in range(6):
         rows[1, i] = rows[2, i] = 0.0
     return centre, rows

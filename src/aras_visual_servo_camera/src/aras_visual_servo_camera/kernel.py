@@ -1,7 +1,8 @@
-"""The original arrays: kernel features of 2015 and image moments of 2016, number by number.
+"""The arrays of the original: the kernel features of 2015 and the image moments of 2016.
 
-Both read the binary image (0 or 255) of the fixed threshold 250. They keep the original's units
-and quirks (rows called x, pixel counts, 0.1 alpha), because the original controllers expect them.
+Both use the binary image (0 or 255) of the fixed threshold 250. They keep the original's units and
+conventions (rows are called x, m00 counts pixels, alpha has the factor 0.1), because the
+original controllers need them.
 """
 
 from __future__ import annotations
@@ -16,13 +17,13 @@ from .errors import DegenerateFeatureError
 from .moments import Pinhole
 from .polygons import Array
 
-DELTA_X, DELTA_Y = 0.017, 0.0185  # metres a pixel along rows and columns, of the original
-POWER = -2  # p = q: the kernels are x^p and y^q
+DELTA_X, DELTA_Y = 0.017, 0.0185  # m per pixel along x (rows) and y (columns), from the original
+KERNEL_POWER = -2  # p = q: the kernels are x^p and y^q
 
 
 @dataclass(frozen=True, eq=False)
 class KernelFeatures:
-    """Kernel features with their Jacobian.
+    """Kernel features and their Jacobian.
 
     Attributes:
         values: (4,) kernel0 ... kernel3; the last is the symmetric orientation, rad.
@@ -34,55 +35,56 @@ class KernelFeatures:
     jacobian: Array
     inverse: Array
 
-    def layout(self) -> list[float]:
-        """The 20 numbers of camera/data: the inverse row by row, then the features."""
+    def to_message_data(self) -> list[float]:
+        """Return the 20 numbers of camera/data: the inverse row by row, then the features."""
         return [*self.inverse.ravel().tolist(), *self.values.tolist()]
 
 
-def kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
-    """Kernel features of the target (non-zero pixels) of a binary image (rows, columns).
+def compute_kernel_features(mask: NDArray[np.uint8]) -> KernelFeatures:
+    """Compute the kernel features of the non-zero pixels in a binary image (rows, columns).
 
-    With x = i DELTA_X down the rows i = 1, 2, ... and y = j DELTA_Y along the columns j:
+    With x = i DELTA_X for the rows i = 1, 2, ... and y = j DELTA_Y for the columns j:
     kernel0 = sum x^p dA, kernel1 = sum y^q dA, kernel2 = sum dA,
     kernel3 = 1/2 atan2(2 mu11, mu20 - mu02) with mu_ij in pixels, i counting columns.
 
     Raises:
-        DegenerateFeatureError: no target: the Jacobian has no inverse.
+        DegenerateFeatureError: there is no target, so the Jacobian has no inverse.
     """
     rows, columns = mask.shape
     x = np.arange(1, rows + 1) * DELTA_X
     y = np.arange(1, columns + 1) * DELTA_Y
-    on = (mask != 0).astype(np.float64)
-    per_row, per_column = on.sum(axis=1), on.sum(axis=0)
+    is_target = (mask != 0).astype(np.float64)
+    per_row, per_column = is_target.sum(axis=1), is_target.sum(axis=0)
     count = float(per_row.sum())
     if count == 0.0:
-        raise DegenerateFeatureError("kernel", "there is no target, its Jacobian has no inverse")
-    dx, dy = POWER * x ** (POWER - 1), POWER * y ** (POWER - 1)
+        raise DegenerateFeatureError("kernel", "there is no target, so the Jacobian has no inverse")
+    dx, dy = KERNEL_POWER * x ** (KERNEL_POWER - 1), KERNEL_POWER * y ** (KERNEL_POWER - 1)
     area = DELTA_X * DELTA_Y
     central = cv2.moments(mask, binaryImage=True)
     angle = 0.5 * np.arctan2(2.0 * central["mu11"], central["mu20"] - central["mu02"])
     values = np.array(
-        [x**POWER @ per_row * area, y**POWER @ per_column * area, count * area, angle]
+        [x**KERNEL_POWER @ per_row * area, y**KERNEL_POWER @ per_column * area, count * area, angle]
     )
     jacobian = np.zeros((4, 4))
     jacobian[0, 0] = -dx @ per_row
-    jacobian[0, 3] = dx @ on @ y
+    jacobian[0, 3] = dx @ is_target @ y
     jacobian[1, 1] = -dy @ per_column
-    jacobian[1, 3] = -x @ on @ dy
+    jacobian[1, 3] = -x @ is_target @ dy
     jacobian[2, 2] = 2.0 * count
     jacobian[3, 3] = -1.0
     return KernelFeatures(values, jacobian, np.linalg.inv(jacobian))
 
 
-def kernel_of_outline(
+def compute_outline_kernel_features(
     outline: NDArray[np.float64], camera: Pinhole, width: int, height: int
 ) -> KernelFeatures:
-    """Kernel features of an outline (n, 2), normalised, as the original's threshold sees it.
+    """Compute the kernel features of a normalised outline (n, 2) with the original's threshold.
 
-    A white pixel that the target covers by more than 2 % is darker than 250, hence target.
+    If the target covers more than 2 % of a white pixel, the pixel is darker than 250 and counts as
+    target.
 
     Raises:
-        DegenerateFeatureError: no target in the picture of width x height pixels.
+        DegenerateFeatureError: there is no target in the image of width x height pixels.
     """
     finer = 16
     pixels = outline * [camera.fx, camera.fy] + [camera.cx, camera.cy]
@@ -90,16 +92,16 @@ def kernel_of_outline(
     fine = np.zeros((height * finer, width * finer), np.uint8)
     cv2.fillPoly(fine, [np.round(fixed).astype(np.int32)], 255, shift=8)
     coverage = cv2.resize(fine, (width, height), interpolation=cv2.INTER_AREA)
-    return kernel_features((coverage > 0.02 * 255).astype(np.uint8) * 255)
+    return compute_kernel_features((coverage > 0.02 * 255).astype(np.uint8) * 255)
 
 
-def moment_layout(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
-    """The 4 numbers of 2016: row and column of the centre (normalised), m00, 0.1 alpha.
+def compute_original_moments(mask: NDArray[np.uint8], camera: Pinhole) -> list[float]:
+    """Compute the 4 numbers of 2016: row and column of the centre (normalised), m00, 0.1 alpha.
 
     m00 counts pixels; alpha = 1/2 atan2(2 mu11, mu20 - mu02), rad.
 
     Raises:
-        DegenerateFeatureError: no target (the original sent nan nan 0 0).
+        DegenerateFeatureError: there is no target; the original sent nan nan 0 0.
     """
     m = cv2.moments(mask, binaryImage=True)
     if m["m00"] == 0.0:

@@ -1,13 +1,13 @@
-"""ArUco and AprilTag markers: which one is the target, and where it is in an image. By OpenCV.
+"""Choice and detection of ArUco and AprilTag markers with OpenCV.
 
-A choice is written as
+A choice has one of these forms:
 
-- `5`: number 5, of the first of SEARCHED that shows it;
-- `DICT_5X5_100:5`, or `5X5_100:5`: of that dictionary;
-- `DICT_5X5_100`: the largest of that dictionary;
+- `5`: marker number 5 of the first dictionary of SEARCHED_DICTIONARIES in which it is found;
+- `DICT_5X5_100:5`, or `5X5_100:5`: number 5 of that dictionary;
+- `DICT_5X5_100`: the largest marker of that dictionary in view;
 - `{dictionary: DICT_5X5_100, size: 0.04, markers: {5: [0, 0], 7: [0.06, 0, 90]}}`: a flat board of
-  markers with black squares of that size, m; of each marker the x and y of its middle on the board,
-  m, y up, and its turn counter-clockwise, degrees.
+  markers. `size` is the side of their black squares in m. Each marker has the x and y of its middle
+  on the board in m, with y up, and optionally its counter-clockwise rotation in degrees.
 """
 
 from __future__ import annotations
@@ -22,32 +22,38 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import as_number, said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import as_number, format_value
 from aras_visual_servo_base.yaml_files import parse_yaml
 
 from .errors import VisionError
 
-# Cells across each dictionary's markers, the black rim with them.
+# Number of cells across the markers of each dictionary, including the black rim.
 DICTIONARIES = {
     **{f"DICT_{bits}X{bits}_{count}": bits + 2 for bits in (4, 5, 6, 7)
        for count in (50, 100, 250, 1000)},
     "DICT_ARUCO_ORIGINAL": 7, "DICT_ARUCO_MIP_36h12": 8, "DICT_APRILTAG_16h5": 6,
     "DICT_APRILTAG_25h9": 7, "DICT_APRILTAG_36h10": 8, "DICT_APRILTAG_36h11": 8,
 }  # fmt: skip
-# Those that are looked for, in this order, where none is chosen. One of a thousand holds the
-# smaller ones of its kind, with the same numbers. Every 16th random square is one of 4X4_1000, so
-# that is used by its name alone.
-USUAL = "DICT_APRILTAG_36h11"
-SEARCHED = ("DICT_4X4_50", "DICT_APRILTAG_36h11", "DICT_5X5_1000", "DICT_6X6_1000",
+# Dictionaries that are searched, in this order, if the choice names none. A dictionary of 1000
+# markers contains the smaller ones of its kind with the same numbers. Every 16th random square is a
+# marker of 4X4_1000, so this dictionary is used only if it is named.
+DEFAULT_DICTIONARY = "DICT_APRILTAG_36h11"
+SEARCHED_DICTIONARIES = ("DICT_4X4_50", "DICT_APRILTAG_36h11", "DICT_5X5_1000", "DICT_6X6_1000",
             "DICT_7X7_1000", "DICT_ARUCO_ORIGINAL", "DICT_APRILTAG_25h9", "DICT_APRILTAG_36h10",
             "DICT_ARUCO_MIP_36h12", "DICT_APRILTAG_16h5")  # fmt: skip
 
 
 @dataclass(frozen=True, eq=False)
-class FoundMarker:
-    """A marker in an image: its name `DICTIONARY:number`, corners (4, 2) px (column, row), from its
-    own first one clockwise, to about half a pixel, and cells across."""
+class DetectedMarker:
+    """A marker found in an image.
+
+    name: `DICTIONARY:number`.
+    corners: (4, 2) px (column, row), clockwise from the marker's first corner, accurate to about
+    half a
+        pixel.
+    cells: number of cells across the marker.
+    """
 
     name: str
     corners: np.ndarray
@@ -56,64 +62,73 @@ class FoundMarker:
 
 @dataclass(frozen=True)
 class MarkerChoice:
-    """Which marker, or which board of markers, is the target; see the module.
+    """The marker, or board of markers, that is the target.
 
-    dictionary: '' for any of SEARCHED. number: None for the largest in view. square: side of the
-    markers of a board, m. board: middle x, y, m, and turn, rad, of each marker by number.
+    This module's docstring explains the forms of a choice.
+
+    dictionary: '' for any of SEARCHED_DICTIONARIES.
+    number: None for the largest marker in view.
+    marker_size: side of the markers of a board, m.
+    board: x and y of the middle, m, and rotation, rad, of each marker by number.
     """
 
     dictionary: str = ""
     number: int | None = None
-    square: float = 0.0
+    marker_size: float = 0.0
     board: Mapping[int, tuple[float, float, float]] | None = None
 
     @classmethod
-    def read(cls, given: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
-        """The choice that is written so; VisionError after `where` for what is none."""
-        if isinstance(given, str) and given.lstrip().startswith("{"):  # as launch files have it
-            given = parse_yaml(given, where, VisionError)
-        if isinstance(given, Mapping):
-            return cls._read_board(given, where)
-        if not isinstance(given, str | int) or isinstance(given, bool):
-            raise VisionError(f"{where} is {said(given)}, must be a number, a text as "
-                              "DICT_5X5_100:5, or a board")  # fmt: skip
-        name, colon, number = str(given).strip().rpartition(":")
+    def read(cls, entry: str | int | Mapping[str, Any], where: str = "marker") -> MarkerChoice:
+        """Parse a choice; raise VisionError with `where` in the message if it is invalid."""
+        # Launch files have a board as text.
+        if isinstance(entry, str) and entry.lstrip().startswith("{"):
+            entry = parse_yaml(entry, where, VisionError)
+        if isinstance(entry, Mapping):
+            return cls._read_board(entry, where)
+        if not isinstance(entry, str | int) or isinstance(entry, bool):
+            raise VisionError(f"{where} is {format_value(entry)}, must be a number, a text "
+                              "such as DICT_5X5_100:5, or a board")  # fmt: skip
+        name, colon, number = str(entry).strip().rpartition(":")
         if not colon and number and not number.lstrip("-").isdigit():
             name, number = number, ""
-        dictionary = _dictionary(name, where) if name else ""
+        dictionary = _check_dictionary(name, where) if name else ""
         if not number:
             return cls(dictionary)
         if not number.isdigit():
-            raise VisionError(f"{where} is {said(given)}, must be a number from 0 on, as 5 or "
-                              "DICT_5X5_100:5")  # fmt: skip
-        return cls(dictionary, _number(int(number), dictionary, where))
+            raise VisionError(f"{where} is {format_value(entry)}, must be a number of at least "
+                              "0, such as 5 or DICT_5X5_100:5")  # fmt: skip
+        return cls(dictionary, _check_number(int(number), dictionary, where))
 
     @classmethod
-    def _read_board(cls, given: Mapping[str, Any], where: str) -> MarkerChoice:
+    def _read_board(cls, entry: Mapping[str, Any], where: str) -> MarkerChoice:
         keys = ("dictionary", "size", "markers")
-        for key in given:
+        for key in entry:
             if key not in keys:
-                raise VisionError(f"{where}: unknown key '{key}': {nearest(key, keys)}")
+                raise VisionError(f"{where}: unknown key '{key}': {suggest(key, keys)}")
         for key in keys:
-            if key not in given:
+            if key not in entry:
                 raise VisionError(f"{where}: key '{key}' of the board is missing")
-        dictionary = _dictionary(str(given["dictionary"]), where)
-        square, markers = as_number(given["size"]), given["markers"]
-        if square is None or square <= 0.0:
-            raise VisionError(f"{where}.size is {said(given['size'])}, must be the side of a "
-                              "marker's black square, above 0 m")  # fmt: skip
+        dictionary = _check_dictionary(str(entry["dictionary"]), where)
+        marker_size, markers = as_number(entry["size"]), entry["markers"]
+        if marker_size is None or marker_size <= 0.0:
+            raise VisionError(f"{where}.size is {format_value(entry['size'])}, must be the side "
+                              "of a marker's black square, above 0 m")  # fmt: skip
         if not isinstance(markers, Mapping) or not markers:
-            raise VisionError(f"{where}.markers is {said(markers)}, must be places by number, as "
-                              "{5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
+            raise VisionError(f"{where}.markers is {format_value(markers)}, must be positions "
+                              "by number, such as {5: [0, 0], 7: [0.06, 0]}")  # fmt: skip
         board = {}
         for number, place in markers.items():
-            at = [as_number(v) for v in place] if isinstance(place, list | tuple) else []
-            if len(at) not in (2, 3) or None in at or not str(number).isdigit():
-                raise VisionError(f"{where}.markers.{number} is {said(place)}, must be x, y (m) "
-                                  "and, where it is turned, degrees, of a number")  # fmt: skip
-            known = _number(int(number), dictionary, where)
-            board[known] = (at[0], at[1], math.radians(at[2] if len(at) == 3 else 0.0))
-        return cls(dictionary, None, square, board)
+            values = [as_number(v) for v in place] if isinstance(place, list | tuple) else []
+            if len(values) not in (2, 3) or None in values or not str(number).isdigit():
+                raise VisionError(f"{where}.markers.{number} is {format_value(place)}, must be x, "
+                                  "y (m) and optionally degrees, for a marker number")  # fmt: skip
+            checked_number = _check_number(int(number), dictionary, where)
+            board[checked_number] = (
+                values[0],
+                values[1],
+                math.radians(values[2] if len(values) == 3 else 0.0),
+            )
+        return cls(dictionary, None, marker_size, board)
 
     def __str__(self) -> str:
         if self.board is not None:
@@ -125,99 +140,119 @@ class MarkerChoice:
 
     @property
     def cells(self) -> int:
-        """Across the marker that `image` draws, the black rim with them."""
-        return DICTIONARIES[self.dictionary or USUAL]
+        """Number of cells across the marker that `draw_marker` draws, including the black rim."""
+        return DICTIONARIES[self.dictionary or DEFAULT_DICTIONARY]
 
-    def image(self, side: int) -> np.ndarray:
-        """The marker (side, side), px, without a white rim; what the choice leaves open is that of
-        AprilTag 36h11, and number 0. VisionError for a number that it has not."""
-        name = self.dictionary or USUAL
-        number = _number(self.number or 0, name, "marker")
-        return cv2.aruco.generateImageMarker(_opencv(name), number, side)
+    def draw_marker(self, side: int) -> np.ndarray:
+        """Draw the marker as an image (side, side), px, without a white rim.
 
-    def find(self, grey: NDArray[np.uint8]) -> list[FoundMarker]:
-        """The chosen marker, or those of the board that are in view, in an image (rows, columns).
+        The default dictionary is AprilTag 36h11, the default number 0.
 
         Raises:
-            VisionError: it is not in view; the message names what was looked for, and what is.
+            VisionError: the dictionary has no marker of that number.
         """
-        other: list[str] = []
-        for name in (self.dictionary,) if self.dictionary else SEARCHED:
+        name = self.dictionary or DEFAULT_DICTIONARY
+        number = _check_number(self.number or 0, name, "marker")
+        return cv2.aruco.generateImageMarker(_load_dictionary(name), number, side)
+
+    def detect(self, grey: NDArray[np.uint8]) -> list[DetectedMarker]:
+        """Find the chosen marker, or the visible markers of the board, in an image (rows, columns).
+
+        Raises:
+            VisionError: no such marker is in view; the message lists the markers that are.
+        """
+        other_names: list[str] = []
+        for name in (self.dictionary,) if self.dictionary else SEARCHED_DICTIONARIES:
             found = _detect(name, np.ascontiguousarray(grey))
-            chosen = [(number, one) for number, one in found if self._is_chosen(number)]
+            chosen = [(number, marker) for number, marker in found if self._is_selected(number)]
             if chosen and self.board is None:
                 chosen = [max(chosen, key=lambda item: cv2.contourArea(item[1].corners))]
             if chosen:
-                return [one for _, one in chosen]
-            other += [one.name for _, one in found]
-        seen = f"; in view: {', '.join(sorted(set(other)))}" if other else ""
-        searched = "" if self.dictionary else f" (of {', '.join(SEARCHED)})"
+                return [marker for _, marker in chosen]
+            other_names += [marker.name for _, marker in found]
+        in_view = f"; in view: {', '.join(sorted(set(other_names)))}" if other_names else ""
+        searched = "" if self.dictionary else f" (of {', '.join(SEARCHED_DICTIONARIES)})"
         if self.number is None and self.board is None:
-            dictionaries = self.dictionary or ", ".join(SEARCHED)
+            dictionaries = self.dictionary or ", ".join(SEARCHED_DICTIONARIES)
             raise VisionError(f"no marker of {dictionaries} is in view")
-        raise VisionError(f"{self} is not in view{searched}{seen}")
+        raise VisionError(f"{self} is not in view{searched}{in_view}")
 
-    def _is_chosen(self, number: int) -> bool:
+    def _is_selected(self, number: int) -> bool:
         if self.board is not None:
             return number in self.board
         return self.number is None or number == self.number
 
-    def corners_on_board(self, name: str) -> np.ndarray:
-        """(4, 2) m on the board, y up, of a found marker's corners."""
+    def compute_marker_corners(self, name: str) -> np.ndarray:
+        """Compute the corners (4, 2) of a detected marker on the board, m, with y up."""
         x, y, turn = self.board[int(name.rpartition(":")[2])]
-        half = 0.5 * self.square
+        half = 0.5 * self.marker_size
         square = np.array([(-half, half), (half, half), (half, -half), (-half, -half)])
         c, s = math.cos(turn), math.sin(turn)
         return square @ np.array([[c, s], [-s, c]]) + (x, y)
 
-    def board_corners(self) -> np.ndarray:
-        """(4, 2) m: the rectangle about the board's markers, from upper left clockwise."""
-        every = np.concatenate([self.corners_on_board(f":{number}") for number in self.board])
-        (x, y), (X, Y) = every.min(axis=0), every.max(axis=0)
+    def compute_board_corners(self) -> np.ndarray:
+        """Compute the corners (4, 2), m, of the rectangle around all markers of the board.
+
+        The order is clockwise from the upper left.
+        """
+        corners = np.concatenate(
+            [self.compute_marker_corners(f":{number}") for number in self.board]
+        )
+        (x, y), (X, Y) = corners.min(axis=0), corners.max(axis=0)
         return np.array([(x, Y), (X, Y), (X, y), (x, y)])
 
-    def region(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """Mask (rows, columns), 255 within the marker or the markers; VisionError as `find`."""
+    def make_mask(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Return a mask (rows, columns), 255 inside the chosen markers.
+
+        Raises:
+            VisionError: no such marker is in view.
+        """
         mask = np.zeros(grey.shape, np.uint8)
-        for one in self.find(grey):
-            cv2.fillConvexPoly(mask, np.rint(one.corners).astype(np.int32), 255)
+        for marker in self.detect(grey):
+            cv2.fillConvexPoly(mask, np.rint(marker.corners).astype(np.int32), 255)
         return mask
 
 
-def _detect(name: str, grey: NDArray[np.uint8]) -> list[tuple[int, FoundMarker]]:
-    found, numbers, _ = _detector(name).detectMarkers(grey)
+def _detect(name: str, grey: NDArray[np.uint8]) -> list[tuple[int, DetectedMarker]]:
+    found, numbers, _ = _make_detector(name).detectMarkers(grey)
     return [
-        (int(number), FoundMarker(f"{name}:{int(number)}", corners.reshape(-1, 2),
+        (int(number), DetectedMarker(f"{name}:{int(number)}", corners.reshape(-1, 2),
                                   DICTIONARIES[name]))
         for number, corners in zip(np.ravel(numbers) if len(found) else (), found, strict=True)
     ]  # fmt: skip
 
 
-def _dictionary(name: str, where: str) -> str:
+def _check_dictionary(name: str, where: str) -> str:
     known = {one.lower(): one for one in DICTIONARIES}
     for spelling in (name.lower(), f"dict_{name.lower()}"):
         if spelling in known:
             return known[spelling]
-    raise VisionError(f"{where}: dictionary {said(name)}: {nearest(name, DICTIONARIES)}")
+    raise VisionError(f"{where}: dictionary {format_value(name)}: {suggest(name, DICTIONARIES)}")
 
 
-def _number(number: int, dictionary: str, where: str) -> int:
-    most = max(_count(name) for name in ((dictionary,) if dictionary else SEARCHED)) - 1
-    if number > most:
-        of = dictionary or "the largest dictionary"
-        raise VisionError(f"{where}: number {number}, must be at most {most} in {of}")
+def _check_number(number: int, dictionary: str, where: str) -> int:
+    highest = (
+        max(
+            _count_markers(name)
+            for name in ((dictionary,) if dictionary else SEARCHED_DICTIONARIES)
+        )
+        - 1
+    )
+    if number > highest:
+        owner = dictionary or "the largest dictionary"
+        raise VisionError(f"{where}: number {number}, must be at most {highest} in {owner}")
     return number
 
 
-def _opencv(name: str) -> cv2.aruco.Dictionary:
+def _load_dictionary(name: str) -> cv2.aruco.Dictionary:
     return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, name))
 
 
 @functools.cache
-def _count(name: str) -> int:
-    return len(_opencv(name).bytesList)
+def _count_markers(name: str) -> int:
+    return len(_load_dictionary(name).bytesList)
 
 
 @functools.cache
-def _detector(name: str) -> cv2.aruco.ArucoDetector:
-    return cv2.aruco.ArucoDetector(_opencv(name))
+def _make_detector(name: str) -> cv2.aruco.ArucoDetector:
+    return cv2.aruco.ArucoDetector(_load_dictionary(name))

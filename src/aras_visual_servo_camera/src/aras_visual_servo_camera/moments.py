@@ -1,16 +1,16 @@
-"""Raw and centred moments of a shape, from an image, a polygon, points or weighted samples.
+"""Raw and centred moments of a shape from an image, a polygon, points or weighted samples.
 
     m_ij = integral of x^i y^j over the shape,   mu_ij = the same about the centre of gravity.
 
-x = X/Z to the right and y = Y/Z downwards are normalised metric image coordinates, so the
-moments depend on the scene and the pose only, not on the lens or the resolution.
+x = X/Z (to the right) and y = Y/Z (down) are normalised metric image coordinates. The moments
+therefore depend only on the scene and the pose, not on the lens or the resolution.
 
-Every constructor first sums about a point near the shape and only then moves the result to the
-centre of gravity (mu) and to the optical axis (m). Sums about the optical axis would cost mu_ij
-a factor (distance / size)^(i+j) of its digits by cancellation.
+Every constructor first sums about a point near the shape, and then moves the result to the centre
+of gravity (mu) and to the optical axis (m). With sums about the optical axis, cancellation would
+cost mu_ij a factor (distance / size)^(i+j) in accuracy.
 
-Exchange order, used by every flat array here and in the ImageMoments message: by i + j, then by
-rising j: m00, m10, m01, m20, m11, m02, m30, ...
+All flat arrays and the ImageMoments message use the exchange order: by i + j, then by increasing
+j, i.e. m00, m10, m01, m20, m11, m02, m30, ...
 """
 
 from __future__ import annotations
@@ -23,9 +23,9 @@ from math import isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
-from .edges import sides
+from .edge_pixels import compute_edge_moments
 from .errors import MomentsError
 from .polygons import Array, cross, find_crossing, next_vertices
 
@@ -33,21 +33,21 @@ MAX_ORDER = 6
 DENSE = "dense"
 POINTS = "points"
 
-_CHUNK = 4096  # samples whose powers stay in the processor's cache
+_CHUNK = 4096  # samples whose powers fit into the processor's cache
 
-# Gauss-Legendre on [0, 1]: four nodes integrate polynomials up to degree 7 without error.
+# Gauss-Legendre on [0, 1]: four nodes integrate polynomials up to degree 7 exactly.
 _NODES, _WEIGHTS = np.polynomial.legendre.leggauss(MAX_ORDER // 2 + 1)
 _NODES = 0.5 * (_NODES + 1.0)
 _WEIGHTS = 0.5 * _WEIGHTS
 
 @cache
 def exponents(order: int) -> tuple[tuple[int, int], ...]:
-    """All (i, j) with i + j <= order in exchange order."""
+    """Return all (i, j) with i + j <= order in exchange order."""
     return tuple((n - j, j) for n in range(order + 1) for j in range(n + 1))
 
 
 @cache
-def _flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
+def _make_flat_index(order: int) -> tuple[NDArray[np.intp], NDArray[np.intp]]:
     pairs = np.array(exponents(order))
     return pairs[:, 0], pairs[:, 1]
 
@@ -66,7 +66,7 @@ class Pinhole:
 
     @classmethod
     def from_K(cls, K: ArrayLike) -> Pinhole:
-        """From the 9 numbers of CameraInfo.K (row by row) or a (3, 3) array."""
+        """Return the intrinsics of CameraInfo.K (9 numbers, row by row) or of a (3, 3) array."""
         k = np.asarray(K, dtype=float).reshape(3, 3)
         return cls(float(k[0, 0]), float(k[1, 1]), float(k[0, 2]), float(k[1, 2]))
 
@@ -75,8 +75,8 @@ class Pinhole:
 class Moments:
     """Image moments of one shape, m_ij and mu_ij for i + j <= `order`; immutable.
 
-    Made by `from_image`, `from_polygon`, `from_points` or `from_arrays`, in normalised coordinates:
-    they do not depend on lens and resolution.
+    Use `from_image`, `from_polygon`, `from_points` or `from_arrays` to create them. Coordinates are
+    normalised, so the moments do not depend on lens and resolution.
 
     Attributes:
         order: highest i + j, up to 6.
@@ -93,57 +93,59 @@ class Moments:
     yg: float
     centred: Array
 
-    # -- reading ---------------------------------------------------------------------------
+    # -- access ----------------------------------------------------------------------------
 
     @cached_property
     def raw(self) -> Array:
-        """(order+1, order+1) read-only, m_ij at [i, j]; worked out when first asked for."""
+        """Raw moments m_ij at [i, j], (order+1, order+1) read-only, computed at first use."""
         table = translate(self.centred, self.xg, self.yg)
-        return _frozen(_triangle(table, self.order))
+        return _freeze(_select_triangle(table, self.order))
 
     @cached_property
     def second(self) -> tuple[float, float, float]:
-        """mu20, mu11, mu02. Raises MomentsError where they are not known."""
-        self._check(2, 0)
+        """The moments mu20, mu11, mu02; raises MomentsError if the order is less than 2."""
+        self._check_order(2, 0)
         (_, _, mu02), (_, mu11, _), (mu20, _, _) = self.centred[:3, :3].tolist()
         return mu20, mu11, mu02
 
     def m(self, i: int, j: int) -> float:
-        """Raw moment m_ij. Raises MomentsError beyond `order`."""
-        self._check(i, j)
+        """Return the raw moment m_ij; raise MomentsError beyond `order`."""
+        self._check_order(i, j)
         return float(self.raw[i, j])
 
     def mu(self, i: int, j: int) -> float:
-        """Centred moment mu_ij. Raises MomentsError beyond `order`."""
-        self._check(i, j)
+        """Return the centred moment mu_ij; raise MomentsError beyond `order`."""
+        self._check_order(i, j)
         return float(self.centred[i, j])
 
     @property
     def m_array(self) -> Array:
         """All m_ij in exchange order, shape ((order+1)(order+2)/2,)."""
-        return self.raw[_flat_index(self.order)]
+        return self.raw[_make_flat_index(self.order)]
 
     @property
     def mu_array(self) -> Array:
         """All mu_ij in exchange order, shape ((order+1)(order+2)/2,)."""
-        return self.centred[_flat_index(self.order)]
+        return self.centred[_make_flat_index(self.order)]
 
     @property
     def area(self) -> float:
-        """What the features call a: m00 of a region, mu20 + mu02 of a set of points."""
+        """The quantity `a` of the features: m00 of a region, mu20 + mu02 of a set of points."""
         if self.kind == DENSE:
             return self.m00
         return float(self.centred[2, 0] + self.centred[0, 2])
 
-    def _check(self, i: int, j: int) -> None:
+    def _check_order(self, i: int, j: int) -> None:
         if i < 0 or j < 0 or i + j > self.order:
-            raise MomentsError(f"moment ({i}, {j}) asked for, but only i + j <= {self.order} known")
+            raise MomentsError(
+                f"moment ({i}, {j}) is not available: only i + j <= {self.order} is known"
+            )
 
-    # -- making ----------------------------------------------------------------------------
+    # -- constructors ----------------------------------------------------------------------
 
     @classmethod
     def from_arrays(cls, m: ArrayLike, mu: ArrayLike, order: int, kind: str = DENSE) -> Moments:
-        """From flat arrays in exchange order, as the ImageMoments message carries them."""
+        """Return the moments of flat arrays in exchange order, as in the ImageMoments message."""
         m = np.asarray(m, dtype=float).reshape(-1)
         mu = np.asarray(mu, dtype=float).reshape(-1)
         count = (order + 1) * (order + 2) // 2
@@ -153,14 +155,14 @@ class Moments:
                 f"got {m.size} and {mu.size}"
             )
         if not (np.isfinite(m).all() and np.isfinite(mu).all()):
-            raise MomentsError("moments must be finite; a lost target carries none at all")
+            raise MomentsError("moments must be finite; send no moments if the target is lost")
         if m[0] <= 0.0:
             raise MomentsError(f"m00 = {m[0]:g} must be positive: the shape is empty")
-        index = _flat_index(order)
+        index = _make_flat_index(order)
         raw, centred = np.zeros((2, order + 1, order + 1))
         raw[index], centred[index] = m, mu
-        result = cls(order, kind, float(m[0]), m[1] / m[0], m[2] / m[0], _frozen(centred))
-        result.__dict__["raw"] = _frozen(raw)
+        result = cls(order, kind, float(m[0]), m[1] / m[0], m[2] / m[0], _freeze(centred))
+        result.__dict__["raw"] = _freeze(raw)
         return result
 
     @classmethod
@@ -170,28 +172,32 @@ class Moments:
         order: int = MAX_ORDER,
         holes: Sequence[ArrayLike] = (),
     ) -> Moments:
-        """Exact moments of a simple polygon, (n, 2) normalised vertices, not closed, either turn.
+        """Compute the exact moments of a simple polygon.
 
-        For a function f homogeneous of degree d, the triangle (0, P, Q) contributes
-        P x Q / (d + 2) times the mean of f over the edge PQ, a polynomial that Gauss-Legendre
-        integrates exactly. The sign of the area is corrected, so the order of the vertices may
-        run either way round. `holes` are polygons inside that are taken away.
+        `vertices` are normalised (n, 2), and the first is not repeated at the end.
+
+        For a function f homogeneous of degree d, the triangle (0, P, Q) contributes P x Q / (d + 2)
+        times the mean of f over the edge PQ. On the edge, f is a polynomial, which Gauss-Legendre
+        integrates exactly. The sign of the area is corrected, so both orders of the vertices are
+        valid. `holes` are polygons inside the polygon that are subtracted.
 
         Raises:
             MomentsError: fewer than three vertices, edges that cross, zero area, not finite.
         """
-        outline = _vertices(vertices, "polygon")
+        outline = _check_vertices(vertices, "polygon")
         centre = outline.mean(axis=0)
-        table = _polygon_table(outline - centre, order, "polygon")
+        table = _compute_polygon_moments(outline - centre, order, "polygon")
         for number, hole in enumerate(holes):
             label = f"hole {number}"
-            table = table - _polygon_table(_vertices(hole, label) - centre, order, label)
+            table = table - _compute_polygon_moments(
+                _check_vertices(hole, label) - centre, order, label
+            )
         return cls._from_table(table, float(centre[0]), float(centre[1]), order, DENSE)
 
     @classmethod
     def from_points(cls, points: ArrayLike, order: int = MAX_ORDER) -> Moments:
-        """Moments of a set of at least three points, (n, 2) normalised, each of weight one."""
-        points = _vertices(points, "set of points")
+        """Compute the moments of at least three normalised points (n, 2), each with weight one."""
+        points = _check_vertices(points, "set of points")
         return cls.from_samples(points[:, 0], points[:, 1], np.ones(len(points)), order, POINTS)
 
     @classmethod
@@ -204,10 +210,11 @@ class Moments:
         kind: str = DENSE,
         extent: tuple[float, float, float] | None = None,
     ) -> Moments:
-        """Sum of weight x^i y^j over samples (n,): undistorted pixels with their areas.
+        """Compute moments as the sum of weight x^i y^j over samples (n,).
 
-        `extent` is the variance (xx, xy, yy) of what a sample stands for, a pixel's square for
-        coverage weights; it is added to first order.
+        The samples can be undistorted pixels with their areas as weights. `extent` is the variance
+        (xx, xy, yy) of the area that one sample represents, such as a pixel's square for coverage
+        weights. It is included to first order.
         """
         total = float(weight.sum())
         if not total > 0.0:
@@ -225,7 +232,7 @@ class Moments:
                 np.multiply(py[k], dy, out=py[k + 1])
             table += px @ py.T
         if extent is not None:
-            table = _extended(table, extent)
+            table = _apply_extent(table, extent)
         return cls._from_table(table, x0, y0, order, kind)
 
     @classmethod
@@ -238,73 +245,81 @@ class Moments:
         offset: tuple[int, int] = (0, 0),
         coverage: bool = False,
     ) -> Moments:
-        """Moments of an image of weights through an undistorted camera.
+        """Compute the moments of an image of weights from an undistorted camera.
 
-        Two matrix products: powers of the row, times the image, times powers of the column.
+        The sum is two matrix products: powers of the row, image, powers of the column.
 
         Args:
-            weights: (rows, columns), any real type; `full_scale` (255 for a mask) counts as one.
+            weights: (rows, columns), any real type.
             camera: intrinsics in pixels of the whole image.
             order: highest i + j, at most 6.
-            full_scale: the value that stands for a pixel wholly on the shape.
+            full_scale: weight of a pixel that is completely on the shape, 255 for a mask.
             offset: (column, row) of weights[0, 0] in the whole image, for a crop.
-            coverage: True if a weight says how much of the pixel's square is covered, False if it
-                samples the pixel's centre.
+            coverage: True if a weight is the covered fraction of the pixel's square, False if it is
+                a sample at the pixel's centre.
 
         Raises:
             MomentsError: the image has no weight.
         """
         rows, columns = weights.shape
-        v = _powers(rows, order, coverage)
-        u = _powers(columns, order, coverage)
+        v = _compute_powers(rows, order, coverage)
+        u = _compute_powers(columns, order, coverage)
         weights = weights.astype(np.float64, copy=False)
         if coverage:
-            across, along = sides(weights if full_scale == 1.0 else weights / full_scale)
-            slope_u, slope_v = _slopes(columns, order), _slopes(rows, order)
+            across, along = compute_edge_moments(
+                weights if full_scale == 1.0 else weights / full_scale
+            )
+            slope_u, slope_v = (
+                _compute_power_derivatives(columns, order),
+                _compute_power_derivatives(rows, order),
+            )
             part = full_scale * (v.T @ (across @ slope_u) + slope_v.T @ (along @ u))
             table = (v.T @ (weights @ u) + part).T
         else:
             table = (v.T @ weights @ u).T
-        table = table * _pixel_scale(camera.fx, camera.fy, order, full_scale)
+        table = table * _compute_pixel_scale(camera.fx, camera.fy, order, full_scale)
         x0 = (offset[0] + 0.5 * (columns - 1) - camera.cx) / camera.fx
         y0 = (offset[1] + 0.5 * (rows - 1) - camera.cy) / camera.fy
         return cls._from_table(table, x0, y0, order, DENSE)
 
-    def plus(self, raw: Array) -> Moments:
-        """Of this shape and a change of it, which has raw moments (order+1, order+1) of its own."""
+    def add(self, raw: Array) -> Moments:
+        """Return the moments with a change of the shape added, given by its raw moments."""
         return self._from_table(self.raw + raw, 0.0, 0.0, self.order, self.kind)
 
     @classmethod
     def _from_table(cls, table: Array, x0: float, y0: float, order: int, kind: str) -> Moments:
-        """From the moments (order+1, order+1) about the point (x0, y0)."""
-        m00, dx, dy, centred = _about_centre(table)
+        """Return the moments with the table (order+1, order+1) about the point (x0, y0)."""
+        m00, dx, dy, centred = _centre_moments(table)
         if not (m00 > 0.0 and isfinite(m00)):
             raise MomentsError(f"m00 = {m00:g} must be positive: the shape is empty")
-        return cls(order, kind, m00, x0 + dx, y0 + dy, _frozen(centred))
+        return cls(order, kind, m00, x0 + dx, y0 + dy, _freeze(centred))
 
 
-def _frozen(array: Array) -> Array:
+def _freeze(array: Array) -> Array:
     array.setflags(write=False)
     return array
 
 
 @cache
-def _triangle_mask(order: int) -> Array:
+def _make_triangle_mask(order: int) -> Array:
     i = np.arange(order + 1)
     return (i[:, None] + i[None, :] <= order).astype(float)
 
 
-def _triangle(table: Array, order: int) -> Array:
-    return table * _triangle_mask(order)
+def _select_triangle(table: Array, order: int) -> Array:
+    return table * _make_triangle_mask(order)
 
 
-@compiled("f8[:,:], f8, f8")
+@jit("f8[:,:], f8, f8")
 def translate(table, dx, dy):
-    """Moments of the shape moved by (dx, dy): sum of C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl."""
+    """Compute the moments of the shape moved by (dx, dy).
+
+    The sum is C(i,k) C(j,l) dx^(i-k) dy^(j-l) m_kl over k and l.
+    """
     size = table.shape[0]
     rows, moved = np.zeros((size, size)), np.zeros((size, size))
     for i in range(size):
-        factor = 1.0  # C(i, k) dx^(i-k), from k = i down
+        factor = 1.0  # C(i, k) dx^(i-k), starting with k = i
         for k in range(i, -1, -1):
             for j in range(size):
                 rows[i, j] += factor * table[k, j]
@@ -318,9 +333,13 @@ def translate(table, dx, dy):
     return moved
 
 
-@compiled("f8[:,:]")
-def _about_centre(table):
-    """m00 and the centre of gravity of moments about some point, and the same about that centre."""
+@jit("f8[:,:]")
+def _centre_moments(table):
+    """Move moments to the centre of gravity.
+
+    Returns:
+        m00, the centre of gravity relative to the old origin, and the moments about it.
+    """
     m00 = table[0, 0]
     dx, dy = table[1, 0] / m00, table[0, 1] / m00
     centred = translate(table, -dx, -dy)
@@ -330,8 +349,8 @@ def _about_centre(table):
     return m00, dx, dy, centred
 
 
-def _extended(table: Array, extent: tuple[float, float, float]) -> Array:
-    """Moments with (1 + half the extent's Laplacian) applied to x^i y^j."""
+def _apply_extent(table: Array, extent: tuple[float, float, float]) -> Array:
+    """Apply (1 + half the Laplacian with the variances of the extent) to the moments."""
     xx, xy, yy = extent
     k = np.arange(table.shape[0], dtype=float)
     i, j = k[:, None], k[None, :]
@@ -343,33 +362,35 @@ def _extended(table: Array, extent: tuple[float, float, float]) -> Array:
 
 
 @lru_cache(maxsize=4096)
-def _powers(size: int, order: int, coverage: bool) -> Array:
-    """(size, order+1): powers of the pixel coordinate about the middle of `size` pixels; with
-    `coverage` their means over each pixel."""
+def _compute_powers(size: int, order: int, coverage: bool) -> Array:
+    """Compute the powers (size, order+1) of the pixel coordinate about the middle of `size` pixels.
+
+    With `coverage` they are the means over each pixel.
+    """
     u, k = np.arange(size) - 0.5 * (size - 1), np.arange(order + 1)
     if coverage:
         high, low = ((u[:, None] + half) ** (k + 1) for half in (0.5, -0.5))
-        return _frozen((high - low) / (k + 1))
-    return _frozen(u[:, None] ** k)
+        return _freeze((high - low) / (k + 1))
+    return _freeze(u[:, None] ** k)
 
 
 @lru_cache(maxsize=4096)
-def _slopes(size: int, order: int) -> Array:
-    """(size, order+1): derivatives of `_powers` with coverage."""
+def _compute_power_derivatives(size: int, order: int) -> Array:
+    """Compute the derivatives (size, order+1) of the powers of `_compute_powers` with coverage."""
     slopes = np.zeros((size, order + 1))
-    slopes[:, 1:] = np.arange(1, order + 1) * _powers(size, order, True)[:, :-1]
-    return _frozen(slopes)
+    slopes[:, 1:] = np.arange(1, order + 1) * _compute_powers(size, order, True)[:, :-1]
+    return _freeze(slopes)
 
 
 @lru_cache(maxsize=64)
-def _pixel_scale(fx: float, fy: float, order: int, full_scale: float) -> Array:
+def _compute_pixel_scale(fx: float, fy: float, order: int, full_scale: float) -> Array:
     if not (fx > 0.0 and fy > 0.0 and isfinite(fx) and isfinite(fy)):
         raise MomentsError(f"focal lengths must be positive and finite, got fx={fx:g}, fy={fy:g}")
     n = np.arange(1, order + 2)
-    return _frozen(np.outer(fx ** -n.astype(float), fy ** -n.astype(float)) / full_scale)
+    return _freeze(np.outer(fx ** -n.astype(float), fy ** -n.astype(float)) / full_scale)
 
 
-def _vertices(points: ArrayLike, label: str) -> Array:
+def _check_vertices(points: ArrayLike, label: str) -> Array:
     points = np.asarray(points, dtype=float)
     if points.ndim != 2 or points.shape[1] != 2 or len(points) < 3:
         raise MomentsError(f"the {label} needs at least three (x, y), got shape {points.shape}")
@@ -378,8 +399,8 @@ def _vertices(points: ArrayLike, label: str) -> Array:
     return points
 
 
-def _polygon_table(p: Array, order: int, label: str) -> Array:
-    """Moments (order+1, order+1) about the origin of the polygon p, counted positive."""
+def _compute_polygon_moments(p: Array, order: int, label: str) -> Array:
+    """Compute moments (order+1, order+1) of the polygon p about the origin, with positive area."""
     crossing = find_crossing(p)
     if crossing is not None:
         raise MomentsError(
@@ -396,4 +417,4 @@ def _polygon_table(p: Array, order: int, label: str) -> Array:
     extent = float(np.abs(p).max())
     if abs(table[0, 0]) <= 1e-14 * extent**2:
         raise MomentsError(f"the {label} has no area: its vertices lie on one line")
-    return _triangle(table if table[0, 0] > 0.0 else -table, order)
+    return _select_triangle(table if table[0, 0] > 0.0 else -table, order)

@@ -1,4 +1,4 @@
-"""The camera node: subscribes to images, has their target measured and published."""
+"""ROS node of the camera: measures the target in each image and publishes the result."""
 
 from __future__ import annotations
 
@@ -13,13 +13,13 @@ from sensor_msgs.msg import CameraInfo
 from sensor_msgs.msg import Image as ImageMessage
 
 from aras_visual_servo_base.compiled import compile_all
-from aras_visual_servo_base.stamp_pairing import ByStamp
-from aras_visual_servo_ros.shutdown import beats, node_main
+from aras_visual_servo_base.stamp_synchronizer import StampSynchronizer
+from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
 from .errors import CalibrationError, VisionError
 from .images import decode
-from .label_topics import BUFFER, LabelTopics
-from .outputs import Outputs
+from .label_topics import BUFFER_SIZE, LabelTopics
+from .outputs import ImagePublishers
 from .parameters import VisionParameters
 from .pipeline import Pipeline
 from .undistortion import CameraModel
@@ -29,28 +29,30 @@ IMAGE_TOPIC, INFO_TOPIC = f"{CAMERA}/image_raw", f"{CAMERA}/camera_info"
 
 
 class CameraNode:
-    """Thin skin over Pipeline; every fault becomes one log line at a bounded rate."""
+    """ROS interface of Pipeline; every fault is logged in one line at a limited rate."""
 
     def __init__(self, parameters: VisionParameters) -> None:
         self.parameters = parameters
-        self.pipeline = Pipeline(parameters.settings, parameters.region())
+        self.pipeline = Pipeline(parameters.pipeline_settings, parameters.read_mask_image())
         self.pipeline.drop_camera(f"no camera_info on {rospy.resolve_name(INFO_TOPIC)} yet")
-        self._said: dict[str, float] = {}
-        self._last_image = time.monotonic()
-        self._lock, self._stamp = Lock(), rospy.Time()
-        self._outputs = Outputs(parameters, self.pipeline, self._say)
-        self._together = ByStamp(parameters.settings.segmentation.kinds)
-        self._labels = LabelTopics.asked(parameters.settings.segmentation, CAMERA, self._seen)
-        options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER}
+        self._log_times: dict[str, float] = {}
+        self._lock, self._stamp, self._last_image = Lock(), rospy.Time(), time.monotonic()
+        self._outputs = ImagePublishers(parameters, self.pipeline, self._log)
+        segmentation = parameters.pipeline_settings.segmentation
+        self._pairing = StampSynchronizer(segmentation.image_kinds)
+        self._label_topics = LabelTopics.for_segmentation(segmentation, CAMERA, self._add_image)
+        options = {"queue_size": 1, "tcp_nodelay": True, "buff_size": BUFFER_SIZE}
         rospy.Subscriber(INFO_TOPIC, CameraInfo, self._on_info, **options)
-        rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._seen, "image"), **options)
+        rospy.Subscriber(IMAGE_TOPIC, ImageMessage, partial(self._add_image, "image"), **options)
 
-    def watch(self) -> None:
-        """Until shutdown: say now and then what the node waits for; end when the master is gone."""
-        for _ in beats(0.2):
+    def spin(self) -> None:
+        """Log what the node waits for until shutdown; end when the ROS master is gone."""
+        for _ in iterate_at_period(0.2):
             if time.monotonic() - self._last_image > self.parameters.log_period:
-                also = f" and {self._labels.topic}" if self._labels else ""
-                self._say("image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{also}")
+                label_topic = f" and {self._label_topics.topic}" if self._label_topics else ""
+                self._log(
+                    "image", f"waiting for images on {rospy.resolve_name(IMAGE_TOPIC)}{label_topic}"
+                )
 
     def _on_info(self, message: CameraInfo) -> None:
         with self._lock:
@@ -59,41 +61,43 @@ class CameraNode:
             except CalibrationError as error:
                 self.pipeline.drop_camera(str(error))
 
-    def _seen(self, kind: str, message: ImageMessage) -> None:
+    def _add_image(self, kind: str, message: ImageMessage) -> None:
         with self._lock:
-            together = self._together.add(kind, message.header.stamp, message)
-        if together is None:
+            messages = self._pairing.add(kind, message.header.stamp, message)
+        if messages is None:
             return
         self._last_image = time.monotonic()
         try:
-            image = decode(together["image"])
+            image = decode(messages["image"])
             with self._lock:
                 if message.header.stamp < self._stamp:
-                    self.pipeline.reset()  # the clock went back
+                    self.pipeline.reset()  # the clock has been reset
                 self._stamp = message.header.stamp
-                if self._labels is not None:
-                    image = replace(image, labelled=self._labels.mask(together["labels"]))
+                if (labels := self._label_topics) is not None:
+                    image = replace(image, target_mask=labels.make_mask(messages["labels"]))
                 measurement = self.pipeline.measure(image)
         except VisionError as error:
-            self._say("image unusable", f"image skipped: {error}")
+            self._log("image unusable", f"image skipped: {error}")
             return
-        self._outputs.publish(image, measurement, together["image"])
+        self._outputs.publish(image, measurement, messages["image"])
 
-    def _say(self, key: str, text: str) -> None:
+    def _log(self, key: str, text: str) -> None:
         now = time.monotonic()
-        if now - self._said.get(key, -math.inf) >= self.parameters.log_period:
-            self._said[key] = now
+        if now - self._log_times.get(key, -math.inf) >= self.parameters.log_period:
+            self._log_times[key] = now
             rospy.logwarn(text)
 
 
 def main() -> int:
-    """Run the node; exit status 1 if its parameters are wrong."""
+    """Run the node; return exit status 1 if its parameters are wrong."""
     compile_all()
     return node_main("aras_visual_servo_camera", __doc__, _run, VisionError)
 
 
 def _run() -> None:
-    given = rospy.get_param("~", {})
-    node = CameraNode(VisionParameters.from_mapping(given if isinstance(given, dict) else {}))
-    rospy.loginfo("camera node ready, layout '%s'", node.parameters.settings.layout)
-    node.watch()
+    parameters = rospy.get_param("~", {})
+    node = CameraNode(
+        VisionParameters.from_mapping(parameters if isinstance(parameters, dict) else {})
+    )
+    rospy.loginfo("camera node ready, layout '%s'", node.parameters.pipeline_settings.layout)
+    node.spin()

@@ -1,4 +1,4 @@
-"""The picture for rviz: what the node saw, drawn into the image."""
+"""Overlay image for rviz: the detected target, drawn into the camera image."""
 
 from __future__ import annotations
 
@@ -9,75 +9,75 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from .pipeline import Measurement
+from .pipeline import TargetDetection
 
 _GREEN, _RED, _YELLOW, _BLUE = (0, 220, 0), (230, 30, 30), (255, 210, 0), (60, 120, 255)
-_FRACTION_BITS = 4  # drawing coordinates in sixteenths of a pixel
+_FRACTION_BITS = 4  # OpenCV draws with coordinates in sixteenths of a pixel
 
 
 def draw(
     rgb: NDArray[np.uint8],
-    measurement: Measurement,
+    detection: TargetDetection,
     desired_outline: Sequence[tuple[float, float]] = (),
 ) -> NDArray[np.uint8]:
-    """A copy of the image (rows, columns, 3) with contour, centre, main axis and desired target.
+    """Draw the detected target and the desired outline into a copy of the image (rows, columns, 3).
 
-    Green: contour and main axis of a valid target; red: of one that is not; blue: the desired
-    outline, given in normalised coordinates; below: why there is no measurement, if so.
+    The contour is green for a valid target and red for an invalid one. The main axis is yellow, the
+    centre red, and the desired outline, which is given in normalised coordinates, blue. If the
+    target is invalid, the reason is written below.
     """
-    picture = np.ascontiguousarray(rgb).copy()
-    colour = _GREEN if measurement.valid else _RED
-    camera = measurement.camera
+    overlay = np.ascontiguousarray(rgb).copy()
+    colour = _GREEN if detection.valid else _RED
+    camera = detection.camera
     if camera is not None and len(desired_outline) >= 3:
         x, y = np.array(desired_outline, dtype=float).T
-        _polyline(picture, np.stack(camera.project(x, y), axis=1), _BLUE)
-    if measurement.target.pixel_count:
+        _draw_polyline(overlay, np.stack(camera.project(x, y), axis=1), _BLUE)
+    if detection.target.pixel_count:
         contours, _ = cv2.findContours(
-            measurement.target.mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
+            detection.target.mask, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_NONE
         )
-        cv2.drawContours(picture, contours, -1, colour, 1)
-    moments = measurement.moments
+        cv2.drawContours(overlay, contours, -1, colour, 1)
+    moments = detection.moments
     if moments is not None and camera is not None:
         mu = moments.mu
         alpha = 0.5 * atan2(2.0 * mu(1, 1), mu(2, 0) - mu(0, 2))
-        reach = 2.0 * sqrt((mu(2, 0) + mu(0, 2)) / moments.m00)
-        along = np.linspace(-reach, reach, 9)
-        x, y = moments.xg + along * cos(alpha), moments.yg + along * sin(alpha)
+        half_length = 2.0 * sqrt((mu(2, 0) + mu(0, 2)) / moments.m00)
+        offsets = np.linspace(-half_length, half_length, 9)
+        x, y = moments.xg + offsets * cos(alpha), moments.yg + offsets * sin(alpha)
         axis = np.stack(camera.project(x, y), axis=1)
-        _polyline(picture, axis, _YELLOW, closed=False)
+        _draw_polyline(overlay, axis, _YELLOW, closed=False)
         u, v = (float(a[0]) for a in camera.project([moments.xg], [moments.yg]))
         cross = np.array([[u - 4, v], [u + 4, v], [u, v], [u, v - 4], [u, v + 4]])
-        _polyline(picture, cross, _RED, closed=False)
-    if measurement.reason:
-        _text(picture, measurement.reason)
-    return picture
+        _draw_polyline(overlay, cross, _RED, closed=False)
+    if detection.reason:
+        _draw_text(overlay, detection.reason)
+    return overlay
 
 
-def _polyline(picture: NDArray, points: NDArray, colour: tuple, closed: bool = True) -> None:
+def _draw_polyline(image: NDArray, points: NDArray, colour: tuple, closed: bool = True) -> None:
     scaled = np.round(points * 2**_FRACTION_BITS).astype(np.int32).reshape(-1, 1, 2)
-    cv2.polylines(picture, [scaled], closed, colour, 1, cv2.LINE_AA, _FRACTION_BITS)
+    cv2.polylines(image, [scaled], closed, colour, 1, cv2.LINE_AA, _FRACTION_BITS)
 
 
-def _text(picture: NDArray, text: str) -> None:
-    """Lines along the bottom, in letters that can be read however small the picture is."""
+def _draw_text(image: NDArray, text: str) -> None:
+    """Write lines along the bottom, with letters that stay legible in small images."""
     font, margin = cv2.FONT_HERSHEY_SIMPLEX, 4
-    scale = 0.5 if picture.shape[1] >= 480 else 0.35
+    scale = 0.5 if image.shape[1] >= 480 else 0.35
     (_, height), below = cv2.getTextSize("Ag", font, scale, 1)
     step = height + below + 1
-    room = picture.shape[1] - 2 * margin
-    lines = _wrapped(text, lambda words: cv2.getTextSize(words, font, scale, 1)[0][0] <= room)
-    lines = lines[: max((picture.shape[0] // 2 - margin) // step, 1)]
-    # A ground of its own, not a border around each letter: in small letters that looks like a
-    # second text.
-    top = picture.shape[0] - len(lines) * step - margin
-    picture[max(top, 0) :] = picture[max(top, 0) :] // 5 + 204
+    room = image.shape[1] - 2 * margin
+    lines = _wrap_text(text, lambda words: cv2.getTextSize(words, font, scale, 1)[0][0] <= room)
+    lines = lines[: max((image.shape[0] // 2 - margin) // step, 1)]
+    # A light background is used because a border around small letters looks like a second text.
+    top = image.shape[0] - len(lines) * step - margin
+    image[max(top, 0) :] = image[max(top, 0) :] // 5 + 204
     for number, line in enumerate(lines):
         place = (margin, top + (number + 1) * step - below + 1)
-        cv2.putText(picture, line, place, font, scale, _RED, 1, cv2.LINE_AA)
+        cv2.putText(image, line, place, font, scale, _RED, 1, cv2.LINE_AA)
 
 
-def _wrapped(text: str, fits: Callable[[str], bool]) -> list[str]:
-    """Lines of whole words that fit; a word that is too long stands alone."""
+def _wrap_text(text: str, fits: Callable[[str], bool]) -> list[str]:
+    """Split a text into lines of whole words; a word that is too long gets a line for itself."""
     lines: list[str] = []
     for word in text.split():
         if lines and fits(f"{lines[-1]} {word}"):

@@ -1,4 +1,4 @@
-"""Parameters of the camera node: checked once at start, each with a default."""
+"""Parameters of the camera node, with defaults; they are checked once at start."""
 
 from __future__ import annotations
 
@@ -18,41 +18,41 @@ from .pipeline import PipelineSettings
 from .segmentation import Segmentation
 
 
-def of(settings: type, name: str) -> Any:
-    """The parameter that is a setting of the pipeline's, as that has it."""
+def copy_parameter(settings: type, name: str) -> Any:
+    """Return a parameter of the node with the default and bounds of the same setting."""
     field = settings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
 class VisionParameters:
-    """Private parameters of the node; the README's table says what each one does.
+    """Private parameters of the node; the table in the README explains each of them.
 
     mask_image: file of the mask for the component 'mask', or ''.
     desired_outline: x, y of the desired target's corners, normalised, for the overlay.
-    log_period: least seconds of wall time between two equal log lines.
+    log_period: minimum wall time between two equal log lines, s.
     """
 
-    layout: str = of(PipelineSettings, "layout")
-    segmentation: str = of(Segmentation, "method")
-    threshold: float = of(Segmentation, "threshold")
-    original_threshold: float = of(PipelineSettings, "original_threshold")
-    dark_target: bool = of(Segmentation, "dark_target")
-    component: str = of(Segmentation, "component")
-    marker: str | Mapping[str, Any] = of(Segmentation, "marker")
+    layout: str = copy_parameter(PipelineSettings, "layout")
+    segmentation: str = copy_parameter(Segmentation, "method")
+    threshold: float = copy_parameter(Segmentation, "threshold")
+    original_threshold: float = copy_parameter(PipelineSettings, "original_threshold")
+    dark_target: bool = copy_parameter(Segmentation, "dark_target")
+    component: str = copy_parameter(Segmentation, "component")
+    marker: str | Mapping[str, Any] = copy_parameter(Segmentation, "marker")
     mask_image: str = ""
-    min_pixels: int = of(Segmentation, "min_pixels")
-    min_contrast: float = of(Segmentation, "min_contrast")
-    adaptive_block: int = of(Segmentation, "adaptive_block")
-    adaptive_offset: float = of(Segmentation, "adaptive_offset")
-    colour_low: tuple[float, ...] = of(Segmentation, "colour_low")
-    colour_high: tuple[float, ...] = of(Segmentation, "colour_high")
-    near_colour: tuple[float, ...] = of(Segmentation, "near_colour")
-    colour_distance: float = of(Segmentation, "colour_distance")
-    label: str = of(Segmentation, "label")
-    weighting: str = of(PipelineSettings, "weighting")
-    edge_band: int = of(PipelineSettings, "edge_band")
-    order: int = of(PipelineSettings, "order")
+    min_pixels: int = copy_parameter(Segmentation, "min_pixels")
+    min_contrast: float = copy_parameter(Segmentation, "min_contrast")
+    adaptive_block: int = copy_parameter(Segmentation, "adaptive_block")
+    adaptive_offset: float = copy_parameter(Segmentation, "adaptive_offset")
+    colour_low: tuple[float, ...] = copy_parameter(Segmentation, "colour_low")
+    colour_high: tuple[float, ...] = copy_parameter(Segmentation, "colour_high")
+    near_colour: tuple[float, ...] = copy_parameter(Segmentation, "near_colour")
+    colour_distance: float = copy_parameter(Segmentation, "colour_distance")
+    label: str = copy_parameter(Segmentation, "label")
+    weighting: str = copy_parameter(PipelineSettings, "weighting")
+    edge_band: int = copy_parameter(PipelineSettings, "edge_band")
+    order: int = copy_parameter(PipelineSettings, "order")
     desired_outline: tuple[float, ...] = ()
     log_period: float = parameter(5.0, "s", least=0.1, most=3600.0)
 
@@ -61,33 +61,40 @@ class VisionParameters:
             raise ParameterError("~component is 'mask', so ~mask_image must name an image file")
         if len(self.desired_outline) % 2 or 0 < len(self.desired_outline) < 6:
             raise ParameterError("~desired_outline needs x, y of at least three corners")
-        _ = self.settings  # which refuses what does not go together
+        _ = self.pipeline_settings  # raises ParameterError for conflicting settings
 
     @classmethod
-    def from_mapping(cls, given: Mapping[str, Any]) -> VisionParameters:
-        """Check a mapping of parameters. Raises ParameterError naming the one at fault.
+    def from_mapping(cls, mapping: Mapping[str, Any]) -> VisionParameters:
+        """Return the parameters of a mapping.
 
-        `segmentation` may be a mapping of its settings, as the controller node has it.
+        `segmentation` may also be a mapping of settings, as in the controller node.
+
+        Raises:
+            ParameterError: a parameter is unknown or invalid; the message names it.
         """
-        whole = given.get("segmentation")
-        if isinstance(whole, Mapping):
-            chosen = build(Segmentation, whole, "parameter ~segmentation", ParameterError)
-            parts = {name: getattr(chosen, name) for name in whole}
-            given = {**given, **parts, "segmentation": chosen.method}
-            given.pop("method", None)
-        return build(cls, given, "parameter ~", ParameterError)
+        entry = mapping.get("segmentation")
+        if isinstance(entry, Mapping):
+            segmentation = build(Segmentation, entry, "parameter ~segmentation", ParameterError)
+            settings = {name: getattr(segmentation, name) for name in entry}
+            mapping = {**mapping, **settings, "segmentation": segmentation.method}
+            mapping.pop("method", None)
+        return build(cls, mapping, "parameter ~", ParameterError)
 
     @cached_property
-    def settings(self) -> PipelineSettings:
-        """Of the pipeline; ParameterError where they do not go together."""
+    def pipeline_settings(self) -> PipelineSettings:
+        """Settings of the pipeline; raises ParameterError if they conflict."""
         try:
-            segmentation = Segmentation(method=self.segmentation, **self._given(Segmentation))
+            segmentation = Segmentation(
+                method=self.segmentation, **self._select_settings(Segmentation)
+            )
         except SegmentationError as error:
             raise ParameterError(f"parameter ~{error}") from None
-        return PipelineSettings(**{**self._given(PipelineSettings), "segmentation": segmentation})
+        return PipelineSettings(
+            **{**self._select_settings(PipelineSettings), "segmentation": segmentation}
+        )
 
-    def _given(self, settings: type) -> dict[str, Any]:
-        """What of these parameters are settings of that class, by name."""
+    def _select_settings(self, settings: type) -> dict[str, Any]:
+        """Return the parameters that are settings of the given class, by name."""
         shared = (field.name for field in fields(settings) if hasattr(self, field.name))
         return {name: getattr(self, name) for name in shared}
 
@@ -96,11 +103,11 @@ class VisionParameters:
         """x, y of each corner of the desired outline."""
         return tuple(zip(self.desired_outline[::2], self.desired_outline[1::2], strict=True))
 
-    def region(self) -> NDArray[np.uint8] | None:
-        """The mask image, grey (rows, columns); None where there is none.
+    def read_mask_image(self) -> NDArray[np.uint8] | None:
+        """Read the mask image in grey (rows, columns); return None if no file is set.
 
         Raises:
-            ParameterError: it is named, and cannot be read.
+            ParameterError: the file cannot be read.
         """
         if not self.mask_image:
             return None

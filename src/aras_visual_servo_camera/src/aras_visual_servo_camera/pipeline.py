@@ -1,4 +1,4 @@
-"""Image in, measurement out: what the camera node does, without ROS."""
+"""Measurement of the target in an image; the camera node without ROS."""
 
 from __future__ import annotations
 
@@ -10,12 +10,12 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.settings import parameter
 
-from .coverage import coverage
+from .coverage import compute_coverage
 from .degeneracy import gyration_radius
-from .edges import placed
+from .edge_pixels import locate_covered_parts
 from .errors import CalibrationError, SegmentationError, VisionError
 from .images import Image
-from .kernel import kernel_features, moment_layout
+from .kernel import compute_kernel_features, compute_original_moments
 from .moments import MAX_ORDER, Moments
 from .segmentation import BY_COLOUR, Segmentation
 from .segmented_target import SegmentedTarget, segment
@@ -27,7 +27,7 @@ WEIGHTINGS = ("coverage", "binary")
 
 @dataclass(frozen=True)
 class PipelineSettings:
-    """What the pipeline does; the node's README lists the same as parameters."""
+    """Settings of the pipeline; the node's README describes them as parameters."""
 
     segmentation: Segmentation = field(default_factory=Segmentation)
     weighting: str = parameter("coverage", choices=WEIGHTINGS)
@@ -37,19 +37,19 @@ class PipelineSettings:
     original_threshold: float = parameter(250.0, least=0.0, most=255.0)
 
 
-Settings = PipelineSettings  # its documented name
+Settings = PipelineSettings  # name in the documentation
 
 
 @dataclass(frozen=True, eq=False)
-class Measurement:
+class TargetDetection:
     """The target in one image.
 
     Attributes:
-        valid: True if the moments are fit to servo on.
-        reason: why not, in words; empty when valid.
-        target: its pixels, box, borders and threshold.
-        moments: None where there is nothing to measure. A target that is cut by the border has
-            moments, of the part in view, but is not valid.
+        valid: True if the moments can be used for servoing.
+        reason: explanation if it is not valid, otherwise empty.
+        target: pixels, bounding box, touched borders and threshold.
+        moments: None if there is nothing to measure. A target that is cut by the border has moments
+            of the visible part, but is not valid.
         camera: the intrinsics that were used, or None.
     """
 
@@ -61,43 +61,54 @@ class Measurement:
 
 
 class Pipeline:
-    """Measures image after image; remembers the camera and where the target was last."""
+    """Measures one image after another; it stores the camera and the target's last position."""
 
-    def __init__(self, settings: PipelineSettings, region: NDArray[np.uint8] | None = None) -> None:
-        """`region`: mask image (rows, columns) for the component choice 'mask'."""
+    def __init__(
+        self, settings: PipelineSettings, component_mask: NDArray[np.uint8] | None = None
+    ) -> None:
+        """Create a pipeline without a camera.
+
+        Args:
+            settings: settings of segmentation and moments.
+            component_mask: mask image (rows, columns) for the component 'mask'.
+        """
         self.settings = settings
-        self.region = region
+        self.component_mask = component_mask
         self.camera: CameraModel | None = None
         self.camera_fault = "no camera_info has arrived yet"
         self.reset()
 
     def reset(self) -> None:
-        """Forget where the target was, as after the clock went back."""
-        self._previous: tuple[float, float] | None = None
+        """Forget the last position of the target, e.g. after a reset of the clock."""
+        self._previous_centre: tuple[float, float] | None = None
 
     def set_camera(self, camera: CameraModel) -> None:
         """Use these intrinsics from the next image on."""
         if camera != self.camera:
-            if camera.distorted:
-                _ = camera.tables  # worked out here, once, and not inside the next image's time
+            if camera.is_distorted:
+                _ = camera.tables  # compute once here, not during the next image
             self.camera, self.camera_fault = camera, ""
 
     def drop_camera(self, fault: str) -> None:
-        """There are no usable intrinsics, and why."""
+        """Remove the intrinsics; `fault` is the reason in later detections."""
         self.camera, self.camera_fault = None, fault
 
-    def measure(self, image: Image) -> Measurement:
-        """Segment the image and take the target's moments. Raises SegmentationError."""
+    def measure(self, image: Image) -> TargetDetection:
+        """Segment the image and compute the moments of the target.
+
+        Raises:
+            SegmentationError: the settings do not fit the image.
+        """
         camera = self.camera
         colour = None
         if self.settings.segmentation.method in BY_COLOUR:
             colour = image.rgb if image.has_colour else None
-        seen = self._seen(image.grey)
-        options = (self.settings.segmentation, colour, self._previous, self.region,
-                   image.labelled)  # fmt: skip
-        target = segment(seen, *options)
-        if target.reason and seen is not image.grey:
-            target = segment(image.grey, *options)  # to say what is wrong with what is there
+        grey = self._mask_blind_pixels(image.grey)
+        options = (self.settings.segmentation, colour, self._previous_centre, self.component_mask,
+                   image.target_mask)  # fmt: skip
+        target = segment(grey, *options)
+        if target.reason and grey is not image.grey:
+            target = segment(image.grey, *options)  # find the reason in the whole image
         reason = target.reason
         if not reason and camera is None:
             reason = self.camera_fault
@@ -107,100 +118,105 @@ class Pipeline:
                 f"{camera.width} x {camera.height}"
             )
         if reason:
-            self._previous = None if target.pixel_count == 0 else self._previous
-            return Measurement(False, reason, target, None, camera)
-        self._previous = _middle(target)
+            self._previous_centre = None if target.pixel_count == 0 else self._previous_centre
+            return TargetDetection(False, reason, target, None, camera)
+        self._previous_centre = _compute_box_centre(target)
         try:
-            moments = self._moments(image.grey, target, camera)
+            moments = self._compute_moments(image.grey, target, camera)
         except VisionError as error:
-            return Measurement(False, str(error), target, None, camera)
-        reason = _unfit(target, moments)
-        return Measurement(not reason, reason, target, moments, camera)
+            return TargetDetection(False, str(error), target, None, camera)
+        reason = _explain_invalid(target, moments)
+        return TargetDetection(not reason, reason, target, moments, camera)
 
-    def _seen(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
-        """The image with ground where the lens gives no normalised coordinates.
+    def _mask_blind_pixels(self, grey: NDArray[np.uint8]) -> NDArray[np.uint8]:
+        """Replace the pixels without normalised coordinates by background.
 
-        At the rim of a fisheye's picture stand things that no pinhole can see; the largest dark
-        one of them must not pass for the target. A target that reaches there is still refused:
-        its moments are taken from the image as it is.
+        The rim of a fisheye image shows objects outside the lens model. The largest dark one must
+        not be taken for the target. A target that extends to the rim is still rejected, because its
+        moments are computed from the original image.
         """
         camera = self.camera
-        if camera is None or camera.blind is None or camera.blind.shape != grey.shape:
+        if camera is None or camera.blind_mask is None or camera.blind_mask.shape != grey.shape:
             return grey
         ground = 255 if self.settings.segmentation.dark_target else 0
-        return np.where(camera.blind, np.uint8(ground), grey)
+        return np.where(camera.blind_mask, np.uint8(ground), grey)
 
-    def original(self, image: Image) -> list[float]:
-        """The numbers of camera/data, from the fixed threshold of the original.
+    def compute_original_data(self, image: Image) -> list[float]:
+        """Compute the numbers of the topic camera/data with the fixed threshold of the original.
 
         Raises:
-            DegenerateFeatureError: no target. CalibrationError: 'moments' without camera_info.
+            DegenerateFeatureError: there is no target.
+            CalibrationError: the layout 'moments' has no camera_info.
         """
         if self.settings.layout == "kernel":
-            return self.kernel(image)
+            return self.compute_kernel_data(image)
         if self.camera is None:
             raise CalibrationError(self.camera_fault)
-        return moment_layout(self.original_mask(image), self.camera.pinhole)
+        return compute_original_moments(self.make_original_mask(image), self.camera.pinhole)
 
-    def kernel(self, image: Image) -> list[float]:
-        """The 20 numbers of the kernel layout. Raises DegenerateFeatureError: no target."""
-        return kernel_features(self.original_mask(image)).layout()
+    def compute_kernel_data(self, image: Image) -> list[float]:
+        """Compute the 20 numbers of the layout 'kernel'.
 
-    def original_mask(self, image: Image) -> NDArray[np.uint8]:
-        """Inverse binary image (0, 255) at the original's threshold.
+        Raises:
+            DegenerateFeatureError: there is no target.
+        """
+        return compute_kernel_features(self.make_original_mask(image)).to_message_data()
 
-        That is of pictures whose white is 255: it is lowered where the bright level that most
-        pixels have is less, as in pictures that are not clipped.
+    def make_original_mask(self, image: Image) -> NDArray[np.uint8]:
+        """Return the inverse binary image (0, 255) at the original's threshold.
+
+        The threshold refers to images whose white is 255. If the most frequent bright level is
+        lower, as in images that are not overexposed, the threshold is reduced by the same factor.
         """
         bright = np.bincount(image.grey.ravel(), minlength=256)[128:]
         white = 128 + int(bright.argmax()) if bright.any() else 255
         level = self.settings.original_threshold * white / 255.0
         return cv2.threshold(image.grey, level, 255, cv2.THRESH_BINARY_INV)[1]
 
-    def _moments(
+    def _compute_moments(
         self, grey: NDArray[np.uint8], target: SegmentedTarget, camera: CameraModel
     ) -> Moments:
         settings = self.settings
-        weights, corner, full_scale = _binary(target)
-        smooth = settings.weighting == "coverage"
-        if smooth:
-            weights, corner, _, _ = coverage(grey, target, settings.edge_band)
+        weights, offset, full_scale = _crop_mask(target)
+        is_coverage = settings.weighting == "coverage"
+        if is_coverage:
+            weights, offset, _, _ = compute_coverage(grey, target, settings.edge_band)
             full_scale = 1.0
-        if not camera.distorted:
+        if not camera.is_distorted:
             return Moments.from_image(
-                weights, camera.pinhole, settings.order, full_scale, corner, smooth
+                weights, camera.pinhole, settings.order, full_scale, offset, is_coverage
             )
         rows, columns = weights.shape
-        crop = slice(corner[1], corner[1] + rows), slice(corner[0], corner[0] + columns)
+        crop = slice(offset[1], offset[1] + rows), slice(offset[0], offset[0] + columns)
         tables = camera.tables
         if weights[tables.area[crop] == 0.0].any():
             raise SegmentationError(
                 "the target reaches beyond the part of the image that has normalised coordinates"
             )
-        if smooth:
-            x, y, weight = placed(*tables, weights, *corner)
+        if is_coverage:
+            x, y, weight = locate_covered_parts(*tables, weights, *offset)
             column, row, width, height = target.box
-            extent = tables.pixel_variance(column + width // 2, row + height // 2)
+            extent = tables.compute_pixel_variance(column + width // 2, row + height // 2)
             return Moments.from_samples(x, y, weight, settings.order, extent=extent)
         x, y, area = (table[crop].ravel() for table in tables)
         return Moments.from_samples(x, y, weights.ravel() * area / full_scale, settings.order)
 
 
-def _binary(target: SegmentedTarget) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
+def _crop_mask(target: SegmentedTarget) -> tuple[NDArray[np.uint8], tuple[int, int], float]:
     column, row, width, height = target.box
     return target.mask[row : row + height, column : column + width], (column, row), 255.0
 
 
-def _middle(target: SegmentedTarget) -> tuple[float, float]:
+def _compute_box_centre(target: SegmentedTarget) -> tuple[float, float]:
     column, row, width, height = target.box
     return column + 0.5 * (width - 1), row + 0.5 * (height - 1)
 
 
-def _unfit(target: SegmentedTarget, moments: Moments) -> str:
-    if target.borders:
+def _explain_invalid(target: SegmentedTarget, moments: Moments) -> str:
+    if target.touched_borders:
         return (
-            f"the target touches the {' and '.join(target.borders)} border of the image "
-            f"({target.taken()})"
+            f"the target touches the {' and '.join(target.touched_borders)} border of the image "
+            f"({target.describe()})"
         )
     mu20, mu11, mu02 = moments.second
     if mu20 * mu02 - mu11**2 <= 1e-9 * moments.m00**2 * gyration_radius(moments) ** 4:

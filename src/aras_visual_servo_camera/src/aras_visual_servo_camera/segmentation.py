@@ -1,4 +1,4 @@
-"""Settings of the segmentation: which pixels are the target, by grey, by colour, or by a label."""
+"""Settings of the segmentation of the target by grey level, colour or label."""
 
 from __future__ import annotations
 
@@ -13,32 +13,32 @@ from .errors import SegmentationError, VisionError
 METHODS = ("fixed", "otsu", "adaptive", "colour", "nearest_colour", "label")
 BY_COLOUR = ("colour", "nearest_colour")
 COMPONENTS = ("all", "largest", "nearest", "mask")
-LARGEST = (179, 255, 255)  # hue, saturation and value, as OpenCV has them
+MAX_HSV = (179, 255, 255)  # ranges of hue, saturation and value in OpenCV
 
 
 @dataclass(frozen=True)
 class Segmentation:
-    """Settings: what is target and which connected piece of it.
+    """Settings that define the pixels of the target and its connected component.
 
     Attributes:
         method: 'fixed' threshold, 'otsu', 'adaptive' (local mean), 'colour' (range in HSV),
-            'nearest_colour' (all that is near one colour), or 'label' (a label image's).
-        threshold: grey level of 'fixed', 0 to 255: darker or equal is target (inverse binary).
-        dark_target: False turns the comparison round, for a bright target on a dark ground.
-        adaptive_block: side of the neighbourhood of 'adaptive', odd, pixels.
-        adaptive_offset: how much darker than its neighbourhood the target is, grey levels.
-        colour_low, colour_high: range of hue (0-179), saturation, value (0-255). A hue whose
-            low is above its high runs through red.
+            'nearest_colour' (all pixels close to one colour), or 'label' (pixels of a label image).
+        threshold: grey level of 'fixed', 0 to 255; pixels of this level or darker are target.
+        dark_target: False reverses the comparison, for a bright target on a dark background.
+        adaptive_block: side of the neighbourhood of 'adaptive', odd, px.
+        adaptive_offset: grey levels by which the target is darker than its neighbourhood.
+        colour_low, colour_high: range of hue (0-179), saturation, value (0-255). If the low hue is
+            above the high hue, the range includes red (179 to 0).
         near_colour: red, green, blue (0-255) of 'nearest_colour'.
-        colour_distance: from it, in CIELAB with lightness weighted by a quarter, up to which a
-            pixel is target.
-        label: of 'label', the model, or 'model::link', that is the target.
-        component: 'all' pixels as one target, the 'largest' connected piece, the one 'nearest'
-            to where the target was last, or the one with most pixels inside a 'mask' image.
-        marker: ArUco or AprilTag marker, or board of them, whose pixels are the target, whatever
-            `component` says; see markers. '' for none.
-        min_pixels: fewer pixels than this are no target.
-        min_contrast: 'otsu' needs this many grey levels between target and background.
+        colour_distance: largest distance of a target pixel from `near_colour`, in CIELAB with a
+            weight of a quarter for lightness.
+        label: model, or 'model::link', that is the target of 'label'.
+        component: 'all' pixels as one target, the 'largest' connected component, the one 'nearest'
+            to the last position of the target, or the one with most pixels inside a 'mask' image.
+        marker: ArUco or AprilTag marker, or board of markers, whose pixels are the target. It
+            overrides `component`. '' for no marker; the module `markers` explains the forms.
+        min_pixels: smallest number of pixels of a target.
+        min_contrast: smallest difference of target and background for 'otsu', grey levels.
     """
 
     method: str = parameter("fixed", choices=METHODS)
@@ -59,9 +59,9 @@ class Segmentation:
     def __post_init__(self) -> None:
         check(self, SegmentationError)
         if self.marker and self.method == "label":
-            raise SegmentationError("marker and method 'label' both say which pixels are the "
-                                    "target: leave one out")  # fmt: skip
-        if self.marker != "":  # {} is a board without its keys
+            raise SegmentationError("marker and method 'label' both define the pixels of the "
+                                    "target: remove one of them")  # fmt: skip
+        if self.marker != "":  # also check {}, a board without keys
             from .markers import MarkerChoice
 
             try:
@@ -72,7 +72,7 @@ class Segmentation:
             raise SegmentationError(f"adaptive_block is {self.adaptive_block}, must be odd")
         for name in ("colour_low", "colour_high"):
             colour = getattr(self, name)
-            if len(colour) != 3 or not all(map(_within, colour, LARGEST)):
+            if len(colour) != 3 or not all(map(_is_within, colour, MAX_HSV)):
                 raise SegmentationError(
                     f"{name} {tuple(colour)} must be hue 0-179, saturation 0-255, value 0-255"
                 )
@@ -84,10 +84,10 @@ class Segmentation:
             )
 
     @property
-    def kinds(self) -> tuple[str, ...]:
-        """Of the images of one exposure that it takes."""
+    def image_kinds(self) -> tuple[str, ...]:
+        """Kinds of images of one exposure that the segmentation needs."""
         return ("image", "labels") if self.method == "label" else ("image",)
 
 
-def _within(level: float, largest: float) -> bool:
+def _is_within(level: float, largest: float) -> bool:
     return 0 <= level <= largest

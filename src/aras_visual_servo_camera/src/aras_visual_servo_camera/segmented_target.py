@@ -1,6 +1,7 @@
-"""From an image to the pixels of the target: by grey, by colour, or by a label. Holes stay holes.
+"""Segmentation of the target's pixels in an image by grey level, colour or label.
 
-Columns and rows count from the first pixel's centre (0, 0); boxes are (column, row, width, height).
+Holes of the target remain holes. Columns and rows count from the centre of the first pixel (0, 0);
+boxes are (column, row, width, height).
 """
 
 from __future__ import annotations
@@ -18,13 +19,14 @@ from .segmentation import BY_COLOUR, Segmentation
 Mask = NDArray[np.uint8]
 Box = tuple[int, int, int, int]
 
-UNEVEN = (*BY_COLOUR, "label")  # methods whose target need not have one grey level
-LIGHTNESS = 0.25  # weight of a difference of lightness: shade changes that, and little of the hue
-TAKEN = {
-    "largest": "the largest is taken",
-    "nearest": "the one nearest to where the target was is taken",
-    "mask": "the one that fills most of the mask image is taken",
-    "marker": "what lies in the marker is taken",
+UNEVEN_METHODS = (*BY_COLOUR, "label")  # methods that allow several grey levels of a target
+# Weight of lightness in colour distances; it is low because shading changes lightness, not hue.
+LIGHTNESS = 0.25
+COMPONENT_DESCRIPTIONS = {
+    "largest": "the largest is used",
+    "nearest": "the one nearest to the last target is used",
+    "mask": "the one with most pixels in the mask image is used",
+    "marker": "the pixels of the marker are used",
 }
 
 
@@ -34,65 +36,78 @@ class SegmentedTarget:
 
     Attributes:
         mask: (rows, columns) of the whole image, 255 on the target, 0 elsewhere.
-        box: smallest box around it; (0, 0, 0, 0) if there is none.
-        pixel_count: pixels on the target.
-        threshold: grey level that was used; NaN-free: -1 where the method has no single one.
-        borders: sides of the image that it touches: 'left', 'right', 'top', 'bottom'.
-        reason: why there is no usable target; empty if there is one (a border may touch it).
-        pieces: connected ones of target colour in the image, of which this is one, or all.
-        component: by which it was taken; see Segmentation.
-        uneven: its grey level, and the ground's, may differ from place to place.
+        box: bounding box of the target; (0, 0, 0, 0) without target.
+        pixel_count: number of pixels on the target.
+        threshold: grey level of the threshold; -1 if the method has no single threshold.
+        touched_borders: borders of the image that the target touches: 'left', 'right', 'top',
+            'bottom'.
+        reason: explanation if there is no usable target, otherwise empty. A target that touches a
+            border is usable.
+        component_count: number of connected components of target colour in the image. The target is
+            one or all of them.
+        component: rule by which the component was chosen, as in Segmentation.
+        is_uneven: True if the grey levels of target and background can vary over the image.
     """
 
     mask: Mask
     box: Box
     pixel_count: int
     threshold: float
-    borders: tuple[str, ...] = ()
+    touched_borders: tuple[str, ...] = ()
     reason: str = ""
-    pieces: int = 1
+    component_count: int = 1
     component: str = "all"
-    uneven: bool = False
+    is_uneven: bool = False
 
-    def taken(self) -> str:
-        """Which object of the image it is and why that one, in words."""
+    def describe(self) -> str:
+        """Return a text that identifies the chosen object and the rule of the choice."""
         column, row, width, height = self.box
         place = (
             f"{self.pixel_count} pixels around column {column + width // 2}, "
             f"row {row + height // 2}"
         )
         if self.component == "all":
-            return f"all of target colour is taken together, {place}"
-        if self.pieces == 1:
+            return f"all pixels of target colour are used together, {place}"
+        if self.component_count == 1:
             return f"the only object of target colour, {place}"
-        return f"of {self.pieces} objects of target colour {TAKEN[self.component]}, {place}"
+        chosen = COMPONENT_DESCRIPTIONS[self.component]
+        return f"of {self.component_count} objects of target colour {chosen}, {place}"
 
 
 def threshold_image(
     grey: Mask, settings: Segmentation, colour: NDArray[np.uint8] | None = None,
-    labelled: Mask | None = None,
+    target_mask: Mask | None = None,
 ) -> tuple[Mask, float, str]:
-    """Every pixel of target colour: (mask, level, reason why there can be none).
+    """Find all pixels of target colour.
 
     Args:
         grey: (rows, columns) uint8.
-        settings: method and its numbers.
+        settings: method and its parameters.
         colour: (rows, columns, 3) RGB, for the methods BY_COLOUR only.
-        labelled: 255 on the target, 0 elsewhere, for the method 'label' only.
+        target_mask: 255 on the target, 0 elsewhere, for the method 'label' only.
+
+    Returns:
+        The mask; the threshold, or -1; and the reason if there is no target, otherwise ''.
+
+    Raises:
+        SegmentationError: the method needs another kind of image.
     """
     if settings.method == "label":
-        if labelled is None:
+        if target_mask is None:
             raise SegmentationError(
-                "segmentation 'label' needs the simulator's label image, and none comes with this "
-                "picture"
+                "segmentation 'label' needs the simulator's label image, and this image has none"
             )
-        return labelled, -1.0, "" if labelled.any() else f"no pixel of label '{settings.label}'"
+        return (
+            target_mask,
+            -1.0,
+            "" if target_mask.any() else f"no pixel of label '{settings.label}'",
+        )
     kind = cv2.THRESH_BINARY_INV if settings.dark_target else cv2.THRESH_BINARY
     if settings.method == "fixed":
         return cv2.threshold(grey, settings.threshold, 255, kind)[1], settings.threshold, ""
     if settings.method == "otsu":
         level, mask = cv2.threshold(grey, 0, 255, kind | cv2.THRESH_OTSU)
-        contrast = _contrast(grey, mask, settings.dark_target)
+        contrast = _compute_contrast(grey, mask, settings.dark_target)
         if contrast < settings.min_contrast:
             return (
                 np.zeros_like(mask),
@@ -112,7 +127,7 @@ def threshold_image(
             f"segmentation '{settings.method}' needs a colour image, this one is grey"
         )
     if settings.method == "nearest_colour":
-        return _near(colour, settings), -1.0, ""
+        return _threshold_colour_distance(colour, settings), -1.0, ""
     hsv = cv2.cvtColor(colour, cv2.COLOR_RGB2HSV)
     low, high = settings.colour_low, settings.colour_high
     if low[0] <= high[0]:
@@ -121,17 +136,17 @@ def threshold_image(
     return upper | cv2.inRange(hsv, (0, *low[1:]), high), -1.0, ""
 
 
-def _near(colour: NDArray[np.uint8], settings: Segmentation) -> Mask:
-    """255 where a pixel (rows, columns, 3) RGB is within `colour_distance` of `near_colour`."""
-    wanted = np.array(settings.near_colour, np.uint8).reshape(1, 1, 3)
-    away = cv2.cvtColor(colour, cv2.COLOR_RGB2LAB).astype(np.float32)
-    away -= cv2.cvtColor(wanted, cv2.COLOR_RGB2LAB).astype(np.float32)
-    # OpenCV's lightness goes to 255 in place of 100.
-    away[..., 0] *= LIGHTNESS * 100.0 / 255.0
-    return ((away**2).sum(axis=2) <= settings.colour_distance**2).view(np.uint8) * 255
+def _threshold_colour_distance(colour: NDArray[np.uint8], settings: Segmentation) -> Mask:
+    """Return 255 where an RGB pixel is within `colour_distance` of `near_colour`."""
+    near_colour = np.array(settings.near_colour, np.uint8).reshape(1, 1, 3)
+    difference = cv2.cvtColor(colour, cv2.COLOR_RGB2LAB).astype(np.float32)
+    difference -= cv2.cvtColor(near_colour, cv2.COLOR_RGB2LAB).astype(np.float32)
+    # OpenCV's lightness ranges to 255 instead of 100.
+    difference[..., 0] *= LIGHTNESS * 100.0 / 255.0
+    return ((difference**2).sum(axis=2) <= settings.colour_distance**2).view(np.uint8) * 255
 
 
-def _contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
+def _compute_contrast(grey: Mask, mask: Mask, dark_target: bool) -> float:
     count = cv2.countNonZero(mask)
     if count in (0, mask.size):
         return 0.0
@@ -144,59 +159,69 @@ def segment(
     grey: Mask,
     settings: Segmentation,
     colour: NDArray[np.uint8] | None = None,
-    previous: tuple[float, float] | None = None,
-    region: Mask | None = None,
-    labelled: Mask | None = None,
+    previous_centre: tuple[float, float] | None = None,
+    component_mask: Mask | None = None,
+    target_mask: Mask | None = None,
 ) -> SegmentedTarget:
-    """Threshold and choose the target component; of a label all pieces are the target.
+    """Threshold an image and choose the component that is the target.
+
+    With the method 'label', all components are the target.
 
     Args:
         grey: (rows, columns) uint8.
-        settings: method, component and their numbers.
+        settings: method, component and their parameters.
         colour: RGB image, for 'colour' and 'nearest_colour'.
-        previous: (column, row) of the target in the frame before, for 'nearest'.
-        region: mask in which most of the target lies, for 'mask'.
-        labelled: 255 on the target, for 'label'.
+        previous_centre: (column, row) of the target in the last image, for 'nearest'.
+        component_mask: mask that contains most of the target, for 'mask'.
+        target_mask: 255 on the target, for 'label'.
     """
-    mask, level, reason = threshold_image(grey, settings, colour, labelled)
+    mask, level, reason = threshold_image(grey, settings, colour, target_mask)
     box = cv2.boundingRect(mask)
     if box[2] == 0:
         return SegmentedTarget(mask, (0, 0, 0, 0), 0, level, (), reason or "no target in view")
-    pieces, component = 1, settings.component
+    component_count, component = 1, settings.component
     if settings.method == "label":
         component = "all"
     elif settings.marker:
         component = "marker"
         try:
-            region = MarkerChoice.read(settings.marker).region(grey)
+            component_mask = MarkerChoice.read(settings.marker).make_mask(grey)
         except VisionError as error:
             return SegmentedTarget(np.zeros_like(mask), (0, 0, 0, 0), 0, level, (), str(error))
-        mask, box, pieces = _pieces_in(mask, region)
+        mask, box, component_count = _find_components_in(mask, component_mask)
         if box[2] == 0:
-            return SegmentedTarget(mask, box, 0, level, (), "no pixel of the marker is target")
+            return SegmentedTarget(
+                mask, box, 0, level, (), "no pixel of the marker has the target colour"
+            )
     if component not in ("all", "marker"):
-        mask, box, pieces = _choose(mask, box, settings, previous, region)
+        mask, box, component_count = _choose_component(
+            mask, box, settings, previous_centre, component_mask
+        )
         if box[2] == 0:
             return SegmentedTarget(mask, box, 0, level, (), "no target inside the mask image")
-    count = cv2.countNonZero(mask[_slices(box)])
-    unusable = _unusable(count, box, mask, settings)
+    count = cv2.countNonZero(mask[_make_slices(box)])
+    unusable = _explain_unusable(count, box, mask, settings)
     return SegmentedTarget(
-        mask, box, count, level, borders(box, mask.shape), unusable, pieces, component,
-        settings.method in UNEVEN,
+        mask, box, count, level, find_touched_borders(box, mask.shape), unusable, component_count,
+        component, settings.method in UNEVEN_METHODS,
     )  # fmt: skip
 
 
-def _pieces_in(mask: Mask, region: Mask) -> tuple[Mask, Box, int]:
-    """The connected pieces that lie mostly in a region, their box, and the number of all pieces."""
+def _find_components_in(mask: Mask, component_mask: Mask) -> tuple[Mask, Box, int]:
+    """Return the connected components that lie mostly in a mask.
+
+    Returns:
+        Their mask, their bounding box, and the number of all components.
+    """
     count, labels = cv2.connectedComponents(mask, connectivity=8)
-    inside = np.bincount(labels[region > 0], minlength=count)
-    taken = 2 * inside > np.bincount(labels.ravel(), minlength=count)
-    taken[0] = False
-    found = taken[labels].view(np.uint8) * 255
-    return found, cv2.boundingRect(found), count - 1
+    inside = np.bincount(labels[component_mask > 0], minlength=count)
+    is_inside = 2 * inside > np.bincount(labels.ravel(), minlength=count)
+    is_inside[0] = False
+    selected = is_inside[labels].view(np.uint8) * 255
+    return selected, cv2.boundingRect(selected), count - 1
 
 
-def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
+def _explain_unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
     if count == mask.size:
         return "the target fills the whole image"
     if count < settings.min_pixels:
@@ -206,13 +231,13 @@ def _unusable(count: int, box: Box, mask: Mask, settings: Segmentation) -> str:
     return ""
 
 
-def _slices(box: Box) -> tuple[slice, slice]:
+def _make_slices(box: Box) -> tuple[slice, slice]:
     column, row, width, height = box
     return slice(row, row + height), slice(column, column + width)
 
 
-def borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
-    """Sides of a picture of this shape (rows, columns) that a box touches."""
+def find_touched_borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
+    """Return the borders of an image of this shape (rows, columns) that a box touches."""
     column, row, width, height = box
     touching = {
         "left": column == 0,
@@ -223,35 +248,39 @@ def borders(box: Box, shape: tuple[int, ...]) -> tuple[str, ...]:
     return tuple(side for side, touches in touching.items() if touches)
 
 
-def _choose(
+def _choose_component(
     mask: Mask,
     box: Box,
     settings: Segmentation,
-    previous: tuple[float, float] | None,
-    region: Mask | None,
+    previous_centre: tuple[float, float] | None,
+    component_mask: Mask | None,
 ) -> tuple[Mask, Box, int]:
-    """The one connected piece (8 neighbours) that the settings ask for, and how many there are."""
-    crop = mask[_slices(box)]
+    """Choose one connected component (8 neighbours) according to the settings.
+
+    Returns:
+        Its mask, its bounding box, and the number of all components.
+    """
+    crop = mask[_make_slices(box)]
     count, labels, stats, centres = cv2.connectedComponentsWithStats(crop, connectivity=8)
     if settings.component == "mask":
-        if region is None or region.shape != mask.shape:
+        if component_mask is None or component_mask.shape != mask.shape:
             raise SegmentationError(
                 "component 'mask' needs a mask image of the camera's size "
                 f"{mask.shape[1]} x {mask.shape[0]}"
             )
-        inside = np.bincount(labels[region[_slices(box)] > 0], minlength=count)
+        inside = np.bincount(labels[component_mask[_make_slices(box)] > 0], minlength=count)
         inside[0] = 0
         chosen = int(inside.argmax())
         if inside[chosen] == 0:
             return np.zeros_like(mask), (0, 0, 0, 0), count - 1
-    elif settings.component == "nearest" and previous is not None:
-        gap = centres - (previous[0] - box[0], previous[1] - box[1])
-        distance = np.hypot(gap[:, 0], gap[:, 1])
+    elif settings.component == "nearest" and previous_centre is not None:
+        offset = centres - (previous_centre[0] - box[0], previous_centre[1] - box[1])
+        distance = np.hypot(offset[:, 0], offset[:, 1])
         distance[0] = np.inf
-        big = stats[:, cv2.CC_STAT_AREA] >= settings.min_pixels
-        big[0] = False
-        if big.any():  # specks of noise must not steal the target
-            distance[~big] = np.inf
+        is_large = stats[:, cv2.CC_STAT_AREA] >= settings.min_pixels
+        is_large[0] = False
+        if is_large.any():  # ignore small specks of noise
+            distance[~is_large] = np.inf
         chosen = int(distance.argmin())
     else:
         chosen = 1 + int(stats[1:, cv2.CC_STAT_AREA].argmax())
@@ -259,7 +288,7 @@ def _choose(
         return mask, box, 1
     left, top, width, height = (int(k) for k in stats[chosen, :4])
     new_box = (box[0] + left, box[1] + top, width, height)
-    alone = np.zeros_like(mask)
-    piece = labels[top : top + height, left : left + width] == chosen
-    alone[_slices(new_box)] = piece.view(np.uint8) * 255
-    return alone, new_box, count - 1
+    selected = np.zeros_like(mask)
+    component = labels[top : top + height, left : left + width] == chosen
+    selected[_make_slices(new_box)] = component.view(np.uint8) * 255
+    return selected, new_box, count - 1

@@ -1,8 +1,10 @@
-"""From pixels to normalised coordinates, by CameraInfo: pinhole, plumb_bob, rational, fisheye.
+"""Conversion between pixels and normalised coordinates by the model of a CameraInfo.
 
-A distorted image is not resampled. Each pixel keeps its value and gets, once per camera, the
-undistorted place of its centre and the area that its square is mapped to. Sums over pixels then
-are exact in area, whatever the lens.
+Supported are the pinhole camera, plumb_bob, rational_polynomial and the fisheye model.
+
+A distorted image is not resampled. Each pixel keeps its grey level. Tables that are computed once
+per camera give the undistorted position of the pixel's centre and the area of its undistorted
+square. Sums over pixels are then exact in area for any lens.
 """
 
 from __future__ import annotations
@@ -16,10 +18,10 @@ from numpy.typing import NDArray
 
 from aras_visual_servo_base.lenses import (
     brown,
-    brown_beyond_fold,
+    extrapolate_brown,
+    extrapolate_kannala_brandt,
     fold_radius,
     kannala_brandt,
-    kannala_brandt_beyond_fold,
     kannala_brandt_fold,
 )
 
@@ -30,41 +32,47 @@ from .polygons import Array
 PINHOLE_MODELS = ("", "plumb_bob", "rational_polynomial")
 FISHEYE_MODELS = ("equidistant", "fisheye")
 
-# A ray further than this off the axis has no finite x = X/Z worth the name.
+# Rays at a larger angle to the optical axis are rejected: x = X/Z grows without bound at 90 deg.
 _MAX_FIELD_ANGLE = np.deg2rad(88.0)
 
 
 class PixelTables(NamedTuple):
-    """Undistorted x, y of each pixel's centre and its area, all (rows, columns); area 0: no ray."""
+    """Undistorted x, y and area of each pixel, each of shape (rows, columns).
+
+    x and y are those of the pixel's centre. The area is 0 where the lens model has no ray.
+    """
 
     x: Array
     y: Array
     area: Array
 
-    def pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
-        """Variance (xx, xy, yy) of one pixel's square, mapped to normalised coordinates."""
+    def compute_pixel_variance(self, column: int, row: int) -> tuple[float, float, float]:
+        """Compute the variance (xx, xy, yy) of one pixel's square in normalised coordinates."""
         rows, columns = self.area.shape
         c0, c1 = max(column - 1, 0), min(column + 1, columns - 1)
         r0, r1 = max(row - 1, 0), min(row + 1, rows - 1)
         across = np.array([t[row, c1] - t[row, c0] for t in (self.x, self.y)]) / max(c1 - c0, 1)
         down = np.array([t[r1, column] - t[r0, column] for t in (self.x, self.y)]) / max(r1 - r0, 1)
-        # a unit square has variance 1/12 along each of its sides
+        # A unit square has variance 1/12 along each side.
         variance = (np.outer(across, across) + np.outer(down, down)) / 12.0
         return float(variance[0, 0]), float(variance[0, 1]), float(variance[1, 1])
 
 
 @dataclass(frozen=True)
 class CameraModel:
-    """Intrinsics and distortion of one camera; `project` and `normalise` map rays and pixels.
+    """Intrinsics and distortion of one camera.
+
+    `project` maps normalised coordinates to pixels, `normalise` maps pixels to normalised
+    coordinates.
 
     Attributes:
-        width, height: of the image, px.
+        width, height: size of the image, px.
         K: camera matrix, 9 numbers row by row, px.
         D: distortion coefficients, as in sensor_msgs/CameraInfo.
         model: distortion model, as in sensor_msgs/CameraInfo.
 
     Raises:
-        CalibrationError: unknown model, or numbers that no camera has.
+        CalibrationError: the model is unknown, or the numbers describe no camera.
     """
 
     width: int
@@ -98,7 +106,7 @@ class CameraModel:
 
     @classmethod
     def from_message(cls, info: Any) -> CameraModel:
-        """From a sensor_msgs/CameraInfo (anything with its attributes)."""
+        """Return the model of a sensor_msgs/CameraInfo or of any object with its attributes."""
         return cls(
             int(info.width),
             int(info.height),
@@ -113,13 +121,13 @@ class CameraModel:
         return Pinhole.from_K(self.K)
 
     @cached_property
-    def distorted(self) -> bool:
-        """True if pixels need the tables; a fisheye lens does even with D = 0."""
+    def is_distorted(self) -> bool:
+        """True if pixels need the tables, which a fisheye lens does even with D = 0."""
         return self.model in FISHEYE_MODELS or any(self.D)
 
     @cached_property
     def tables(self) -> PixelTables:
-        """Per-pixel tables, worked out when first asked for."""
+        """Tables of the undistorted pixels, computed at first use."""
         u, v = np.meshgrid(np.arange(self.width), np.arange(self.height))
         x, y, valid = self.normalise(u.ravel(), v.ravel())
         shape = (self.height, self.width)
@@ -127,7 +135,7 @@ class CameraModel:
         cu, cv = np.meshgrid(np.arange(self.width + 1) - 0.5, np.arange(self.height + 1) - 0.5)
         corner = self.normalise(cu.ravel(), cv.ravel())
         cx, cy, cvalid = (a.reshape(self.height + 1, self.width + 1) for a in corner)
-        # a quadrilateral's area is half the cross product of its diagonals
+        # The area of a quadrilateral is half the cross product of its diagonals.
         dx1, dy1 = cx[1:, 1:] - cx[:-1, :-1], cy[1:, 1:] - cy[:-1, :-1]
         dx2, dy2 = cx[1:, :-1] - cx[:-1, 1:], cy[1:, :-1] - cy[:-1, 1:]
         area = 0.5 * (dx1 * dy2 - dy1 * dx2)
@@ -138,50 +146,57 @@ class CameraModel:
         )
 
     @cached_property
-    def blind(self) -> NDArray[np.bool_] | None:
-        """(rows, columns), True where pixels have no normalised coordinates; None: nowhere."""
-        if not self.distorted:
+    def blind_mask(self) -> NDArray[np.bool_] | None:
+        """Mask (rows, columns) of the pixels without normalised coordinates; None if all have them.
+        """
+        if not self.is_distorted:
             return None
         blind = self.tables.area <= 0.0
         return blind if blind.any() else None
 
     def normalise(self, u: Array, v: Array) -> tuple[Array, Array, Array]:
-        """Undistorted x, y (n,) of pixel places u (column), v (row), and where that worked."""
+        """Return the undistorted x, y (n,) of pixels u, v (column, row) and their validity.
+
+        A pixel is valid if the lens model has a ray for it; otherwise its x and y are 0.
+        """
         camera = self.pinhole
         xd = (np.asarray(u, dtype=float) - camera.cx) / camera.fx
         yd = (np.asarray(v, dtype=float) - camera.cy) / camera.fy
-        if not self.distorted:
+        if not self.is_distorted:
             return xd, yd, np.ones(xd.shape, dtype=bool)
         if self.model in FISHEYE_MODELS:
             return _undistort_fisheye(xd, yd, self.D or (0.0,) * 4)
         return _undistort_polynomial(xd, yd, self.D)
 
     def project(self, x: Array, y: Array) -> tuple[Array, Array]:
-        """Pixel places (column, row) of normalised x, y (n,), with the distortion."""
+        """Return the distorted pixel coordinates (column, row) of normalised x, y (n,)."""
         x, y = np.asarray(x, dtype=float), np.asarray(y, dtype=float)
-        if self.distorted:
+        if self.is_distorted:
             if self.model in FISHEYE_MODELS:
                 x, y = _distort_fisheye(x, y, self.D or (0.0,) * 4)
             else:
-                x, y = brown_beyond_fold(x, y, self.D)
+                x, y = extrapolate_brown(x, y, self.D)
         camera = self.pinhole
         return camera.fx * x + camera.cx, camera.fy * y + camera.cy
 
 
 def normalise_pixels(
-    pixels: Array, camera: CameraModel, assumed: CameraModel, closed: bool = False
+    pixels: Array, camera: CameraModel, assumed: CameraModel, is_closed: bool = False
 ) -> Array:
-    """Normalised points (n, 2) that an assumed camera makes of pixels of the true one.
+    """Normalise pixels of the true camera with an assumed calibration.
 
     Args:
-        pixels: (n, 2) of `camera`, px. assumed: the calibration by which they are read.
-        closed: whether they are an outline, whose straight edges another lens would bend: it gets
-            points along them.
+        pixels: (n, 2) of `camera`, px.
+        camera: true camera that the pixels come from.
+        assumed: calibration that is used to normalise the pixels.
+        is_closed: True if the points are the corners of a closed outline. An assumed lens that
+            differs from the true one bends straight edges, so points are then added along each
+            edge.
 
     Returns:
-        NaN where the assumed camera has no ray.
+        Normalised points (n, 2), NaN where the assumed camera has no ray.
     """
-    if closed and camera != assumed and (camera.distorted or assumed.distorted):
+    if is_closed and camera != assumed and (camera.is_distorted or assumed.is_distorted):
         x, y, _ = camera.normalise(*pixels.T)
         pixels = np.column_stack(camera.project(*subdivide(np.column_stack([x, y])).T))
     x, y, valid = assumed.normalise(*pixels.T)
@@ -189,14 +204,20 @@ def normalise_pixels(
 
 
 def subdivide(outline: Array, parts: int = 8) -> Array:
-    """The outline (n, 2) with `parts` points on each edge, so that a lens may bend its edges."""
+    """Return the closed outline (n, 2) with `parts` points on each edge.
+
+    A lens can then bend the edges.
+    """
     ends = np.roll(outline, -1, axis=0)
     steps = (np.arange(parts) / parts)[None, :, None]
     return (outline[:, None] + steps * (ends - outline)[:, None]).reshape(-1, 2)
 
 
 def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
-    """Newton's method on both coordinates; a place that does not settle has no ray."""
+    """Invert the polynomial distortion by Newton's method.
+
+    A pixel for which the iteration does not converge has no ray and is marked as invalid.
+    """
     x, y = xd.copy(), yd.copy()
     with np.errstate(all="ignore"):
         for _ in range(30):
@@ -209,16 +230,16 @@ def _undistort_polynomial(xd: Array, yd: Array, D: tuple[float, ...]):
             y = y - (jxx * ey - jyx * ex) / determinant
         px, py, jxx, jxy, jyx, jyy = brown(x, y, D)
         valid = np.abs(px - xd) + np.abs(py - yd) < 1e-10
-        # beyond a fold a root on the far side of the axis mirrors twice: its Jacobian is negative
+        # Beyond the fold there are roots on the far side of the axis; their Jacobian is negative.
         valid &= (jxx * jyy - jxy * jyx > 0.0) & (jxx + jyy > 0.0)
-        # nor does a root beyond the fold lie on the branch that starts at the axis
+        # A root beyond the fold is not on the branch that starts at the axis.
         valid &= x * x + y * y < min(np.tan(_MAX_FIELD_ANGLE), fold_radius(D)) ** 2
     return np.where(valid, x, 0.0), np.where(valid, y, 0.0), valid
 
 
 def _distort_fisheye(x: Array, y: Array, D: tuple[float, ...]):
     r = np.hypot(x, y)
-    rd = kannala_brandt_beyond_fold(np.arctan(r), D)
+    rd = extrapolate_kannala_brandt(np.arctan(r), D)
     scale = np.divide(rd, r, out=np.ones_like(r), where=r > 0.0)
     return x * scale, y * scale
 

@@ -1,7 +1,7 @@
-"""Visual servoing of an arm's camera: features, laws, schemes, and the loop that runs them.
+"""Visual servoing with a robot arm: features, control laws, schemes and the control loop.
 
-The names of `__all__` are the public interface; those of `FIRST_PROJECT` come first. Each is
-imported when it is first used.
+`__all__` lists the public interface. `FIRST_PROJECT` lists the names that a first project needs.
+Each name is imported when it is first used.
 """
 
 from typing import TYPE_CHECKING
@@ -19,44 +19,44 @@ if TYPE_CHECKING:
     from aras_visual_servo_camera.trackers.base import Tracker as Tracker
     from aras_visual_servo_camera.undistortion import CameraModel as CameraModel
 
-    from .arm.arm import Arm as Arm
-    from .arm.resolver import Resolver as Resolver
-    from .arm.task import Task as Task
     from .errors import ConfigurationError as ConfigurationError
     from .errors import MeasurementError as MeasurementError
     from .errors import ServoError as ServoError
     from .features.base import FEATURES as FEATURES
     from .features.base import Feature as Feature
-    from .features.base import Measured as Measured
+    from .features.base import FeatureMeasurement as FeatureMeasurement
     from .features.base import Stack as Stack
     from .features.interaction_check import check_interaction_matrix as check_interaction_matrix
-    from .features.of_camera import OfCamera as OfCamera
     from .features.points import PointFeature as PointFeature
     from .features.points import Points as Points
+    from .features.remote_camera_feature import RemoteCameraFeature as RemoteCameraFeature
     from .goals.goal import Goal as Goal
+    from .kinematics.arm import Arm as Arm
+    from .kinematics.differential_ik import DifferentialIK as DifferentialIK
+    from .kinematics.task import Task as Task
     from .laws.base import Law as Law
     from .laws.registry import create_law as create_law
     from .loop.servo import Servo as Servo
-    from .schemes.base import Decision as Decision
+    from .observation.feature_observer import FeatureObserver as FeatureObserver
+    from .observation.observation import Need as Need
+    from .observation.observation import Observation as Observation
     from .schemes.base import JointController as JointController
     from .schemes.base import Scheme as Scheme
+    from .schemes.base import SchemeOutput as SchemeOutput
     from .schemes.registry import create_scheme as create_scheme
-    from .seeing.observation import Need as Need
-    from .seeing.observation import Observation as Observation
-    from .seeing.observer import Observer as Observer
 
 _FIRST = {
     "Feature": ".features.base",
-    "Measured": ".features.base",
-    "Need": ".seeing.observation",
-    "Observation": ".seeing.observation",
+    "FeatureMeasurement": ".features.base",
+    "Need": ".observation.observation",
+    "Observation": ".observation.observation",
     "Goal": ".goals.goal",
     "check_interaction_matrix": ".features.interaction_check",
     "Law": ".laws.base",
     "Scheme": ".schemes.base",
     "JointController": ".schemes.base",
-    "Decision": ".schemes.base",
-    "Task": ".arm.task",
+    "SchemeOutput": ".schemes.base",
+    "Task": ".kinematics.task",
     "MeasurementError": ".errors",
 }
 _FURTHER = {
@@ -64,13 +64,13 @@ _FURTHER = {
     "Points": ".features.points",
     "point_interaction": "aras_visual_servo_camera.interaction",
     "Stack": ".features.base",
-    "OfCamera": ".features.of_camera",
+    "RemoteCameraFeature": ".features.remote_camera_feature",
     "FEATURES": ".features.base",
     "create_law": ".laws.registry",
     "create_scheme": ".schemes.registry",
-    "Arm": ".arm.arm",
-    "Resolver": ".arm.resolver",
-    "Observer": ".seeing.observer",
+    "Arm": ".kinematics.arm",
+    "DifferentialIK": ".kinematics.differential_ik",
+    "FeatureObserver": ".observation.feature_observer",
     "Servo": ".loop.servo",
     "CameraModel": "aras_visual_servo_camera.undistortion",
     "Moments": "aras_visual_servo_camera.moments",
@@ -83,5 +83,5 @@ _FURTHER = {
 }
 FIRST_PROJECT = tuple(_FIRST)
 __all__ = [*_FIRST, *_FURTHER]
-if not TYPE_CHECKING:  # a type checker would take any name for one that there is
+if not TYPE_CHECKING:  # with a module __getattr__, a type checker would accept any name
     __getattr__, __dir__ = lazy_exports(__name__, {**_FIRST, **_FURTHER})

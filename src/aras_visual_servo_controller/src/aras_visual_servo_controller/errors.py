@@ -1,7 +1,7 @@
-"""Faults of the servo loop. Every message says what, where and how to fix it."""
+"""Exceptions of the controller. Each message says what is wrong, where, and how to fix it."""
 
-# Of a target that kinematics have behind the camera, or the image on the far side of its plane.
-BEHIND = "a point of the target lies behind the camera"
+# The kinematics put the target behind the camera, or the camera sees the back of the target.
+POINT_BEHIND_CAMERA = "a point of the target lies behind the camera"
 
 
 class ServoError(Exception):
@@ -16,27 +16,30 @@ class UnreachableError(ServoError):
     """A camera pose outside the workspace of the arm.
 
     Attributes:
-        excess: how far beyond the reach the wrist would have to go, m.
+        distance: how far the wrist would be beyond the reach of the arm, m.
     """
 
-    def __init__(self, message: str, excess: float) -> None:
+    def __init__(self, message: str, distance: float) -> None:
         super().__init__(message)
-        self.excess = excess
+        self.distance = distance
 
 
 class MeasurementError(ServoError):
-    """An image that cannot be servoed on: target lost, wrong size, not finite. The arm holds."""
+    """An image that cannot be used for control: target lost, wrong size, values not finite.
+
+    The arm stays where it is until a usable image arrives.
+    """
 
 
 class TaskError(ServoError):
-    """A task that nobody can execute: wrong shapes, numbers that are not finite."""
+    """A task that cannot be executed: arrays of wrong shapes, or values that are not finite."""
 
 
 class SchemeError(ServoError):
-    """A scheme that raised, answered what is no decision, or whose L is wrong.
+    """A failure of a scheme: it raised an exception, returned a wrong type, or computed a wrong L.
 
     Attributes:
-        trace: its traceback, empty where there is none.
+        trace: traceback of the exception; empty if the scheme raised none.
     """
 
     def __init__(self, message: str, trace: str = "") -> None:
@@ -45,4 +48,4 @@ class SchemeError(ServoError):
 
 
 class SchemeTimeoutError(SchemeError):
-    """A scheme whose code has not come to its end within the time that it may take."""
+    """A scheme whose code did not return within its time limit."""

@@ -1,4 +1,4 @@
-"""Parameters of the controller: each one listed once, with unit and default."""
+"""Parameters of the controller, each with its unit and default."""
 
 from __future__ import annotations
 
@@ -8,40 +8,41 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.settings import default_of, parameter
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.settings import get_default, parameter
 
-from .arm import Arm
 from .errors import ConfigurationError
-from .laws.base import GREATEST_GAIN
-from .records.state import ByJoint, ServoSettings, by_joint
+from .kinematics import Arm
+from .laws.base import MAX_GAIN
+from .records.state import PerJoint, ServoSettings, joint_parameter
 
-# Parameters that are said for some of the joints, by name.
+# Parameters that can be given for single joints, by joint name.
 BY_JOINT = ("max_velocity", "max_acceleration", "lower", "upper", "posture", "elbow", "lead",
             "stiffness", "damping", "controllers")  # fmt: skip
-MODEL = "model"  # the tracker of a known mesh
-MARKER = "marker"  # the tracker of an ArUco or AprilTag marker, or of a board of them
-OUTLINE = "outline"  # the tracker that takes the corners of what was segmented
-# Parameters that are names on a ROS graph.
-NAMES = ("namespace", "camera_namespace", "command_topic", "description")
-LEGAL = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
+MODEL_TRACKER = "model"  # tracks a known mesh
+MARKER_TRACKER = "marker"  # tracks an ArUco or AprilTag marker, or a board of markers
+OUTLINE_TRACKER = "outline"  # uses the corners of the segmented outline
+# Parameters whose values are ROS graph names.
+GRAPH_NAMES = ("namespace", "camera_namespace", "command_topic", "description")
+LEGAL_NAME = re.compile(r"[~/]?[A-Za-z][\w/]*", re.ASCII)
 
 
-def of_loop(name: str) -> Any:
-    """The parameter that is a setting of the loop itself, as that has it."""
+def copy_loop_parameter(name: str) -> Any:
+    """Return the declaration of a parameter that is also a field of ServoSettings."""
     field = ServoSettings.__dataclass_fields__[name]
     return parameter(field.default, **field.metadata)
 
 
 @dataclass(frozen=True)
 class CameraEntry:
-    """One of several cameras of a node.
+    """Frame and topics of one camera, if a node has several.
 
-    frame: of it, in the description; empty: NAME_optical_frame.
-    namespace: of its image_raw, camera_info and depth/image_raw; empty: /NAME.
-    features: namespace of what a camera node measures in its images, moments and kernel; empty:
-        camera/NAME in that of the arm.
-    target_frame: link that carries what it looks at, where the arm moves that; empty: as for all.
+    frame: optical frame of the camera in the description; empty: NAME_optical_frame.
+    namespace: namespace of image_raw, camera_info and depth/image_raw; empty: /NAME.
+    features: namespace in which a camera node publishes moments and kernel features of this
+        camera; empty: camera/NAME in the namespace of the arm.
+    target_frame: link that carries the target of this camera, if the arm moves the target; empty:
+        the target_frame of the node.
     """
 
     frame: str = ""
@@ -52,73 +53,74 @@ class CameraEntry:
 
 @dataclass(frozen=True)
 class Parameters:
-    """Parameters of the loop and its node; lengths in m, angles in rad.
+    """Parameters of the control loop and its node; lengths in m, angles in rad.
 
-    What may be given for each joint is one number for all, a list in the arm's order, or numbers
-    by joint name. Those of the loop itself are ServoSettings'.
+    A parameter of each joint is one number for all joints, a list in the order of the arm, or a
+    mapping of joint names to numbers. ServoSettings describes the parameters of the loop itself.
 
-    scheme: feature, scheme, several joined by '+', or 'package.module:Class'.
-    interaction: interaction matrix that the scheme uses: current, desired, mean, estimated.
-    tracker: what finds the target's points: outline, another tracker's name, or
+    scheme: name of a scheme or feature, several features joined by '+', or 'package.module:Class'.
+    interaction: interaction matrix that the scheme uses: current, desired, mean or estimated.
+    tracker: tracker that finds the points of the target: outline, another tracker's name, or
         'package.module:Class'.
-    marker: marker that is the target: 5, DICT_5X5_100:5, or a board; empty: that of the goal.
-    model: mesh of the target (STL, OBJ, DAE), m, whose pose is followed: the tracker is 'model'.
-    model_scale: factor on the lengths of the model's file, 0.001 where they are in mm.
-    model_start: where the model is at first: {pose: x y z roll pitch yaw in the base}, {marker:
-        {size, pose}} or {clicks: rows x y z u v}.
-    segmentation: how the target's pixels are found, {method, threshold, near_colour, label, ...},
-        as the camera node has it.
-    depth_image: the target's plane comes from the camera's depth image instead of goal and
-        kinematics.
+    marker: marker that serves as target: 5, DICT_5X5_100:5, or a board; empty: that of the goal.
+    model: mesh file of the target (STL, OBJ, DAE), m; its pose is tracked by the tracker 'model'.
+    model_scale: factor on the lengths of the mesh file; 0.001 for a file in mm.
+    model_start: initial pose of the mesh: {pose: x y z roll pitch yaw in the base}, {marker: {size,
+        pose}} or {clicks: rows x y z u v}.
+    segmentation: method that finds the pixels of the target, {method, threshold, near_colour,
+        label, ...}, with the same keys as in the camera node.
+    depth_image: take the plane of the target from the camera's depth image instead of the goal and
+        the kinematics.
     weights: one weight for each of several features; empty: all equal.
     smoothing: s, time constant of a low-pass filter on the errors; 0: none.
     law: name of a control law, or 'package.module:Class'.
-    gain: 1/s, gain of the law; none: its own default.
+    gain: 1/s, gain of the law; none: the default of the law.
     law_options: other parameters of the law, by name.
     continuous_start: 1/s, rate at which the initial velocity step is blended in; 0: at once.
     ramp: s, time constant with which the gain rises at the start; 0: none.
-    start: initial pose: a name, none, joints, or {xyz, rpy} of the camera, searched from the
-        posture at the goal.
+    start: initial pose: a name, none, joint positions, or the camera pose {xyz, rpy}; the solution
+        nearest to the posture at the goal is used for a camera pose.
     desired: goal: auto (that of the start), a name, or a YAML file.
-    duration: s, servoing time after which the run has timed out; 0: no end.
-    max_velocity: m/s, rad/s, greatest speed of each joint; none: that of the description, and
-        needed where that has none.
-    max_acceleration: m/s^2, rad/s^2, greatest acceleration of each joint; none: no limit.
-    lower: m, rad, least position of each joint; none: that of the description.
-    upper: m, rad, greatest position of each joint; none: that of the description.
-    hold_gain: 1/s, gain of the directions that the scheme does not model, which are kept as at the
+    duration: s, servoing time after which the run ends as timed out; 0: no limit.
+    max_velocity: m/s, rad/s, maximum speed of each joint; none: that of the description, which must
+        then contain one.
+    max_acceleration: m/s^2, rad/s^2, maximum acceleration of each joint; none: no limit.
+    lower: m, rad, lower position limit of each joint; none: that of the description.
+    upper: m, rad, upper position limit of each joint; none: that of the description.
+    hold_gain: 1/s, gain with which directions that the scheme does not control are held at the
         goal.
     posture: m, rad, preferred joint positions by name; a secondary task.
     posture_gain: 1/s, gain of that secondary task.
     limit_avoidance: keep joints away from their limits; a secondary task.
     singularity_avoidance: increase manipulability; a secondary task.
     elbow: side to which stretched elbows bend: -1 or 1, or by joint.
-    wall_watchdog: s, wall time without a fresh answer before the arm is stopped.
-    scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
-        after a fault of the scheme.
+    wall_watchdog: s, wall time without a new command of the scheme after which the arm is stopped.
+    scheme_timeout: s, wall time that one call of the scheme's code may take; the arm is then held
+        as after an error of the scheme.
     camera_frame: frame of the camera in the description.
     cameras: several cameras by name, instead of camera_frame and camera_namespace: see CameraEntry.
     base_frame: link that is the arm's base; empty: the root.
-    target_frame: link that carries the target, where the arm moves it.
+    target_frame: link that carries the target, if the arm moves the target.
     joints: names of the joints to use; empty: all that move the camera.
     namespace: namespace of joint states, features and commands.
     camera_namespace: namespace of image_raw, camera_info and depth/image_raw, for schemes that need
-        them.
+        images.
     controllers: name of each joint's controller, in the namespace.
-    command_topic: one topic of a group of joints, instead of one each.
-    description: parameter that holds the URDF.
-    listeners: subscribers of controller/state to wait for, at most 5 s.
+    command_topic: command topic of a controller for the whole group of joints, instead of one topic
+        for each joint.
+    description: name of the ROS parameter that holds the URDF.
+    listeners: number of subscribers of controller/state to wait for, at most 5 s.
     image_timeout: s, time without images before the node reports it.
     joint_timeout: s, time without joint states before the node reports it.
-    lockstep: one answer for each image; unless given, as the simulator's speed_mode says.
-    autostart: servo at once; false: wait for start or the action.
+    lockstep: send one command for each image; by default as the simulator's speed_mode requires.
+    autostart: start servoing at once; false: wait for the service start or the action.
     dry: send no commands: try a scheme on a recorded bag.
     package: directory of this package.
     """
 
     scheme: str = parameter("moments", name=True)
     interaction: str = parameter("current")
-    tracker: str = parameter(OUTLINE)
+    tracker: str = parameter(OUTLINE_TRACKER)
     marker: str | Mapping[str, Any] = parameter("", name=True)
     model: str = parameter("")
     model_scale: float = parameter(1.0, above=0.0)
@@ -134,29 +136,29 @@ class Parameters:
     ramp: float = parameter(0.0, "s", least=0.0)
     start: Any = parameter("none", name=True)
     desired: str = parameter("auto", name=True)
-    hold: float = of_loop("hold")
+    hold: float = copy_loop_parameter("hold")
     duration: float = parameter(0.0, "s", least=0.0)
-    max_velocity: ByJoint | None = by_joint(None, "m/s, rad/s")
-    max_acceleration: ByJoint | None = by_joint(None, "m/s^2, rad/s^2")
-    lower: ByJoint | None = by_joint(None, "m, rad")
-    upper: ByJoint | None = by_joint(None, "m, rad")
-    hold_gain: float = parameter(3.0, "1/s", least=0.0, most=GREATEST_GAIN)
+    max_velocity: PerJoint | None = joint_parameter(None, "m/s, rad/s")
+    max_acceleration: PerJoint | None = joint_parameter(None, "m/s^2, rad/s^2")
+    lower: PerJoint | None = joint_parameter(None, "m, rad")
+    upper: PerJoint | None = joint_parameter(None, "m, rad")
+    hold_gain: float = parameter(3.0, "1/s", least=0.0, most=MAX_GAIN)
     posture: Mapping[str, float] = parameter({}, "m, rad")
-    posture_gain: float = parameter(1.0, "1/s", least=0.0, most=GREATEST_GAIN)
+    posture_gain: float = parameter(1.0, "1/s", least=0.0, most=MAX_GAIN)
     limit_avoidance: bool = parameter(True)
     singularity_avoidance: bool = parameter(False)
-    elbow: ByJoint | None = by_joint(None)
-    lead: ByJoint = of_loop("lead")
-    lag: float = of_loop("lag")
-    approach_speed: float = of_loop("approach_speed")
-    delay: float = of_loop("delay")
-    watchdog: float = of_loop("watchdog")
+    elbow: PerJoint | None = joint_parameter(None)
+    lead: PerJoint = copy_loop_parameter("lead")
+    lag: float = copy_loop_parameter("lag")
+    approach_speed: float = copy_loop_parameter("approach_speed")
+    delay: float = copy_loop_parameter("delay")
+    watchdog: float = copy_loop_parameter("watchdog")
     wall_watchdog: float = parameter(5.0, "s", above=0.0)
-    scheme_timeout: float = of_loop("scheme_timeout")
-    stop_time: float = of_loop("stop_time")
-    output: str = of_loop("output")
-    stiffness: ByJoint = of_loop("stiffness")
-    damping: ByJoint = of_loop("damping")
+    scheme_timeout: float = copy_loop_parameter("scheme_timeout")
+    stop_time: float = copy_loop_parameter("stop_time")
+    output: str = copy_loop_parameter("output")
+    stiffness: PerJoint = copy_loop_parameter("stiffness")
+    damping: PerJoint = copy_loop_parameter("damping")
     camera_frame: str = parameter("camera_optical_frame")
     cameras: Mapping[str, CameraEntry] = parameter({})
     base_frame: str = parameter("")
@@ -175,8 +177,8 @@ class Parameters:
     dry: bool = parameter(False)
     package: Path = parameter(Path("."), internal=True)
 
-    def camera_of(self, name: str) -> CameraEntry:
-        """Frame and topics of the camera of a name."""
+    def get_camera(self, name: str) -> CameraEntry:
+        """Return the frame and the topics of the camera `name`, with all defaults filled in."""
         features = f"{self.namespace.rstrip('/')}/camera"
         if not self.cameras:
             return CameraEntry(
@@ -190,26 +192,26 @@ class Parameters:
         )  # fmt: skip
 
     def check_cameras(self, where: str) -> None:
-        """ConfigurationError for two cameras of one topic: they would be one."""
+        """Raise ConfigurationError if two cameras would use the same topic."""
         for key, topic in (("namespace", "image_raw"), ("features", "moments")):
-            heard: dict[str, str] = {}
+            used_by: dict[str, str] = {}
             for name in self.cameras:
-                space = getattr(self.camera_of(name), key)
-                if (other := heard.setdefault(space, name)) != name:
+                namespace = getattr(self.get_camera(name), key)
+                if (other := used_by.setdefault(namespace, name)) != name:
                     raise ConfigurationError(
-                        f"{where}cameras: {other} and {name} both listen to {space}/{topic}: give "
-                        f"each a {key} of its own"
+                        f"{where}cameras: {other} and {name} both listen to {namespace}/{topic}: "
+                        f"give each its own {key}"
                     )
 
 
-def per_joint(name: str, value: Any, arm: Arm) -> Any:
-    """One number, or numbers in the arm's order, from what may be given by joint name."""
+def expand_per_joint(name: str, value: Any, arm: Arm) -> Any:
+    """Return one number, or numbers in the order of the arm, for a parameter of each joint."""
     if not isinstance(value, Mapping):
         return value
     for joint in value:
         if joint not in arm.names:
             raise ConfigurationError(
-                f"parameter ~{name} names the joint {joint}: {nearest(joint, arm.names)}"
+                f"parameter ~{name} names the joint {joint}: {suggest(joint, arm.names)}"
             )
-    other = default_of(Parameters.__dataclass_fields__[name])
+    other = get_default(Parameters.__dataclass_fields__[name])
     return tuple(float(value.get(joint, other)) for joint in arm.names)

@@ -1,6 +1,6 @@
-"""The loop that the parameters of the controller describe.
+"""Settings of the controller, and the construction of the control loop from them.
 
-The node, the runner and the tests build their loop from the same `Settings`, so it is one loop.
+The node, the offline runner and the tests all construct the loop from these `Settings`.
 """
 
 from __future__ import annotations
@@ -14,41 +14,54 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import transform
-from aras_visual_servo_base.settings import build, converted, defaults
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_base.settings import build, convert_fields, list_defaults
 from aras_visual_servo_base.urdf import parse_tree
 from aras_visual_servo_base.yaml_files import read_yaml
 from aras_visual_servo_camera.errors import SegmentationError, VisionError
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.segmentation import Segmentation
 
-from .arm import Arm, Limits, Resolver, ResolverSettings
-from .arm.arm import flies
-from .arm.fold import find
 from .errors import ConfigurationError
 from .goals.goal import Goal
-from .goals.starts import start_joints
+from .goals.starts import find_start_joints
+from .kinematics import Arm, DifferentialIK, IKSettings, Limits
+from .kinematics.arm import is_free_camera
+from .kinematics.elbow import find_elbows
 from .laws import Law, create_law
 from .loop.servo import Servo
-from .parameters import BY_JOINT, LEGAL, MODEL, NAMES, OUTLINE, Parameters, per_joint
+from .observation.camera_rig import (
+    CameraKinematics,
+    CameraRig,
+    FixedCameraKinematics,
+    make_camera_kinematics,
+)
+from .observation.feature_observer import FeatureObserver
+from .observation.observation import CAMERA, Need
+from .parameters import (
+    BY_JOINT,
+    GRAPH_NAMES,
+    LEGAL_NAME,
+    MODEL_TRACKER,
+    OUTLINE_TRACKER,
+    Parameters,
+    expand_per_joint,
+)
 from .records.state import ServoSettings
 from .schemes import JointController, Scheme, create_scheme
-from .seeing.observation import CAMERA, Need
-from .seeing.observer import Observer
-from .seeing.rig import MovedBy, Rig, StandingCamera, beside
 
 if TYPE_CHECKING:
     from aras_visual_servo_camera.trackers import Tracker
 
-    from .arm import SecondaryTask
+    from .kinematics import SecondaryTask
 
-NONE: Mapping[str, Any] = {}
+NO_CAMERAS: Mapping[str, Any] = {}
 
 
 @dataclass(frozen=True)
 class Settings(Parameters):
-    """Parameters, checked, and the loop that they describe; see Parameters."""
+    """Checked parameters of the controller, with methods that construct the parts of the loop."""
 
     documented_by = (Parameters, ServoSettings)
 
@@ -56,129 +69,140 @@ class Settings(Parameters):
     def from_mapping(
         cls, raw: Mapping[str, Any], package: Path = Path("."), file: str = ""
     ) -> Settings:
-        """Check what the parameter server holds.
+        """Construct the settings from parameters, and check them.
 
         Args:
-            raw: name to value, as rosparam gives them.
-            package: directory of this package, where config/ is.
-            file: that holds them, for messages; '': the parameter server.
+            raw: name to value, as on the ROS parameter server.
+            package: directory of this package, which contains config/.
+            file: file that the parameters come from, for messages; '': the parameter server.
 
         Raises:
-            ConfigurationError: naming the parameter, what is wrong and what would be right.
+            ConfigurationError: naming the parameter, what is wrong and what is allowed.
         """
         where = f"{file}: parameter ~" if file else "parameter ~"
-        values = converted(cls, raw, where, ConfigurationError)
-        known = defaults(cls)
+        values = convert_fields(cls, raw, where, ConfigurationError)
+        known = list_defaults(cls)
         for name, value in values.items():
             if value == "" and known[name] != "":
                 raise ConfigurationError(f"{where}{name} is '', must be a text that is not empty")
-            if name in NAMES and not LEGAL.fullmatch(value or "x"):
+            if name in GRAPH_NAMES and not LEGAL_NAME.fullmatch(value or "x"):
                 raise ConfigurationError(
-                    f"{where}{name} is '{value}', which is no name on a ROS graph: letters, "
-                    "digits, _ and / are"
+                    f"{where}{name} is '{value}', which is not a ROS graph name: use letters, "
+                    "digits, _ and /"
                 )
         settings = cls(**values, package=package)
         settings.make_segmentation(where)
         settings.check_cameras(where)
         return settings
 
-    def for_robot(self, name: str, given: Mapping[str, Any] | None = None) -> Settings:
-        """These settings, with config/robots/NAME.yaml for what was not given.
+    def for_robot(self, name: str, raw_settings: Mapping[str, Any] | None = None) -> Settings:
+        """Return these settings, completed from config/robots/NAME.yaml.
+
+        Values of that file replace only parameters that the user has not given.
 
         Args:
-            name: of the robot in its description.
-            given: names of what was given (the keys count); None: what differs from the defaults.
+            name: name of the robot in its description.
+            raw_settings: names of the parameters that the user has given (a mapping counts by its
+                keys); None: those that differ from the defaults.
         """
         path = self.package / "config" / "robots" / f"{Path(name).name}.yaml"
         if not name or not path.is_file():
             return self
-        of_robot = Settings.from_mapping(
+        robot_settings = Settings.from_mapping(
             read_yaml(path, ConfigurationError), self.package, str(path)
         )
-        plain = Settings(package=self.package)
-        if given is None:
-            given = [
-                f.name for f in fields(self) if getattr(self, f.name) != getattr(plain, f.name)
+        defaults = Settings(package=self.package)
+        if raw_settings is None:
+            raw_settings = [
+                f.name for f in fields(self) if getattr(self, f.name) != getattr(defaults, f.name)
             ]
-        given = set(given)
+        raw_settings = set(raw_settings)
         known = {
-            f.name: getattr(of_robot, f.name)
+            f.name: getattr(robot_settings, f.name)
             for f in fields(self)
-            if f.name not in given and getattr(of_robot, f.name) != getattr(plain, f.name)
+            if f.name not in raw_settings
+            and getattr(robot_settings, f.name) != getattr(defaults, f.name)
         }
-        for key in BY_JOINT if self.joints else ():  # of the other joints nothing is to be said
+        for key in BY_JOINT if self.joints else ():  # drop the values of unused joints
             if isinstance(value := known.get(key), Mapping):
                 known[key] = {name: v for name, v in value.items() if name in self.joints} or (
-                    getattr(plain, key)
+                    getattr(defaults, key)
                 )
         return replace(self, **known)
 
-    def arm(self, urdf: str) -> Arm:
-        """The arm of a description; ConfigurationError as Arm.from_urdf, or for controllers of
-        joints that it has not."""
+    def make_arm(self, urdf: str) -> Arm:
+        """Construct the arm from a robot description.
+
+        Raises:
+            ConfigurationError: the description does not fit, or `controllers` names an unknown
+                joint.
+        """
         name = ""
-        if self.cameras:  # of one camera the scheme need not be there, as where a bag is read
-            name = self.read_by(self.make_scheme())[0]
-        arm = self._arm_of(urdf, name)
+        if self.cameras:  # without several cameras the scheme is not needed, as for reading a bag
+            name = self.list_cameras(self.make_scheme())[0]
+        arm = self._make_camera_arm(urdf, name)
         for joint, controller in self.controllers.items():
             known = arm.names if joint in arm.names else parse_tree(urdf).joints
             if joint not in known:
                 raise ConfigurationError(
-                    f"parameter ~controllers names the joint {joint}: {nearest(joint, known)}"
+                    f"parameter ~controllers names the joint {joint}: {suggest(joint, known)}"
                 )
-            if not (isinstance(controller, str) and LEGAL.fullmatch(controller)):
+            if not (isinstance(controller, str) and LEGAL_NAME.fullmatch(controller)):
                 raise ConfigurationError(
                     f"parameter ~controllers: that of {joint} is {controller!r}, must be the name "
                     f"of a controller, as {joint}_{self.output}_controller"
                 )
         return arm
 
-    def _arm_of(self, urdf: str, camera: str) -> Arm:
-        entry = self.camera_of(camera)
+    def _make_camera_arm(self, urdf: str, camera: str) -> Arm:
+        entry = self.get_camera(camera)
         return Arm.from_urdf(
             urdf, entry.frame, self.base_frame, self.joints or None, entry.target_frame
         )
 
-    def read_by(self, scheme: Scheme | JointController) -> tuple[str, ...]:
-        """Names of the cameras that a scheme reads, in their own order: the first is the control
-        camera.
+    def list_cameras(self, scheme: Scheme | JointController) -> tuple[str, ...]:
+        """Return the names of the cameras that a scheme reads, in the order of `cameras`.
+
+        The first name is that of the control camera.
 
         Raises:
-            ConfigurationError: it names one that there is not.
+            ConfigurationError: the scheme names an unknown camera.
         """
         known = tuple(self.cameras or (CAMERA,))
         read = {name or known[0] for name in scheme.cameras or ("",)}
         for name in read:
             if name not in known:
                 raise ConfigurationError(
-                    f"scheme '{self.scheme}' reads the camera '{name}': {nearest(name, known)}"
+                    f"scheme '{self.scheme}' reads the camera '{name}': {suggest(name, known)}"
                 )
         return tuple(name for name in known if name in read)
 
-    def others(self, urdf: str, arm: Arm) -> dict[str, MovedBy]:
-        """What moves the other cameras that the scheme reads, by their names.
+    def make_other_cameras(self, urdf: str, arm: Arm) -> dict[str, CameraKinematics]:
+        """Return the kinematics of the cameras that the scheme reads besides the control camera.
 
         Raises:
-            ConfigurationError: one of them sits elsewhere on the arm than the control camera, or
-                stands still where it is to steer; see `beside`.
+            ConfigurationError: other joints move that camera or its target than the control
+                camera's, or neither a fixed camera nor its target is moved by the arm.
         """
-        others: dict[str, MovedBy] = {}
+        others: dict[str, CameraKinematics] = {}
         scheme = self.make_scheme()
-        for name in self.read_by(scheme)[1:]:
-            one, place = self.camera_of(name), None
+        for name in self.list_cameras(scheme)[1:]:
+            one, place = self.get_camera(name), None
             if not one.target_frame:
-                place = Arm.standing(urdf, one.frame, self.base_frame)
+                place = Arm.find_fixed_pose(urdf, one.frame, self.base_frame)
             if place is None:
-                others[name] = beside(urdf, arm, self._arm_of(urdf, name), name)
+                others[name] = make_camera_kinematics(
+                    urdf, arm, self._make_camera_arm(urdf, name), name
+                )
             else:
-                from .features.of_camera import check_steering
+                from .features.remote_camera_feature import check_controllability
 
-                check_steering(getattr(scheme, "features", ()), name)
-                others[name] = StandingCamera(place)
+                check_controllability(getattr(scheme, "features", ()), name)
+                others[name] = FixedCameraKinematics(place)
         return others
 
     def make_law(self) -> Law:
-        """Return the law with its parameters; ConfigurationError for what it refuses."""
+        """Construct the control law; ConfigurationError for a parameter that it does not accept."""
         options = dict(self.law_options)
         for key in ("gain", "continuous_start", "ramp"):
             if key in options:
@@ -192,7 +216,7 @@ class Settings(Parameters):
         return create_law(self.law, self.continuous_start, self.ramp, **options)
 
     def make_scheme(self) -> Scheme | JointController:
-        """The scheme with its law; ConfigurationError naming what is unknown."""
+        """Construct the scheme with its law; ConfigurationError for an unknown name."""
         return create_scheme(
             self.scheme,
             self.make_law(),
@@ -201,174 +225,194 @@ class Settings(Parameters):
             smoothing=self.smoothing,
         )
 
-    def limits(self, arm: Arm) -> Limits:
-        """Of the commands; ConfigurationError as Limits.of, or for a joint of an arm whose speed
-        nothing limits."""
-        limits = Limits.of(arm, self.lower, self.upper, self.max_velocity, self.max_acceleration)
+    def make_limits(self, arm: Arm) -> Limits:
+        """Return the joint limits of the commands.
+
+        Raises:
+            ConfigurationError: a limit does not fit the arm, or a joint has no speed limit.
+        """
+        limits = Limits.for_arm(
+            arm, self.lower, self.upper, self.max_velocity, self.max_acceleration
+        )
         if isinstance(arm, Arm) and not np.isfinite(limits.velocity).all():
             name = arm.names[int(np.flatnonzero(~np.isfinite(limits.velocity))[0])]
             raise ConfigurationError(
-                f"nothing limits the speed of {name}: its <limit> in the robot description says no "
-                "velocity: give one there or as ~max_velocity (rad/s, m/s)"
+                f"{name} has no speed limit: add a velocity to its <limit> in the robot "
+                "description, or set ~max_velocity (rad/s, m/s)"
             )
         return limits
 
-    def goal_path(self) -> Path:
-        """The YAML file of the goal."""
+    def find_goal_file(self) -> Path:
+        """Return the path of the goal's YAML file."""
         name = self.desired
         if name == "auto":
             name = self.start if isinstance(self.start, str) else ""
-            if not self._shipped(name).is_file():
+            if not self._find_shipped_goal(name).is_file():
                 name = "2016"
-        shipped = self._shipped(name)
+        shipped = self._find_shipped_goal(name)
         return shipped if shipped.is_file() else Path(name).expanduser()
 
     def load_goal(self) -> Goal:
-        """The goal; ConfigurationError for a name that there is not, and as Goal.load."""
-        path = self.goal_path()
+        """Read the goal from its file; ConfigurationError for an unknown name or a wrong file."""
+        path = self.find_goal_file()
         if not path.suffix and len(path.parts) == 1 and not path.exists():
-            shipped = self._shipped("").parent.glob("goal_*.yaml")
+            shipped = self._find_shipped_goal("").parent.glob("goal_*.yaml")
             names = sorted(file.stem.removeprefix("goal_") for file in shipped)
             raise ConfigurationError(
-                f"unknown goal '{path}': {nearest(str(path), names)} (or the path of a YAML "
+                f"unknown goal '{path}': {suggest(str(path), names)} (or the path of a YAML "
                 "file)"
             )
         return Goal.load(path)
 
-    def _shipped(self, name: str) -> Path:
+    def _find_shipped_goal(self, name: str) -> Path:
         return self.package / "config" / f"goal_{Path(name).name}.yaml"
 
-    def resolver(self, arm: Arm, limits: Limits, goal: Goal | None = None) -> Resolver:
-        """The resolver with its secondary tasks; ConfigurationError for unknown joints.
+    def make_differential_ik(
+        self, arm: Arm, limits: Limits, goal: Goal | None = None
+    ) -> DifferentialIK:
+        """Construct the differential inverse kinematics with its secondary tasks.
 
-        `goal`: tells the lengths of a camera that flies without an arm.
+        Args:
+            goal: goal whose distance scales the lengths of a free-flying camera.
+
+        Raises:
+            ConfigurationError: a parameter names an unknown joint.
         """
         sides = self.elbow
-        folds = find(arm)
+        elbows = find_elbows(arm)
         if isinstance(sides, float):
-            sides = {arm.names[fold.joint]: sides for fold in folds}
+            sides = {arm.names[elbow.joint]: sides for elbow in elbows}
         if not isinstance(sides, Mapping | None):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        if sides and self.joints:  # of an elbow that is not used, or not alone, nothing is known
-            elbows = [arm.names[fold.joint] for fold in folds]
-            sides = {n: s for n, s in sides.items() if n in elbows or n not in arm.names}
+        if sides and self.joints:  # ignore elbows whose joints are not all in use
+            elbow_names = [arm.names[elbow.joint] for elbow in elbows]
+            sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:
-            folds = find(arm, sides)
+            elbows = find_elbows(arm, sides)
         tasks: list[SecondaryTask] = []
         if self.posture or self.limit_avoidance or self.singularity_avoidance:
-            from .arm import JointLimitAvoidance, Posture, SingularityAvoidance
+            from .kinematics import JointLimitAvoidance, PostureTask, SingularityAvoidance
 
             if self.posture:
-                tasks.append(Posture(arm, self.posture, self.posture_gain))
+                tasks.append(PostureTask(arm, self.posture, self.posture_gain))
             if self.limit_avoidance:
                 tasks.append(JointLimitAvoidance(limits))
             if self.singularity_avoidance:
                 tasks.append(SingularityAvoidance(arm))
-        numbers = ResolverSettings(hold_gain=self.hold_gain)
-        if goal is not None and flies(arm):
-            numbers = ResolverSettings.without_arm(goal.distance, self.hold_gain)
-        return Resolver(arm, limits, tasks, numbers, folds)
+        numbers = IKSettings(hold_gain=self.hold_gain)
+        if goal is not None and is_free_camera(arm):
+            numbers = IKSettings.for_free_camera(goal.distance, self.hold_gain)
+        return DifferentialIK(arm, limits, tasks, numbers, elbows)
 
-    def build(
+    def make_servo(
         self,
         arm: Arm,
         goal: Goal | None = None,
         clock: Callable[[], float] | None = None,
         scheme: Scheme | JointController | None = None,
-        resolver: Resolver | None = None,
-        others: Mapping[str, MovedBy] = NONE,
+        differential_ik: DifferentialIK | None = None,
+        other_cameras: Mapping[str, CameraKinematics] = NO_CAMERAS,
     ) -> Servo:
-        """The loop that these parameters describe.
+        """Construct the control loop that these parameters describe.
 
         Args:
-            arm: that it moves.
-            goal: None: the one that `desired` names.
-            clock: s, to tell a scheme that takes too long.
-            scheme: None: the one that `scheme` names.
-            resolver: None: the one that these parameters describe.
-            others: what moves the other cameras that the scheme reads, by name.
+            arm: arm to control.
+            goal: goal; None: the one named by `desired`.
+            clock: function that returns the time in s, used to stop a scheme that takes too long.
+            scheme: scheme; None: the one named by `scheme`.
+            differential_ik: inverse kinematics; None: constructed from these parameters.
+            other_cameras: kinematics of the other cameras that the scheme reads, by name.
 
         Raises:
-            ConfigurationError: what cannot be, and what would be right.
+            ConfigurationError: naming the parameter that is wrong and what is allowed.
         """
-        limits = self.limits(arm)
+        limits = self.make_limits(arm)
         shared = (f.name for f in fields(ServoSettings) if hasattr(self, f.name))
         values = {name: getattr(self, name) for name in shared}
         for name in ("lead", "stiffness", "damping"):
-            values[name] = per_joint(name, values[name], arm)
+            values[name] = expand_per_joint(name, values[name], arm)
         values["duration"] = self.duration or np.inf
         scheme = scheme if scheme is not None else self.make_scheme()
         if goal is None:
-            goal = self.load_goal().for_cameras({self.read_by(scheme)[0]: arm, **others})
-            if self.tracker == OUTLINE:  # other points than its corners are for trackers to teach
-                from .loop.teaching import by_geometry
+            goal = self.load_goal().for_cameras(
+                {self.list_cameras(scheme)[0]: arm, **other_cameras}
+            )
+            # Only the corners of the goal's outline can be computed; other points must be taught.
+            if self.tracker == OUTLINE_TRACKER:
+                from .loop.teaching import complete_by_geometry
 
-                goal = by_geometry(goal, scheme)
-        if flies(arm):  # what slides is the camera: its lengths are the scene's
+                goal = complete_by_geometry(goal, scheme)
+        if is_free_camera(arm):  # its prismatic joints move the camera: scale with the scene
             for name in ("lead", "arrived"):
-                slides = np.where(arm.prismatic, goal.scale, 1.0)
+                slides = np.where(arm.is_prismatic, goal.scale, 1.0)
                 given = values.get(name, getattr(ServoSettings, name))
                 values[name] = tuple((slides * np.asarray(given, float)).tolist())
-        near = goal.posture(arm) if isinstance(self.start, Mapping) else None
-        start = start_joints(self.start, arm, self.package, near)
+        near = goal.find_posture(arm) if isinstance(self.start, Mapping) else None
+        start = find_start_joints(self.start, arm, self.package, near)
         values["start"] = None if start is None else tuple(start.tolist())
         return Servo(
             scheme,
             arm,
             goal,
-            self.resolver(arm, limits, goal) if resolver is None else resolver,
+            self.make_differential_ik(arm, limits, goal)
+            if differential_ik is None
+            else differential_ik,
             ServoSettings(**values),
             clock,
             self.scheme,
         )
 
-    def rig(
+    def make_camera_rig(
         self,
-        arms: Mapping[str, MovedBy | None],
+        arms: Mapping[str, CameraKinematics | None],
         scheme: Scheme | JointController,
         goal: Goal | None = None,
-    ) -> Rig:
-        """What makes observations for that scheme.
+    ) -> CameraRig:
+        """Construct the cameras that turn images into observations for a scheme.
 
         Args:
-            arms: what moves the cameras that it reads, by name, the control camera first.
-            goal: as the loop has it.
+            arms: kinematics of the cameras that the scheme reads, by name, control camera first.
+            scheme: scheme whose needs decide what is measured in the images.
+            goal: goal of the loop; None while a goal is being taught.
         """
         depth = frozenset((Need.DEPTH,)) if self.depth_image else frozenset()
         control = next(iter(arms))
-        plane, held = (self._outline_plane(), {}) if goal is None else (None, goal.cameras)
-        return Rig(
-            Observer(
-                arm, scheme.needs_of(*(("", name) if name == control else (name,))) | depth,
+        plane, goals = (self._make_outline_plane(), {}) if goal is None else (None, goal.cameras)
+        return CameraRig(
+            FeatureObserver(
+                arm, scheme.get_needs(*(("", name) if name == control else (name,))) | depth,
                 self.make_segmentation(),
-                self.make_tracker(held[name].marker if name in held else ""),
-                held[name].plane_from if name in held else plane, name,
+                self.make_tracker(goals[name].marker if name in goals else ""),
+                goals[name].compute_plane if name in goals else plane, name,
             )
             for name, arm in arms.items()
         )  # fmt: skip
 
-    def _outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
-        """Tells the plane of the model's outline as seen from world_T_camera (4, 4), by the pose
-        that it starts from; None where that is not known, and no goal is taught by it."""
+    def _make_outline_plane(self) -> Callable[[np.ndarray], Plane] | None:
+        """Return a function that computes the plane of the model's outline from world_T_camera.
+
+        It uses the initial pose of the model. Return None if that pose is not given; a goal can
+        then not be taught by the outline of the model.
+        """
         if not self.model or "pose" not in self.model_start:
             return None
         from aras_visual_servo_camera.silhouette import OutlinePlane
 
         solid, place = self.make_tracker().tracking.solid, self.model_start["pose"]
         return OutlinePlane(
-            solid.vertices, transform(place[:3], place[3:]), Path(self.model).name
-        ).seen_from
+            solid.vertices, matrix_from_xyz_rpy(place[:3], place[3:]), Path(self.model).name
+        ).compute_plane
 
     def make_segmentation(self, where: str = "parameter ~") -> Segmentation:
-        """How the target's pixels are told; ConfigurationError for what is wrong with it."""
+        """Construct the segmentation of the target; ConfigurationError if it is not valid."""
         where = f"{where}segmentation"
         try:
-            given = self.segmentation
-            if self.marker and "marker" not in given:
-                given = {"marker": self.marker, **given}
-            found = build(Segmentation, given, where, ConfigurationError)
+            options = self.segmentation
+            if self.marker and "marker" not in options:
+                options = {"marker": self.marker, **options}
+            found = build(Segmentation, options, where, ConfigurationError)
         except SegmentationError as error:
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":
@@ -379,21 +423,21 @@ class Settings(Parameters):
         return found
 
     def make_tracker(self, marker: str = "") -> Tracker | None:
-        """What finds the points of the target; None: the outline's corners.
+        """Construct the tracker that finds the points of the target; None: use outline corners.
 
         Args:
-            marker: that the goal was taught by, for the tracker 'marker' where none is chosen.
+            marker: marker with which the goal was taught, used if no `marker` is set.
         """
         name = self.tracker
         if self.model or "model" in re.split(r"[+@]", self.scheme):
-            name = MODEL
-        if name == OUTLINE:
+            name = MODEL_TRACKER
+        if name == OUTLINE_TRACKER:
             return None
         from aras_visual_servo_camera.trackers import TRACKERS
 
-        given = vars(self) | {"marker": self.marker or marker}
+        options = vars(self) | {"marker": self.marker or marker}
         try:
-            known = [parameter.name for parameter in TRACKERS.parameters(name)]
-            return TRACKERS.create(name, **{key: given[key] for key in known if key in given})
+            known = [parameter.name for parameter in TRACKERS.list_parameters(name)]
+            return TRACKERS.create(name, **{key: options[key] for key in known if key in options})
         except (VisionError, DescriptionError) as error:
             raise ConfigurationError(str(error)) from None

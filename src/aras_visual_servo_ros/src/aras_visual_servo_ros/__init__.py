@@ -1,1 +1,1 @@
-"""What every node of the simulator needs of ROS."""
+"""ROS functions that all nodes of the simulator share."""

@@ -1,4 +1,4 @@
-"""A node's connections: a port that nobody can keep others from, and publishers found for good."""
+"""Corrections of rospy's connection handling: parallel accepting, reliable subscriptions."""
 
 from __future__ import annotations
 
@@ -8,57 +8,59 @@ import weakref
 
 from rospy.impl import masterslave, registration, tcpros_base
 
-# Connections that may wait to be taken up. rospy lets five: of eight clients that call services all
-# the time one was turned away now and then, and its kernel asks again only after a second.
+# Connections that may wait to be accepted. With rospy's value of 5, one of eight clients that call
+# services continuously was sometimes rejected; its kernel retries only after one second.
 BACKLOG = 128
 
 
-def open_wide() -> None:
-    """Take up connections to this node in threads of their own; call it after init_node.
+def accept_in_threads() -> None:
+    """Handle each incoming connection to this node in a separate thread; call after init_node.
 
-    rospy takes one after the other, so that one which says nothing keeps all others waiting.
+    rospy handles them one after the other, so that a client that sends nothing blocks all others.
     """
     tcpros_base.start_tcpros_server()
     server = tcpros_base._tcpros_server.tcp_ros_server
-    take_up = server.inbound_handler
+    handle = server.inbound_handler
 
-    def in_a_thread(connection: socket.socket, address: tuple[str, int]) -> None:
-        threading.Thread(target=take_up, args=(connection, address), daemon=True).start()
+    def handle_in_thread(connection: socket.socket, address: tuple[str, int]) -> None:
+        threading.Thread(target=handle, args=(connection, address), daemon=True).start()
 
     server.server_sock.listen(BACKLOG)
-    server.inbound_handler = in_a_thread
+    server.inbound_handler = handle_in_thread
 
 
 def find_publishers() -> None:
-    """Let this process connect to every publisher of a topic once, whenever the master tells of it.
+    """Patch rospy so that a subscriber connects to every publisher of a topic exactly once.
 
-    rospy takes one word of the master's about a topic with two publishers for two, and tries to
-    connect twice at the same time. Of two connections to one publisher it drops the first; as that
-    one ends it may take the second, which has its file's number, for itself, and end it as well.
+    This corrects two errors of rospy, after which a node never receives messages of a publisher.
 
-    Of two words about a topic, rospy drops the one that came to it first. Where a publisher begins
-    just after this node has subscribed, that is the word about it, as the answer to the
-    subscription may come in after it. In either case the node never hears of this publisher again.
+    Duplicate connections: rospy handles one update of the master about a topic with two publishers
+    twice, and connects to the same publisher in two threads at once. It then closes the first
+    connection, and with it sometimes the second one, which has got the same file descriptor.
+
+    Lost updates: if two updates about a topic are pending, rospy drops the older one. When a
+    publisher starts just after this node has subscribed, this can be the update that announces the
+    publisher, because the reply to the subscription may arrive later.
     """
     connect = masterslave.ROSHandler._connect_topic
     if connect.__module__ == __name__:
         return
     locks: weakref.WeakValueDictionary[tuple[str, str], threading.Lock]
     locks = weakref.WeakValueDictionary()
-    choosing = threading.Lock()
+    locks_lock = threading.Lock()
 
-    def one_by_one(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
-        with choosing:
+    def connect_once(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
+        with locks_lock:
             lock = locks.setdefault((topic, uri), threading.Lock())
-        with lock:  # whoever waited finds the connection there
+        with lock:  # a second thread waits here and then finds the existing connection
             return connect(handler, topic, uri)
 
     update = registration.RegManager.publisher_update
 
-    def all_told(manager: registration.RegManager, topic: str, uris: list[str]) -> None:
+    def merge_updates(manager: registration.RegManager, topic: str, uris: list[str]) -> None:
         with manager.cond:
-            before = [uri for name, given in manager.updates if name == topic for uri in given]
-            update(manager, topic, list(dict.fromkeys((*before, *uris))))
+            pending = [uri for name, known in manager.updates if name == topic for uri in known]
+            update(manager, topic, list(dict.fromkeys((*pending, *uris))))
 
-    masterslave.ROSHandler._connect_topic = one_by_one
-    registration.RegManager.publisher_update = all_told
+    masterslave.ROSHandler._connect_topic = connect_once
+    registration.RegManager.publisher_update = merge_updates

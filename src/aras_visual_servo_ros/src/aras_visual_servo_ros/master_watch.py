@@ -1,4 +1,4 @@
-"""Notices that the ROS master has gone: rospy itself would go on for ever without a word."""
+"""Detection of the loss of the ROS master, which rospy itself does not report."""
 
 from __future__ import annotations
 
@@ -8,23 +8,26 @@ from collections.abc import Callable
 
 import rosgraph
 
-PATIENCE = 2  # so many questions in a row without an answer, and it is gone
-RETRY = 0.5  # seconds of wall time after a question without an answer
+PATIENCE = 2  # number of consecutive failed queries after which the master counts as lost
+RETRY = 0.5  # seconds of wall time until the next query after a failed one
 
 
 class MasterWatch:
-    """Asks the master for its process id now and then."""
+    """Monitor of the ROS master; it queries the master's process ID periodically."""
 
-    def __init__(self, name: str, every: float = 2.0) -> None:
-        """Ask in the name of the node `name`, `every` so many seconds of wall time."""
+    def __init__(self, name: str, period: float = 2.0) -> None:
+        """Create a monitor for the node `name` with a query every `period` s of wall time."""
         self._master = rosgraph.Master(name)
-        self._every = every
+        self._period = period
         self._next = 0.0
         self._failures = 0
         self._pid: int | None = None
 
-    def lost(self) -> str:
-        """Why this node has no master any more, or '' while it has; cheap to call often."""
+    def find_loss_reason(self) -> str:
+        """Return why this node has lost its master, or '' if it has not.
+
+        Frequent calls are cheap, because the master is queried only once per period.
+        """
         now = time.monotonic()
         if now < self._next:
             return ""
@@ -32,21 +35,21 @@ class MasterWatch:
             pid = self._master.getPid()
         except (OSError, rosgraph.MasterException):
             self._failures += 1
-            self._next = now + min(RETRY, self._every)
+            self._next = now + min(RETRY, self._period)
             if self._failures < PATIENCE:
                 return ""
             return "the ROS master does not answer any more"
         self._failures = 0
-        self._next = now + self._every
+        self._next = now + self._period
         self._pid = self._pid or pid
-        return "" if pid == self._pid else "the ROS master was restarted and does not know us"
+        return "" if pid == self._pid else "the ROS master was restarted"
 
-    def tell(self, on_lost: Callable[[str], None]) -> None:
-        """Look from a thread of its own, and call `on_lost` with the reason, once."""
+    def watch(self, on_loss: Callable[[str], None]) -> None:
+        """Monitor the master in a new thread and call `on_loss` once with the reason."""
 
         def run() -> None:
-            while not (why := self.lost()):
+            while not (reason := self.find_loss_reason()):
                 time.sleep(RETRY)
-            on_lost(why)
+            on_loss(reason)
 
         threading.Thread(target=run, name="master watch", daemon=True).start()

@@ -1,4 +1,4 @@
-"""The parameter server: what it holds, and the fault of what cannot be used."""
+"""Access to the parameter server, and the exception for invalid parameters."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ class InvalidParameterError(ValueError):
     """A parameter is unknown, of the wrong type or out of range."""
 
 
-def fetched(name: str) -> object:
-    """Return what the parameter server holds under a name; {} where there is nothing.
+def get_parameter(name: str) -> object:
+    """Return the value of a parameter or namespace from the parameter server, or {} if unset.
 
-    It is asked itself: rospy keeps a copy of some of it, which it takes for the whole of `/`.
+    The value is read from the server, not from rospy's cache: for `/`, the cache contains only the
+    parameters that the node has already read.
     """
     try:
         return rosgraph.Master(rospy.get_name()).getParam(rospy.resolve_name(name))
@@ -23,7 +24,7 @@ def fetched(name: str) -> object:
         return {}
 
 
-def namespace_of(name: str) -> dict[str, object]:
-    """Return the parameters below a name; none where it is a single one."""
-    values = fetched(name)
+def get_namespace(name: str) -> dict[str, object]:
+    """Return the parameters in a namespace, or {} if the name is that of a single parameter."""
+    values = get_parameter(name)
     return values if isinstance(values, dict) else {}

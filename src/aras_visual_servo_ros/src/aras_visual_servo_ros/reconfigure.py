@@ -1,8 +1,8 @@
-"""A dynamic_reconfigure server built from a plain list of fields.
+"""A dynamic_reconfigure server built from a list of fields.
 
-The stock Python server wants a generated ``*Config`` module per parameter set, and never goes
-away; our sets (gains of PIDs and laws, physics, camera rates) are tables of a few lines, and end
-with what they belong to.
+The server of the package dynamic_reconfigure needs a generated ``*Config`` module per parameter set
+and cannot be shut down. The parameter sets here (gains of PIDs and control laws, physics, camera
+rates) are short tables and are removed together with the object that they configure.
 """
 
 from __future__ import annotations
@@ -30,9 +30,9 @@ from aras_visual_servo_ros.parameters import InvalidParameterError, Value
 
 @dataclass(frozen=True)
 class Field:
-    """One reconfigurable parameter: type is 'double', 'int', 'bool' or 'str'.
+    """One reconfigurable parameter of type 'double', 'int', 'bool' or 'str'.
 
-    Limits are inclusive; texts have none.
+    The limits are inclusive; those of strings are ignored.
     """
 
     name: str
@@ -44,10 +44,10 @@ class Field:
     level: int = 1
 
     def coerce(self, value: Value) -> Value:
-        """Return value in this field's type, moved into its limits (dynamic_reconfigure's rule).
+        """Convert `value` to the type of this field and clamp it to the limits.
 
         Raises:
-            InvalidParameterError: it is of another kind, or NaN, which no limit could correct.
+            InvalidParameterError: the value is a string but the field is not, or it is NaN.
         """
         if self.type == "str":
             return str(value)
@@ -62,7 +62,7 @@ class Field:
 
 
 class ReconfigureServer:
-    """Serves set_parameters, parameter_descriptions and parameter_updates in one namespace."""
+    """Server of set_parameters, parameter_descriptions and parameter_updates in one namespace."""
 
     def __init__(
         self,
@@ -71,20 +71,22 @@ class ReconfigureServer:
         values: Mapping[str, Value],
         apply: Callable[[dict[str, Value]], Mapping[str, Value] | None],
     ) -> None:
-        """Advertise in `namespace` (absolute name) with `values` as the current configuration, and
-        mirror them on the parameter server.
+        """Advertise the service and topics, and write the values to the parameter server.
 
         Args:
-            apply: called with the complete new configuration by a set_parameters request. It may
-                return the values that came out; what it raises is logged, and leaves the old ones
-                in place.
+            namespace: absolute name.
+            fields: the reconfigurable parameters.
+            values: current values by name; missing ones are set to their defaults.
+            apply: called with the complete new configuration after a set_parameters request. It may
+                return the values that are actually in effect. If it raises an exception, the error
+                is logged and the old values remain.
         """
         self._namespace = namespace.rstrip("/")
         self._fields = {field.name: field for field in fields}
         self._values = {field.name: values.get(field.name, field.default) for field in fields}
         self._apply = apply
         self._lock = threading.Lock()
-        with self._lock:  # requests wait until all is up
+        with self._lock:  # requests wait until everything is advertised
             self._service = rospy.Service(
                 f"{self._namespace}/set_parameters", Reconfigure, self._on_request
             )
@@ -102,12 +104,12 @@ class ReconfigureServer:
 
     @property
     def values(self) -> dict[str, Value]:
-        """The current configuration."""
+        """Current values by name."""
         with self._lock:
             return dict(self._values)
 
     def set_values(self, values: Mapping[str, Value]) -> None:
-        """Take over values that changed by another way (a service) and tell the subscribers."""
+        """Set values that were changed elsewhere, e.g. by another service, and publish them."""
         with self._lock:
             changed = {
                 name: value for name, value in values.items() if self._values.get(name) != value
@@ -118,7 +120,7 @@ class ReconfigureServer:
             self._publish()
 
     def shutdown(self) -> None:
-        """Take service and topics off the graph."""
+        """Shut down the service and the topics."""
         self._service.shutdown("no longer served")
         self._descriptions.unregister()
         self._updates.unregister()
@@ -126,13 +128,13 @@ class ReconfigureServer:
     def _on_request(self, request: Reconfigure) -> ReconfigureResponse:
         config = request.config
         with self._lock:
-            wanted = dict(self._values)
+            requested = dict(self._values)
             try:
                 for item in [*config.bools, *config.ints, *config.strs, *config.doubles]:
                     if item.name in self._fields:
-                        wanted[item.name] = self._fields[item.name].coerce(item.value)
-                result = self._apply(wanted)
-                self._values.update(wanted if result is None else result)
+                        requested[item.name] = self._fields[item.name].coerce(item.value)
+                result = self._apply(requested)
+                self._values.update(requested if result is None else result)
             except Exception as error:
                 rospy.logerr("%s/set_parameters: %s; nothing was changed", self._namespace, error)
             self._publish()

@@ -1,5 +1,4 @@
-"""What ends a node: signals, from a thread of their own, or while it begins; and a master that has
-gone."""
+"""Start and shutdown of a node: signals handled in a separate thread, loss of the ROS master."""
 
 from __future__ import annotations
 
@@ -15,107 +14,120 @@ from collections.abc import Callable, Iterator
 import rosgraph
 import rospy
 
-from .connections import find_publishers, open_wide
+from .connections import accept_in_threads, find_publishers
 from .log_folder import check_log_folder
 from .master_watch import MasterWatch
 
-NUMBERS = (signal.SIGINT, signal.SIGTERM)
-HELP = {"-h", "--help"}
-# What rospy may need to take down what begin_node began [s]: without a master it never comes to it.
+SIGNALS = (signal.SIGINT, signal.SIGTERM)
+HELP_OPTIONS = {"-h", "--help"}
+# Time, s, that rospy may take to shut down during init_node. Without a master it never finishes.
 PATIENCE = 2.0
-_began = threading.Event()
-_began.set()
-CLOSED = "publish() to a closed topic"  # what rospy says of it
-HEARD = "/rosout_disable_topics_generation"  # the parameter that rospy hears once a node has logged
+_started = threading.Event()
+_started.set()
+CLOSED_TOPIC_MESSAGE = "publish() to a closed topic"  # part of rospy's error message
+# The parameter that rospy subscribes to with the first log message of a node.
+SUBSCRIBED_PARAMETER = "/rosout_disable_topics_generation"
 
 
-class _OrderlyEnd(logging.Filter):
-    """Keeps back what rospy logs, with a traceback, of callbacks that publish while the node ends:
-    it closes topics under them."""
+class _ShutdownLogFilter(logging.Filter):
+    """Log filter that drops rospy's tracebacks of callbacks that publish during shutdown.
+
+    rospy closes the topics while such callbacks are still running.
+    """
 
     def filter(self, record: logging.LogRecord) -> bool:
-        return not (rospy.is_shutdown() and CLOSED in record.getMessage())
+        return not (rospy.is_shutdown() and CLOSED_TOPIC_MESSAGE in record.getMessage())
 
 
-def begin_node(name: str, about: str = "", **options: bool) -> None:
-    """rospy.init_node(name, **options) that may be interrupted at any moment; in the main thread.
+def init_node(name: str, about: str = "", **options: bool) -> None:
+    """Call rospy.init_node(name, **options) such that Ctrl-C works at any time.
 
-    `about`, of a program without options of its own, answers --help, and the program ends there.
-    A Ctrl-C in the middle of it ends the program as one just before or after does: it waits for no
-    lock that rospy holds there, and what rospy raises then, which no program awaits, is not told.
+    Call this in the main thread. During rospy.init_node, Ctrl-C neither waits for rospy's locks nor
+    prints rospy's exceptions. `about` is printed for --help by programs without options.
+
+    Raises:
+        SystemExit: after --help, or after Ctrl-C or SIGTERM.
     """
-    if about and HELP & set(sys.argv[1:]):
-        print(f"{about.strip()}\n\nTakes no options: its parameters are ROS's (_name:=value).")
+    if about and HELP_OPTIONS & set(sys.argv[1:]):
+        print(f"{about.strip()}\n\nTakes no options; set ROS parameters with _name:=value.")
         sys.exit(0)
-    _began.clear()
+    _started.clear()
     end_on_signals()
     find_publishers()
     check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)
-    except Exception:  # of what is half made and taken down again
+    except Exception:  # rospy's exceptions after a shutdown during init_node are irrelevant
         if not rospy.core.is_shutdown_requested():
             raise
     if rospy.core.is_shutdown_requested():
         sys.exit(128 + signal.SIGINT)
-    rospy.core.add_shutdown_hook(_forget)
-    _began.set()
+    rospy.core.add_shutdown_hook(_unregister)
+    _started.set()
 
 
-def _forget(_reason: str) -> None:
-    """Let the master forget this node, which rospy does for topics and services alone.
+def _unregister(_reason: str) -> None:
+    """Unregister this node's parameter subscription from the master, which rospy does not do.
 
-    The master keeps the address of a node that hears a parameter. When a node of the same name
-    begins, it tells whoever has that address by then, which may be any other node, to end.
+    Otherwise the master keeps the address of this node. When a node of the same name starts, the
+    master requests the process at this address to shut down; by then this may be another node.
     """
-    with contextlib.suppress(OSError, rosgraph.MasterException):  # the master has gone
-        rosgraph.Master(rospy.get_name()).unsubscribeParam(rospy.get_node_uri(), HEARD)
+    with contextlib.suppress(OSError, rosgraph.MasterException):  # no master
+        rosgraph.Master(rospy.get_name()).unsubscribeParam(
+            rospy.get_node_uri(), SUBSCRIBED_PARAMETER
+        )
 
 
 def end_on_signals() -> None:
-    """Hear Ctrl-C and SIGTERM in rospy's place; in the main thread.
+    """Handle Ctrl-C and SIGTERM in a separate thread instead of rospy's signal handler.
 
-    rospy ends the node inside the signal handler, which Python runs in the main thread, wherever
-    that is: in the middle of a log line it waits for locks that this line holds. And the kernel may
-    hand a signal to any thread, so that a waiting main thread does not even wake for its handler.
-    Here the kernel's own handler writes the number into a pipe, and a thread reads it.
+    Call this in the main thread. rospy shuts the node down inside the signal handler, which Python
+    runs in the main thread at any point. If this interrupts logging, the shutdown waits for a lock
+    that the main thread itself holds. Moreover, the kernel may deliver a signal to any thread, so
+    that a waiting main thread does not wake up. Here the C-level signal handler writes the number
+    of the signal to a pipe, and a thread reads it.
     """
-    logging.getLogger("rosout").addFilter(_OrderlyEnd())
-    hear, tell = os.pipe()
-    os.set_blocking(tell, False)
-    for number in NUMBERS:
+    logging.getLogger("rosout").addFilter(_ShutdownLogFilter())
+    read_end, write_end = os.pipe()
+    os.set_blocking(write_end, False)
+    for number in SIGNALS:
         signal.signal(number, lambda _number, _frame: None)
-    signal.set_wakeup_fd(tell, warn_on_full_buffer=False)
-    threading.Thread(target=_end, args=(hear,), name="signals", daemon=True).start()
+    signal.set_wakeup_fd(write_end, warn_on_full_buffer=False)
+    thread = threading.Thread(
+        target=_wait_for_signal, args=(read_end,), name="signals", daemon=True
+    )
+    thread.start()
 
 
-def _end(hear: int) -> None:
-    while (number := os.read(hear, 1)[0]) not in NUMBERS:
+def _wait_for_signal(read_end: int) -> None:
+    while (number := os.read(read_end, 1)[0]) not in SIGNALS:
         pass
-    # In a thread that Python waits for: what is done on shutdown must come to its end.
+    # Shut down in a non-daemon thread, so that Python waits until all shutdown hooks have finished.
     reason = signal.Signals(number).name
-    ending = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
-    ending.daemon = False  # as this one is, it would be by default
-    ending.start()
-    if not _began.is_set():
-        ending.join(PATIENCE)
-        if ending.is_alive():  # for the lock that init_node holds while it waits for a master
+    thread = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
+    thread.daemon = False  # the default is the daemon flag of the current thread, which is true
+    thread.start()
+    if not _started.is_set():
+        thread.join(PATIENCE)
+        if thread.is_alive():  # it waits for the lock that init_node holds while there is no master
             os._exit(128 + number)
 
 
 def end_without_master(watch: MasterWatch) -> bool:
-    """Whether the master has gone; then this node says so and ends."""
-    if not (reason := watch.lost()):
+    """Check whether the ROS master is lost; if so, print the reason, end the node, return True."""
+    if not (reason := watch.find_loss_reason()):
         return False
-    # Logging goes through rosout, which needs the master: say it directly.
+    # Print directly, because logging uses rosout, which needs the master.
     print(f"{rospy.get_name()[1:]}: {reason}: ending", file=sys.stderr)
     rospy.signal_shutdown(reason)
     return True
 
 
-def beats(period: float) -> Iterator[None]:
-    """Every so many seconds of wall time, until ROS shuts down, or the master has gone, with which
-    this node ends."""
+def iterate_at_period(period: float) -> Iterator[None]:
+    """Yield every `period` s of wall time until ROS shuts down.
+
+    If the ROS master is lost, the node ends and the iteration stops.
+    """
     master = MasterWatch(rospy.get_name())
     while not (rospy.is_shutdown() or end_without_master(master)):
         yield
@@ -125,9 +137,12 @@ def beats(period: float) -> Iterator[None]:
 def node_main(
     name: str, about: str, run: Callable[[], object], fault: type[Exception], **options: bool
 ) -> int:
-    """Begin a node, and run it to its end; a fault is one fatal line. Returns the exit status."""
-    begin_node(name, about, **options)
-    open_wide()
+    """Start a node, call `run` and return the exit status.
+
+    An exception of type `fault` is logged in one line, and the status is 1.
+    """
+    init_node(name, about, **options)
+    accept_in_threads()
     try:
         run()
     except fault as error:

@@ -1,5 +1,5 @@
-# report_stand_ins(): name each target of the calling directory that is made of C++ which includes
-# headers of packages that are here by name alone, and leave it out of the build.
+# report_stand_ins(): report the C++ targets of the calling directory that include headers of stand-in
+# packages, which have no headers, and exclude these targets from the build.
 function(report_stand_ins)
   set(names
     control_toolbox controller_interface controller_manager effort_controllers
@@ -17,28 +17,28 @@ function(report_stand_ins)
       continue()
     endif()
     get_target_property(sources ${target} SOURCES)
-    set(asked "")
+    set(included "")
     foreach(file IN LISTS sources headers)
       get_filename_component(file "${file}" ABSOLUTE BASE_DIR "${CMAKE_CURRENT_SOURCE_DIR}")
       if(EXISTS "${file}" AND NOT IS_DIRECTORY "${file}")
         file(STRINGS "${file}" lines REGEX "^[ \t]*#[ \t]*include[ \t]*[<\"](${pattern})/")
         foreach(line IN LISTS lines)
           string(REGEX REPLACE "^[^<\"]*[<\"]([a-z_]+)/.*$" "\\1" name "${line}")
-          list(APPEND asked ${name})
+          list(APPEND included ${name})
         endforeach()
       endif()
     endforeach()
-    if(asked)
-      list(REMOVE_DUPLICATES asked)
-      string(REPLACE ";" ", " asked "${asked}")
-      message(NOTICE "${PROJECT_NAME}: ${target} is not built: it includes C++ headers of ${asked}, \
-of which aras_sim_bridge has the name alone; write it in Python, or build these packages in an underlay")
+    if(included)
+      list(REMOVE_DUPLICATES included)
+      string(REPLACE ";" ", " included "${included}")
+      message(NOTICE "${PROJECT_NAME}: ${target} is not built: it includes C++ headers of ${included}, \
+which aras_sim_bridge does not contain; write it in Python, or build these packages in an underlay")
       set_property(TARGET ${target} PROPERTY EXCLUDE_FROM_ALL TRUE)
     endif()
   endforeach()
 endfunction()
 
-# Targets are known when the caller's CMakeLists.txt has been read.
+# Deferred, because the targets are known only at the end of the caller's CMakeLists.txt.
 get_property(report_stand_ins_due DIRECTORY PROPERTY report_stand_ins_due)
 if(NOT report_stand_ins_due)
   set_property(DIRECTORY PROPERTY report_stand_ins_due TRUE)

@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""The name under which older launch files call xacro."""
+"""Run xacro for older launch files that call it as xacro.py."""
 
 import runpy
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""Cameras: lens, intrinsics, effects and the sensor that turns rendered views into frames."""
+"""Camera models: lens, intrinsics, image effects, and the sensor that delivers frames."""
 
 from aras_visual_servo_base.lazy import lazy_exports
 

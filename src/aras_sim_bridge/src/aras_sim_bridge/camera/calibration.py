@@ -1,4 +1,4 @@
-"""Calibrations of cameras: what a file of any format must give, checked, as a camera's settings."""
+"""Camera calibrations, checked and converted to settings, independent of the file format."""
 
 from __future__ import annotations
 
@@ -7,34 +7,38 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import CameraError
 from .lens import COEFFICIENTS
 
-# What other programs call a distortion model, and what it is called here (as in CameraInfo).
+# Names of distortion models in other programs, and the corresponding name in CameraInfo.
 MODELS = {
     "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant", "fisheye": "equidistant", "none": "plumb_bob", "": "plumb_bob",
 }  # fmt: skip
-# Part of the width or height within which the principal point lies: beyond, the matrix is that of
-# another resolution, for lenses are centred to some percent.
-MIDDLE = (0.3, 0.7)
-LARGEST_ASPECT = 1.5  # of a pixel; analogue video has 1.46
+# Range of the principal point, as a share of the width or height. Lenses are centred to some per
+# cent; outside this range, the matrix belongs to another resolution.
+CENTRE_RANGE = (0.3, 0.7)
+LARGEST_ASPECT = 1.5  # largest aspect ratio of a pixel; analogue video has 1.46
 
 
 @dataclass(frozen=True)
 class Calibration:
-    """Intrinsics and distortion of one camera, as a file gives them.
+    """Intrinsics and distortion of one camera, as read from a file.
 
-    where: file and camera, for messages. width, height: px; None: the file does not say.
-    matrix: (3, 3) rows of the camera matrix, px. model: name of the distortion model as in
-        CameraInfo; None: as the number of coefficients says (OpenCV). D: coefficients, OpenCV's
-        order. R, P: 9 and 12 numbers of CameraInfo, row by row; None: not given.
+    Attributes:
+        where: file and camera, for messages.
+        width, height: image size, px; None if the file does not contain it.
+        matrix: (9,) camera matrix, row by row, px.
+        model: name of the distortion model as in CameraInfo; None if the number of coefficients
+            determines it (OpenCV).
+        D: distortion coefficients in OpenCV's order.
+        R, P: 9 and 12 numbers of CameraInfo, row by row; None if not given.
 
     Raises:
-        CameraError: numbers that contradict each other, or that no camera has.
+        CameraError: the numbers are inconsistent or impossible.
     """
 
     where: str
@@ -61,8 +65,8 @@ class Calibration:
             object.__setattr__(self, "model", names.get(len(self.D), "plumb_bob"))
         self._check_coefficients()
 
-    def settings(self) -> dict[str, Any]:
-        """Keys of a CameraConfig that describe the lens and the image's size."""
+    def to_settings(self) -> dict[str, Any]:
+        """Return the settings of CameraConfig that describe the lens and the image size."""
         found: dict[str, Any] = {
             "lens": "pinhole" if self.model != "equidistant" else "equidistant",
             "camera_matrix": [self.matrix[i] for i in (0, 4, 2, 5)],
@@ -84,22 +88,22 @@ class Calibration:
                     f"focal lengths of the camera matrix are {fx:g} and {fy:g} px, must be above "
                     "0: calibrate the camera")
         self._check(skew == zero == 0.0,
-                    f"the camera matrix has a skew of {(skew or zero):g} px, which is not served: "
-                    "calibrate without skew")
+                    f"the camera matrix has a skew of {(skew or zero):g} px, which is not "
+                    "supported: calibrate without skew")
         self._check(last == [0.0, 0.0, 1.0],
                     f"the last row of the camera matrix is {last}, must be [0, 0, 1]")
         self._check(1.0 / LARGEST_ASPECT < fx / fy < LARGEST_ASPECT,
-                    f"the camera matrix has fx = {fx:g} and fy = {fy:g} px: pixels are not "
+                    f"the camera matrix has fx = {fx:g} and fy = {fy:g} px: a pixel would be "
                     f"{fx / fy:.3g} times as high as wide; correct the camera matrix")
         for name, side, centre, axis in (
             ("width", self.width, cx, "cx"), ("height", self.height, cy, "cy")
         ):  # fmt: skip
-            low, high = MIDDLE
+            low, high = CENTRE_RANGE
             self._check(
                 side is None or low * side <= centre <= high * side,
                 f"the camera matrix has {axis} = {centre:g} px and image_{name} is {side} px: they "
-                f"are of different resolutions, for {axis} lies near the middle; correct one (of a "
-                f"cropped image give width, height and camera_matrix in a preset)",
+                f"belong to different resolutions, because {axis} must be near the centre; correct "
+                f"one (for a cropped image, set width, height and camera_matrix in a preset)",
             )
 
     def _check_coefficients(self) -> None:
@@ -108,7 +112,7 @@ class Calibration:
         other = f", or set the model {' or '.join(fits)}" if fits else ""
         self._check(
             len(self.D) in (0, *counts),
-            f"distortion_coefficients hold {len(self.D)} numbers, and the distortion model "
+            f"distortion_coefficients hold {len(self.D)} numbers, but the distortion model "
             f"{self.model} takes {' or '.join(map(str, counts))}: correct them{other}",
         )
 
@@ -117,31 +121,31 @@ class Calibration:
             raise CameraError(f"{self.where}: {message}")
 
 
-def model_of(name: Any, where: str) -> str:
-    """CameraInfo's name of a distortion model.
+def find_distortion_model(name: Any, where: str) -> str:
+    """Return CameraInfo's name of a distortion model.
 
     Raises:
-        CameraError: it is not served.
+        CameraError: the model is not supported.
     """
     known = str(name).strip().lower()
     if known not in MODELS:
         raise CameraError(
-            f"{where}: distortion_model {said(name)} is not served: "
-            f"{nearest(known, [model for model in MODELS if model])}; calibrate with one of them"
+            f"{where}: distortion_model {format_value(name)} is not supported: "
+            f"{suggest(known, [model for model in MODELS if model])}; calibrate with one of them"
         )
     return MODELS[known]
 
 
-def finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
-    """The finite numbers of a list, as many as `counts` says (empty: any number of them).
+def check_finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[float, ...]:
+    """Return the numbers of a list, after checking that they are finite.
 
     Raises:
-        CameraError: something else.
+        CameraError: a value is not a finite number, or the length is not one of `counts` (if any).
     """
-    wanted = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
+    expected = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
     fits = isinstance(values, list | tuple) and all(
         isinstance(v, int | float) and not isinstance(v, bool) and math.isfinite(v) for v in values
     )
     if not fits or counts and len(values) not in counts:
-        raise CameraError(f"{where} is {said(values)}, must be {wanted}")
+        raise CameraError(f"{where} is {format_value(values)}, must be {expected}")
     return tuple(map(float, values))

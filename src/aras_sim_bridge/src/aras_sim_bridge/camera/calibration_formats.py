@@ -1,7 +1,7 @@
-"""Formats of calibration files: each finds the cameras in a text, by name, and reads one of them.
+"""Formats of calibration files: finding the cameras of a file by name, and reading one of them.
 
-A reader answers None for a text that is of another format after all. Numbers are taken over as they
-are: all these programs count pixel centres as whole numbers, and order coefficients as OpenCV does.
+A reader returns None for text in another format. Numbers are used unchanged, because all these
+programs use integer coordinates for pixel centres and OpenCV's order of the coefficients.
 """
 
 from __future__ import annotations
@@ -15,24 +15,25 @@ from xml.etree.ElementTree import Element
 import numpy as np
 
 from aras_visual_servo_base import safe_xml
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.opencv_files import read_storage
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.yaml_files import parse_yaml
 
 from ..errors import CameraError, DescriptionError
-from .calibration import Calibration, finite, model_of
+from .calibration import Calibration, check_finite, find_distortion_model
 
-Cameras = dict[str, Callable[[], Calibration]]
-NAME = "camera"  # of the camera of a file that holds one
-# Names of OpenCV's entries, without case and underscores; the number is that of a stereo pair.
+CameraReaders = dict[str, Callable[[], Calibration]]
+NAME = "camera"  # name of the camera in a file that contains one
+# Names of OpenCV's entries, in lower case without underscores; the number is the camera of a stereo
+# pair.
 MATRICES = {"cameramatrix": "", "intrinsicmatrix": "", "intrinsics": "", "cameraintrinsic": "",
             "mtx": "", "k": "", "m1": "1", "m2": "2", "cameramatrix1": "1", "cameramatrix2": "2",
             "k1": "1", "k2": "2"}  # fmt: skip
 DISTORTIONS = {"distortioncoefficients": "", "distcoeffs": "", "distcoeff": "", "dist": "",
                "distortion": "", "distortioncoeffs": "", "d": "", "d1": "1", "d2": "2",
                "distcoeffs1": "1", "distcoeffs2": "2"}  # fmt: skip
-# ViSP's camera models: whether each has a distortion.
+# Names of ViSP's camera models.
 VISP = "perspectiveProjWithoutDistortion"
 VISP_DISTORTED = "perspectiveProjWithDistortion"
 VISP_FISHEYE = "ProjWithKannalaBrandtDistortion"
@@ -41,52 +42,54 @@ VISP_FISHEYE = "ProjWithKannalaBrandtDistortion"
 # -- ROS ---------------------------------------------------------------------------------------
 
 
-def ros(text: str, path: str) -> Cameras | None:
-    """camera_info as camera_calibration_parsers writes it, or as rostopic prints the message."""
-    data = _mapping(text, path)
+def read_ros(text: str, path: str) -> CameraReaders | None:
+    """Read a camera_info file of camera_calibration_parsers, or a message printed by rostopic."""
+    data = _parse_mapping(text, path)
     if data is None:
         return None
     if {"K", "D"} <= set(data) and "width" in data:
-        return {NAME: partial(_ros_message, data, path)}
+        return {NAME: partial(_read_ros_message, data, path)}
     matrix, distortion = data.get("camera_matrix"), data.get("distortion_coefficients")
     shaped = [isinstance(one, Mapping) and ("rows" in one or "data" in one)
               for one in (matrix, distortion)]  # fmt: skip
     if not (any(shaped) or {"image_width", "image_height", "camera_name"} & set(data)):
         return None
-    return {NAME: partial(_ros_file, data, path, text.endswith("\n"))}
+    return {NAME: partial(_read_ros_file, data, path, text.endswith("\n"))}
 
 
-def _ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
-    size = [_size(data, key, path) for key in ("image_width", "image_height")]
-    K = _ros_matrix(data, "camera_matrix", path, (3, 3))
-    model = data.get("distortion_model")  # older files have none
-    model = None if model is None else model_of(model, path)
-    D = _ros_matrix(data, "distortion_coefficients", path, None)
+def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
+    size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
+    K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
+    model = data.get("distortion_model")  # older files do not contain it
+    model = None if model is None else find_distortion_model(model, path)
+    D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
     if len(more) == 1 or not (more or whole):
         raise CameraError(f"{path}: {'projection' if more else 'rectification'}_matrix is missing: "
                           "the file is cut off; take the whole file")  # fmt: skip
-    R = _ros_matrix(data, "rectification_matrix", path, (3, 3)) if more else None
-    P = _ros_matrix(data, "projection_matrix", path, (3, 4)) if more else None
+    R = _read_ros_matrix(data, "rectification_matrix", path, (3, 3)) if more else None
+    P = _read_ros_matrix(data, "projection_matrix", path, (3, 4)) if more else None
     return Calibration(path, *size, K, model, D, R, P)
 
 
-def _ros_message(data: Mapping[str, Any], path: str) -> Calibration:
-    size = [_size(data, key, path) for key in ("width", "height")]
-    of = {key: finite(_entry(data, key, path), f"{path}: {key}", counts)
+def _read_ros_message(data: Mapping[str, Any], path: str) -> Calibration:
+    size = [_read_size(data, key, path) for key in ("width", "height")]
+    of = {key: check_finite(_read_entry(data, key, path), f"{path}: {key}", counts)
           for key, counts in (("K", (9,)), ("D", ()), ("R", (9,)), ("P", (12,)))}  # fmt: skip
-    model = model_of(_entry(data, "distortion_model", path), path)
+    model = find_distortion_model(_read_entry(data, "distortion_model", path), path)
     return Calibration(path, *size, of["K"], model, of["D"], of["R"], of["P"])
 
 
-def _ros_matrix(
+def _read_ros_matrix(
     data: Mapping[str, Any], key: str, path: str, shape: tuple[int, int] | None
 ) -> tuple[float, ...]:
-    entry, where = _entry(data, key, path), f"{path}: {key}"
+    entry, where = _read_entry(data, key, path), f"{path}: {key}"
     if not isinstance(entry, Mapping):
-        raise CameraError(f"{where} is {said(entry)}, must be a mapping of rows, cols and data")
-    found = tuple(_size(entry, side, where) for side in ("rows", "cols"))
-    numbers = finite(_entry(entry, "data", where), f"{where}.data")
+        raise CameraError(
+            f"{where} is {format_value(entry)}, must be a mapping of rows, cols and data"
+        )
+    found = tuple(_read_size(entry, side, where) for side in ("rows", "cols"))
+    numbers = check_finite(_read_entry(entry, "data", where), f"{where}.data")
     if found[0] * found[1] != len(numbers):
         raise CameraError(f"{where} has {found[0]} rows and {found[1]} cols, and its data hold "
                           f"{len(numbers)} numbers: correct rows and cols, or data")  # fmt: skip
@@ -96,8 +99,8 @@ def _ros_matrix(
     return numbers
 
 
-def ros_ini(text: str, path: str) -> Cameras:
-    """The .ini of camera_calibration_parsers: sections [image] and [NAME], values below names."""
+def read_ros_ini(text: str, path: str) -> CameraReaders:
+    """Read an .ini file of camera_calibration_parsers, with sections [image] and [NAME]."""
     sections = re.split(r"^\[(.*)\]\s*$", text, flags=re.MULTILINE)[1:]
     known = {name: body for name, body in zip(sections[::2], sections[1::2], strict=True)
              if name not in ("image", "externals")}  # fmt: skip
@@ -105,24 +108,26 @@ def ros_ini(text: str, path: str) -> Cameras:
     if not known:
         raise CameraError(f"{path}: the section of the camera is missing after [image]: the file "
                           "is cut off; take the whole file")  # fmt: skip
-    return {name: partial(_ini_camera, size, body, path, name) for name, body in known.items()}
+    return {name: partial(_read_ini_camera, size, body, path, name) for name, body in known.items()}
 
 
-def _ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
-    def numbers(text: str, field: str, counts: tuple[int, ...]) -> tuple[float, ...]:
+def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
+    def read_numbers(text: str, field: str, counts: tuple[int, ...]) -> tuple[float, ...]:
         where = f"{path}: {field}"
         found = re.search(rf"^{field}[ \t]*\n((?:[^a-z\[\n#]*(?:\n|$))*)", text, re.MULTILINE)
         if found is None:
             raise CameraError(f"{where} is missing: the file is cut off; take the whole file")
         try:
-            return finite([float(word) for word in found[1].split()], where, counts)
+            return check_finite([float(word) for word in found[1].split()], where, counts)
         except ValueError:
-            raise CameraError(f"{where} is {said(found[1].strip())}, must be numbers") from None
+            raise CameraError(
+                f"{where} is {format_value(found[1].strip())}, must be numbers"
+            ) from None
 
-    width, height = (numbers(size, side, (1,))[0] for side in ("width", "height"))
-    K = numbers(body, "camera matrix", (9,))
-    D = numbers(body, "distortion", (4, 5, 8, 12, 14))
-    R, P = numbers(body, "rectification", (9,)), numbers(body, "projection", (12,))
+    width, height = (read_numbers(size, side, (1,))[0] for side in ("width", "height"))
+    K = read_numbers(body, "camera matrix", (9,))
+    D = read_numbers(body, "distortion", (4, 5, 8, 12, 14))
+    R, P = read_numbers(body, "rectification", (9,)), read_numbers(body, "projection", (12,))
     if width != int(width) or height != int(height):
         raise CameraError(f"{path}: width and height are {width:g} and {height:g}, must be whole")
     return Calibration(path, int(width), int(height), K, None, D, R, P)
@@ -131,14 +136,14 @@ def _ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
 # -- OpenCV ------------------------------------------------------------------------------------
 
 
-def opencv(text: str, path: str) -> Cameras | None:
-    """FileStorage, whatever its syntax."""
-    if text.lstrip().startswith("<") and _xml(text, path).tag != "opencv_storage":
+def read_opencv(text: str, path: str) -> CameraReaders | None:
+    """Read an OpenCV FileStorage in any of its syntaxes."""
+    if text.lstrip().startswith("<") and _parse_xml(text, path).tag != "opencv_storage":
         return None
     found = read_storage(text, path, CameraError)
     plain = {name.lower().replace("_", ""): value for name, value in found.items()}
     cameras = {
-        of or NAME: partial(_opencv_camera, plain, key, of, path)
+        of or NAME: partial(_read_opencv_camera, plain, key, of, path)
         for key, of in MATRICES.items() if isinstance(plain.get(key), np.ndarray)
     }  # fmt: skip
     if not cameras:
@@ -147,14 +152,14 @@ def opencv(text: str, path: str) -> Cameras | None:
     return cameras
 
 
-def _opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) -> Calibration:
+def _read_opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) -> Calibration:
     K = plain[key]
     if K.shape != (3, 3):
         raise CameraError(f"{path}: camera_matrix has the shape {K.shape}, must have (3, 3)")
     distortion = [name for name, number in DISTORTIONS.items() if number == of and name in plain]
     if not distortion:
-        raise CameraError(f"{path}: distortion_coefficients are missing: add them, zeros for a "
-                          "camera without distortion")  # fmt: skip
+        raise CameraError(f"{path}: distortion_coefficients are missing: add them (zeros for a "
+                          "camera without distortion)")  # fmt: skip
     D = plain[distortion[0]]
     D = [] if D is None else np.ravel(D).tolist()
     size = plain.get("imagesize") or plain.get("imgsize") or plain.get("size")
@@ -167,62 +172,69 @@ def _opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) -> Ca
         raise CameraError(f"{path}: {missing} is missing: add it, in px")
     for name, side in zip(("image_width", "image_height"), sides, strict=True):
         if side is not None and (not isinstance(side, int | float) or side != int(side)):
-            raise CameraError(f"{path}: {name} is {said(side)}, must be a whole number")
+            raise CameraError(f"{path}: {name} is {format_value(side)}, must be a whole number")
     sides = [None if side is None else int(side) for side in sides]
     model = "equidistant" if plain.get("fisheyemodel") else None
-    K = finite(K.ravel().tolist(), f"{path}: camera_matrix", (9,))
-    return Calibration(path, *sides, K, model, finite(D, f"{path}: distortion_coefficients"))
+    K = check_finite(K.ravel().tolist(), f"{path}: camera_matrix", (9,))
+    return Calibration(path, *sides, K, model, check_finite(D, f"{path}: distortion_coefficients"))
 
 
 # -- Kalibr ------------------------------------------------------------------------------------
 
 
-def kalibr(text: str, path: str) -> Cameras | None:
-    """A camchain: cam0, cam1 ... with intrinsics fu fv pu pv."""
-    data = _mapping(text, path)
+def read_kalibr(text: str, path: str) -> CameraReaders | None:
+    """Read a camchain: cam0, cam1 ... with intrinsics fu fv pu pv."""
+    data = _parse_mapping(text, path)
     if data is None:
         return None
     known = {str(name): entry for name, entry in data.items()
              if re.fullmatch(r"cam\d+", str(name)) and isinstance(entry, Mapping)}  # fmt: skip
     if not known or any(set(entry) & {"lens", "horizontal_fov"} for entry in known.values()):
         return None
-    return {name: partial(_kalibr_camera, entry, f"{path}: {name}")
+    return {name: partial(_read_kalibr_camera, entry, f"{path}: {name}")
             for name, entry in known.items()}  # fmt: skip
 
 
-def _kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
-    projection = _entry(entry, "camera_model", where)
+def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
+    projection = _read_entry(entry, "camera_model", where)
     if projection != "pinhole":
-        raise CameraError(f"{where}: camera_model {said(projection)} is not served: calibrate with "
+        raise CameraError(f"{where}: camera_model {format_value(projection)} is not supported: "
+                          "calibrate with "
                           "pinhole-radtan or pinhole-equi")  # fmt: skip
-    fx, fy, cx, cy = finite(_entry(entry, "intrinsics", where), f"{where}.intrinsics", (4,))
-    size = finite(_entry(entry, "resolution", where), f"{where}.resolution", (2,))
+    fx, fy, cx, cy = check_finite(
+        _read_entry(entry, "intrinsics", where), f"{where}.intrinsics", (4,)
+    )
+    size = check_finite(_read_entry(entry, "resolution", where), f"{where}.resolution", (2,))
     width, height = (int(side) for side in size)
     if (width, height) != size:
-        raise CameraError(f"{where}.resolution is {said(list(size))}, must be whole numbers")
-    name = _entry(entry, "distortion_model", where)
-    model = model_of(name, where)
+        raise CameraError(
+            f"{where}.resolution is {format_value(list(size))}, must be whole numbers"
+        )
+    name = _read_entry(entry, "distortion_model", where)
+    model = find_distortion_model(name, where)
     counts = (0,) if name == "none" else (4,)
     if name == "none" and not entry.get("distortion_coeffs"):
         D = ()
     else:
-        D = finite(_entry(entry, "distortion_coeffs", where), f"{where}.distortion_coeffs", counts)
+        D = check_finite(
+            _read_entry(entry, "distortion_coeffs", where), f"{where}.distortion_coeffs", counts
+        )
     return Calibration(where, width, height, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), model, D)
 
 
 # -- ViSP --------------------------------------------------------------------------------------
 
 
-def visp(text: str, path: str) -> Cameras | None:
-    """vpXmlParserCamera: cameras by name; of each the model with distortion, where it has one.
+def read_visp(text: str, path: str) -> CameraReaders | None:
+    """Read a file of vpXmlParserCamera; for each camera, prefer the model with distortion.
 
-    ViSP's distortion is u = u0 + px x (1 + kud r^2), r^2 = x^2 + y^2: Brown's k1 is kud. kdu is a
-    fit of the inverse, which is computed exactly here.
+    ViSP's distortion is u = u0 + px x (1 + kud r^2), r^2 = x^2 + y^2, so kud is Brown's k1. kdu
+    approximates the inverse and is not used, because the inverse is computed exactly here.
     """
-    root = _xml(text, path)
+    root = _parse_xml(text, path)
     if root.tag != "root" or root.find("camera") is None:
         return None
-    known: Cameras = {}
+    known: CameraReaders = {}
     cameras = root.findall("camera")
     for camera in cameras:
         name = (camera.findtext("name") or NAME).strip()
@@ -233,37 +245,40 @@ def visp(text: str, path: str) -> Cameras | None:
         if not models:
             raise CameraError(f"{path}: <model> of camera '{name}' is missing: take the whole file")
         kind = VISP_DISTORTED if VISP_DISTORTED in models else next(iter(models))
-        known[name] = partial(_visp_camera, camera, kind, models[kind], f"{path}: camera '{name}'")
+        known[name] = partial(
+            _read_visp_camera, camera, kind, models[kind], f"{path}: camera '{name}'"
+        )
     return known
 
 
-def _visp_camera(camera: Element, kind: str, model: Element, where: str) -> Calibration:
-    def number(element: Element, tag: str) -> float:
+def _read_visp_camera(camera: Element, kind: str, model: Element, where: str) -> Calibration:
+    def read_number(element: Element, tag: str) -> float:
         try:
-            return safe_xml.number(element.findtext(tag), f"{where}: <{tag}>")
+            return safe_xml.parse_number(element.findtext(tag), f"{where}: <{tag}>")
         except DescriptionError as error:
             raise CameraError(f"{error}; correct <{tag}>") from None
 
     kinds = {VISP: (), VISP_DISTORTED: ("kud",), VISP_FISHEYE: ("k1", "k2", "k3", "k4")}
     if kind not in kinds:
-        raise CameraError(f"{where}: <type> '{kind}' is not served: {nearest(kind, kinds)}")
+        raise CameraError(f"{where}: <type> '{kind}' is not supported: {suggest(kind, kinds)}")
     sides = []
     for tag in ("image_width", "image_height"):
-        side = None if camera.find(tag) is None else number(camera, tag)
+        side = None if camera.find(tag) is None else read_number(camera, tag)
         if side is not None and side != int(side):
             raise CameraError(f"{where}: <{tag}> is {side:g}, must be a whole number")
         sides.append(None if side is None else int(side))
-    fx, fy, cx, cy = (number(model, tag) for tag in ("px", "py", "u0", "v0"))
-    D = tuple(number(model, tag) for tag in kinds[kind])
+    fx, fy, cx, cy = (read_number(model, tag) for tag in ("px", "py", "u0", "v0"))
+    D = tuple(read_number(model, tag) for tag in kinds[kind])
     if kind == VISP_DISTORTED:
-        kud, kdu = D[0], number(model, "kdu")
+        kud, kdu = D[0], read_number(model, "kdu")
         if kud * kdu > 0.0:
-            raise CameraError(f"{where}: <kud> {kud:g} and <kdu> {kdu:g} contradict each other, "
-                              "for one undoes the other: correct the signs")  # fmt: skip
+            raise CameraError(f"{where}: <kud> {kud:g} and <kdu> {kdu:g} contradict each other: "
+                              "they must have opposite signs; correct one")  # fmt: skip
         D = (kud, 0.0, 0.0, 0.0)
-    elif kind == VISP_FISHEYE and model.find("k5") is not None and number(model, "k5"):
-        raise CameraError(f"{where}: <k5> is {number(model, 'k5'):g} and four coefficients are "
-                          "served: calibrate with k1 to k4")  # fmt: skip
+    elif kind == VISP_FISHEYE and model.find("k5") is not None and read_number(model, "k5"):
+        raise CameraError(f"{where}: <k5> is {read_number(model, 'k5'):g}, but only four "
+                          "coefficients are "
+                          "supported: calibrate with k1 to k4")  # fmt: skip
     name = "equidistant" if kind == VISP_FISHEYE else "plumb_bob"
     return Calibration(where, *sides, (fx, 0.0, cx, 0.0, fy, cy, 0.0, 0.0, 1.0), name, D)
 
@@ -271,36 +286,36 @@ def _visp_camera(camera: Element, kind: str, model: Element, where: str) -> Cali
 # -- all ---------------------------------------------------------------------------------------
 
 
-def unknown_xml(text: str, path: str) -> Cameras:
-    """CameraError: no XML that is known."""
-    root = _xml(text, path)
-    raise CameraError(f"{path} is XML with the root <{root.tag}>, and no calibration of a camera: "
-                      "those of OpenCV (<opencv_storage>) and ViSP (<root> with <camera>) are")
+def refuse_xml(text: str, path: str) -> CameraReaders:
+    """Raise CameraError for an XML file of an unknown format."""
+    root = _parse_xml(text, path)
+    raise CameraError(f"{path} is XML with the root <{root.tag}>, not a camera calibration of "
+                      "OpenCV (<opencv_storage>) or ViSP (<root> with <camera>)")
 
 
-def _xml(text: str, path: str) -> Element:
+def _parse_xml(text: str, path: str) -> Element:
     try:
         return safe_xml.parse(text, path)
     except DescriptionError as error:
-        raise CameraError(f"{error}: is the file whole?") from None
+        raise CameraError(f"{error}: check that the file is complete") from None
 
 
-def _mapping(text: str, path: str) -> Mapping[str, Any] | None:
+def _parse_mapping(text: str, path: str) -> Mapping[str, Any] | None:
     found = parse_yaml(text, path, CameraError)
     return found if isinstance(found, Mapping) else None
 
 
-def _entry(data: Mapping[str, Any], key: str, where: str) -> Any:
+def _read_entry(data: Mapping[str, Any], key: str, where: str) -> Any:
     if data.get(key) is None:
-        near = nearest(key, map(str, data)) if data else "the file is empty"
+        near = suggest(key, map(str, data)) if data else "the file is empty"
         raise CameraError(f"{where}: {key} is missing: add it ({near})")
     return data[key]
 
 
-def _size(data: Mapping[str, Any], key: str, where: str) -> int:
-    value = _entry(data, key, where)
+def _read_size(data: Mapping[str, Any], key: str, where: str) -> int:
+    value = _read_entry(data, key, where)
     if not isinstance(value, int) or isinstance(value, bool):
-        raise CameraError(f"{where}: {key} is {said(value)}, must be a whole number")
+        raise CameraError(f"{where}: {key} is {format_value(value)}, must be a whole number")
     return value
 
 
@@ -320,7 +335,7 @@ def _is_yaml(text: str) -> bool:
     return not (_is_xml(text) or _is_opencv(text) or _is_ini(text))
 
 
-FORMATS: tuple[tuple[Callable[[str], bool], Callable[[str, str], Cameras | None]], ...] = (
-    (_is_xml, visp), (_is_xml, opencv), (_is_xml, unknown_xml), (_is_opencv, opencv),
-    (_is_ini, ros_ini), (_is_yaml, kalibr), (_is_yaml, ros),
+FORMATS: tuple[tuple[Callable[[str], bool], Callable[[str, str], CameraReaders | None]], ...] = (
+    (_is_xml, read_visp), (_is_xml, read_opencv), (_is_xml, refuse_xml), (_is_opencv, read_opencv),
+    (_is_ini, read_ros_ini), (_is_yaml, read_kalibr), (_is_yaml, read_ros),
 )  # fmt: skip

@@ -1,6 +1,6 @@
-"""Files that describe a camera: presets (YAML of CameraConfig's keys) and calibrations.
+"""Files that describe a camera: presets (YAML with the settings of CameraConfig) and calibrations.
 
-A preset may name a calibration by its key `calibration`, and say what that leaves open.
+A preset may name a calibration file with the key `calibration`, and add further settings.
 """
 
 from __future__ import annotations
@@ -12,19 +12,19 @@ from typing import Any
 from aras_visual_servo_base.yaml_files import parse_yaml, read_text
 
 from ..errors import CameraError
-from .calibration_file import KEY as CALIBRATION
-from .calibration_file import find_calibration, split_name, with_calibration
+from .calibration_file import CALIBRATION_KEY as CALIBRATION
+from .calibration_file import apply_calibration, find_calibration, split_name
 from .config import CameraConfig
 
 
 def read_camera(name: str | Path) -> dict[str, Any]:
-    """Settings of a camera, as keys of CameraConfig, from a preset or a calibration.
+    """Read the settings of a camera from a preset or a calibration file.
 
     Args:
         name: path, or `path#camera` for one of the cameras of a calibration.
 
     Raises:
-        CameraError: naming the file, the field and what would be right.
+        CameraError: the message names the file, the field and the valid values.
     """
     path, camera = split_name(name)
     text = read_text(path, CameraError)
@@ -35,20 +35,20 @@ def read_camera(name: str | Path) -> dict[str, Any]:
                 f"{path}: image_width and image_height are missing: add them, or write a preset "
                 f"with width, height (px) and 'calibration: {name}'"
             )
-        return calibration.settings()
+        return calibration.to_settings()
     settings = parse_yaml(text, str(path), CameraError)
     if not isinstance(settings, Mapping):
-        raise CameraError(f"{path} holds no keys with values: it is neither a preset of a camera "
+        raise CameraError(f"{path} contains no keys with values: it is neither a camera preset "
                           "nor a calibration")
     if camera:
-        raise CameraError(f"{path} is a preset of one camera: leave out '#{camera}'")
-    found = with_calibration(settings, path.parent)
+        raise CameraError(f"{path} is a preset of one camera: remove '#{camera}'")
+    found = apply_calibration(settings, path.parent)
     CameraConfig.check_keys(found, f"{path}: ")
     return found
 
 
 def _is_preset(text: str) -> bool:
-    """Whether a text has only keys of a preset, and none of them in the form of a calibration."""
+    """Return whether a text has only keys of a preset, and no matrices of a calibration file."""
     try:
         settings = parse_yaml(text, "", CameraError)
     except CameraError:

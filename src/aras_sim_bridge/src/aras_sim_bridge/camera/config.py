@@ -1,4 +1,4 @@
-"""Camera settings: from the URDF's sensor, overridden by a preset, checked before anything runs."""
+"""Camera settings, from the URDF's sensor and a preset, with all checks."""
 
 from __future__ import annotations
 
@@ -13,31 +13,38 @@ import numpy as np
 from aras_visual_servo_base.lenses import kannala_brandt_fold
 from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_base.setting_values import merge
-from aras_visual_servo_base.settings import build, converted, parameter
-from aras_visual_servo_base.settings import check as hold_to_bounds
+from aras_visual_servo_base.settings import build, convert_fields, parameter
+from aras_visual_servo_base.settings import check as check_bounds
 
 from ..description import CameraDescription, DepthTopics
 from ..errors import CameraError
-from .calibration_file import with_calibration
+from .calibration_file import apply_calibration
 from .effects import Effects
-from .formats import encoding_of
+from .formats import find_encoding
 from .intrinsics import CameraIntrinsics, CameraProjection, camera_matrix, projection_matrix
-from .lens import COEFFICIENTS, RADIUS, REACH, BrownLens, FisheyeLens, check_fisheye
-from .lens import fisheye_coefficients as ideal_coefficients
-from .shaking import Shake
-from .shutter import duration
+from .lens import (
+    COEFFICIENTS,
+    LARGEST_ANGLE,
+    RADIUS_FUNCTION,
+    BrownLens,
+    FisheyeLens,
+    check_fisheye,
+)
+from .lens import fit_fisheye as ideal_coefficients
+from .shutter import compute_duration
+from .vibration import Shake
 
 LARGEST_SIDE = 16384  # px
-LARGEST_AREA = 1 << 25  # px; drawing a frame of this size takes 0.5 GB
-_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # a part of a name in the ROS graph
+LARGEST_AREA = 1 << 25  # px; rendering an image of this size takes 0.5 GB
+_NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # one part of a name in the ROS graph
 
 
-Three = tuple[float, float, float]
+FloatTriple = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class MatrixEntry:
-    """A camera matrix as it may be written: focal lengths and principal point, px."""
+    """Camera matrix in a settings file: focal lengths and principal point, px."""
 
     fx: float
     fy: float
@@ -47,26 +54,41 @@ class MatrixEntry:
 
 @dataclass(frozen=True)
 class CameraConfig:
-    """One camera; every field can be a key of a preset file.
+    """Settings of one camera; every field can be a key of a preset file.
 
-    width, height: px. horizontal_fov: rad; gives fx = fy where camera_matrix is None.
-    update_rate: Hz of simulated time. format: a Gazebo (R8G8B8) or ROS (rgb8) pixel format.
-    near, far: clip distances, m. xyz, rpy: the sensor in its link (x forward, z up), m and rad.
-    lens: pinhole, equidistant, stereographic, equisolid or orthographic.
-    camera_matrix: (fx, fy, cx, cy), px; None: from horizontal_fov, centred.
-    distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
-        rational_polynomial, equidistant); empty coefficients mean none.
-    cutoff_angle: the picture is black beyond it, rad from the axis; None: the lens's reach.
-    rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) that CameraInfo publishes, row by
-        row; None: the identity, and K with hack_baseline. They change no image.
-    hack_baseline: m, only for CameraInfo's P. legacy_camera_info: publish Gazebo's formulas,
-        and with them `declared`, the plugin's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3,
-        of which the first three are computed where they are 0.
-    effects: see effects.Effects. shake: see shaking.Shake; None: it sits still.
-    latency: s between stamp and publication.
-    depth, segmentation: deliver these pictures beside the colour one; depth_topics: how depth.
-    trigger_topic: the camera exposes once for each message there; '' for one that streams.
-    shutter: cameras of one model with the same one expose together; '' for a camera by itself.
+    Attributes:
+        name: name, for messages.
+        link: link that the camera is mounted on.
+        width, height: image size, px.
+        horizontal_fov: rad; determines fx = fy if camera_matrix is None.
+        update_rate: Hz of simulated time.
+        format: pixel format of Gazebo (R8G8B8) or ROS (rgb8).
+        near, far: clip distances, m.
+        xyz, rpy: pose of the sensor in its link (x forward, z up), m and rad.
+        lens: pinhole, equidistant, stereographic, equisolid or orthographic.
+        camera_matrix: (fx, fy, cx, cy), px; None derives it from horizontal_fov, with the principal
+            point at the centre.
+        distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
+            rational_polynomial, equidistant); empty coefficients mean no distortion.
+        cutoff_angle: angle from the axis beyond which the image is black, rad; None for the limit
+            of the lens.
+        rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) for CameraInfo, row by row;
+            None for the identity, and for K with hack_baseline. They do not change the image.
+        hack_baseline: baseline in CameraInfo's P, m.
+        legacy_camera_info: whether CameraInfo follows Gazebo's formulas with the values of
+            `declared`.
+        declared: the plug-in's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3. The first three
+            are computed if they are 0.
+        depth, segmentation: whether to deliver these images, too.
+        depth_topics: topics and format of the depth images.
+        effects: see effects.Effects.
+        shake: vibration, see vibration.Shake; None for a rigid mounting.
+        latency: time from the stamp to the publication, s.
+        seed: seed of all random effects.
+        trigger_topic: the camera exposes once for each message on this topic; '' for a camera that
+            streams.
+        shutter: cameras of one model with the same name of a shutter expose together; '' for an
+            independent camera.
     """
 
     name: str = "camera"
@@ -78,9 +100,9 @@ class CameraConfig:
     format: str = "R8G8B8"
     near: float = parameter(0.1, "m", above=0.0)
     far: float = parameter(100.0, "m", above=0.0)
-    xyz: Three = (0.0, 0.0, 0.0)
-    rpy: Three = (0.0, 0.0, 0.0)
-    lens: str = parameter("pinhole", choices=RADIUS)
+    xyz: FloatTriple = (0.0, 0.0, 0.0)
+    rpy: FloatTriple = (0.0, 0.0, 0.0)
+    lens: str = parameter("pinhole", choices=RADIUS_FUNCTION)
     camera_matrix: tuple[float, float, float, float] | None = None
     distortion_model: str = parameter("", choices=("", *COEFFICIENTS))
     distortion_coefficients: tuple[float, ...] = ()
@@ -97,7 +119,7 @@ class CameraConfig:
     shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
-    # Names for the ROS side, not used here.
+    # Names for the ROS layer, which uses them.
     camera_name: str = ""
     robot_namespace: str = ""
     image_topic: str = "image_raw"
@@ -109,27 +131,27 @@ class CameraConfig:
 
     def __post_init__(self) -> None:
         self._fill_in_lens()
-        hold_to_bounds(self, CameraError, f"camera '{self.name}': ")
+        check_bounds(self, CameraError, f"camera '{self.name}': ")
         check = self._check
         check(self.width * self.height <= LARGEST_AREA,
-              f"an image of {self.width} x {self.height} pixels: {LARGEST_AREA} in all are "
+              f"an image of {self.width} x {self.height} pixels: at most {LARGEST_AREA} pixels are "
               "possible; make width and height smaller")
         self._check_names()
         check(self.near < self.far,
               f"clip distances near={self.near} far={self.far}: need 0 < near < far")
         self.check_rate(self.update_rate)
-        encoding_of(self.format, self.name)
+        find_encoding(self.format, self.name)
         self._check_lens()
         if self.camera_matrix is not None:
             fx, fy, cx, cy = self.camera_matrix
             check(fx > 0 and fy > 0,
                   f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give focal lengths above 0")
-        if isinstance(self.model.lens, FisheyeLens):
-            check_fisheye(self.model.lens, self.name)
-        self._check_folding()
+        if isinstance(self.projection.lens, FisheyeLens):
+            check_fisheye(self.projection.lens, self.name)
+        self._check_lens_fold()
 
     def _fill_in_lens(self) -> None:
-        """A fisheye distortion model implies the lens, and the lens the model."""
+        """Derive the lens from the distortion model, or the distortion model from the lens."""
         lens, model = self.lens, self.distortion_model
         if model == "equidistant" and lens == "pinhole":
             lens = "equidistant"
@@ -144,28 +166,28 @@ class CameraConfig:
         check = self._check
         check((self.lens == "pinhole") != (self.distortion_model == "equidistant"),
               f"distortion_model '{self.distortion_model}' does not go with lens '{self.lens}'; "
-              "take equidistant for wide-angle lenses, plumb_bob or rational_polynomial else")
+              "use equidistant for wide-angle lenses, otherwise plumb_bob or rational_polynomial")
         D = self.distortion_coefficients
         counts = COEFFICIENTS[self.distortion_model]
         check(len(D) in (0, *counts),
               f"distortion_coefficients {list(D)}: {self.distortion_model} takes "
               f"{' or '.join(map(str, counts))} finite numbers")
         check(not any(D) or self.lens in ("pinhole", "equidistant"),
-              f"lens '{self.lens}' is an ideal projection; for one with distortion_coefficients "
-              "take lens equidistant")
-        reach = REACH[self.lens]
+              f"lens '{self.lens}' is an ideal projection; use lens equidistant with "
+              "distortion_coefficients")
+        reach = LARGEST_ANGLE[self.lens]
         fov = self.horizontal_fov
         if self.camera_matrix is None or self.lens == "pinhole":
             limit = 2 * reach + (0.0 if self.lens == "pinhole" else 1e-9)
             check(0.0 < fov < limit,
-                  f"horizontal_fov {fov} rad: lens {self.lens} reaches above 0 and below "
+                  f"horizontal_fov {fov} rad: lens {self.lens} needs a value above 0 and below "
                   f"{limit:.4g} rad" + ("; take a fisheye lens for more"
                                         if self.lens == "pinhole" and fov >= limit else ""))
         if self.cutoff_angle is not None:
-            check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; leave it out")
+            check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; remove it")
             check(0.0 < self.cutoff_angle <= reach + 1e-9,
-                  f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} reaches above 0 and up "
-                  f"to {reach:.4g} rad")
+                  f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} needs a value above 0 "
+                  f"and up to {reach:.4g} rad")
 
     def _check_names(self) -> None:
         keys = ("camera_name", "robot_namespace", "image_topic", "info_topic", "trigger_topic")
@@ -175,38 +197,39 @@ class CameraConfig:
         for key, name in names.items():
             parts = [part for part in name.split("/") if part]
             self._check(all(map(_NAME.fullmatch, parts)),
-                        f"{key} '{name}' is no name in a ROS graph; begin with a "
-                        "letter and go on with letters, digits and underscores")
-        topics = {self.topic_root, *map(self.topic, (self.image_topic, self.info_topic))}
+                        f"{key} '{name}' is not a valid ROS name; each part needs a letter, "
+                        "followed by letters, digits and underscores")
+        topics = {self.topic_root, *map(self.resolve_topic, (self.image_topic, self.info_topic))}
         self._check(len(topics) == 3,
-                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': give "
+                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': use "
                     "two different names")
 
-    def _check_folding(self) -> None:
-        """Every pixel needs a ray; beyond a fold there is none. Past a cutoff_angle it is black."""
+    def _check_lens_fold(self) -> None:
+        """Check that every pixel has a ray; with a cutoff_angle, pixels beyond it are black."""
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
-        lens = self.model.lens
-        if isinstance(lens, FisheyeLens) and lens.cutoff >= REACH[self.lens]:
+        lens = self.projection.lens
+        if isinstance(lens, FisheyeLens) and lens.cutoff >= LARGEST_ANGLE[self.lens]:
             return
         w, h = self.width - 1, self.height - 1
         border = np.array([[x, y] for t in np.linspace(0, 1, 33) for x, y in
                            ((t * w, 0), (t * w, h), (0, t * h), (w, t * h))])
         angle = (f"at {math.degrees(lens.cutoff):.1f} deg from the axis, "
                  if isinstance(lens, FisheyeLens) else "")
-        self._check(bool(np.isfinite(self.model.unproject(border)).all()),
+        self._check(bool(np.isfinite(self.projection.unproject(border)).all()),
                     f"distortion_coefficients {list(self.distortion_coefficients)} fold the "
-                    f"picture over {angle}inside the image; make them smaller or the focal length "
-                    "longer")
+                    f"projection over {angle}inside the image; make them smaller or the focal "
+                    "length longer")
 
     def check_rate(self, rate: float) -> None:
-        """Raise CameraError where pictures at this rate, Hz, leave no time to expose and read."""
+        """Raise CameraError if the image period is too short for exposure and read-out, rate in Hz.
+        """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
-        taken = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
+        durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
                  f"{rows}, {e.row_time * self.height:g} s in all": e.row_time * self.height,
-                 f"exposure_time and {rows}, {duration(e, self.height):g} s together":
-                     duration(e, self.height)}  # fmt: skip
-        for what, time in taken.items():
+                 f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
+                     compute_duration(e, self.height)}  # fmt: skip
+        for what, time in durations.items():
             self._check(time < 1.0 / rate, f"{what}: has to be shorter than the period of "
                         f"{1.0 / rate:g} s; lower the rate or shorten it")
 
@@ -217,32 +240,33 @@ class CameraConfig:
     @property
     def encoding(self) -> str:
         """ROS image encoding of the format."""
-        return encoding_of(self.format, self.name)
+        return find_encoding(self.format, self.name)
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3) camera matrix of the rendered picture."""
+        """(3, 3) camera matrix of the rendered image."""
         if self.camera_matrix is not None:
             return camera_matrix(*self.camera_matrix)
-        f = self.width / (2.0 * float(RADIUS[self.lens](self.horizontal_fov / 2.0)))
+        f = self.width / (2.0 * float(RADIUS_FUNCTION[self.lens](self.horizontal_fov / 2.0)))
         return camera_matrix(f, f, (self.width - 1) / 2, (self.height - 1) / 2)
 
     @property
-    def model(self) -> CameraProjection:
-        """The projection that the pixels follow."""
+    def projection(self) -> CameraProjection:
+        """Projection of the rendered image."""
         D = self.distortion_coefficients
         if self.lens == "pinhole":
             return CameraProjection(self.K, BrownLens((*D, *(0.0,) * (5 - len(D)))))
-        reach = REACH[self.lens] if self.cutoff_angle is None else self.cutoff_angle
+        reach = LARGEST_ANGLE[self.lens] if self.cutoff_angle is None else self.cutoff_angle
         if not D:
-            D = ideal_coefficients(self.lens, REACH[self.lens])
+            D = ideal_coefficients(self.lens, LARGEST_ANGLE[self.lens])
         elif self.cutoff_angle is None:
             reach = min(reach, kannala_brandt_fold(D) * (1.0 - 1e-6))
         return CameraProjection(self.K, FisheyeLens(D, reach))
 
-    def intrinsics(self) -> CameraIntrinsics:
-        """What CameraInfo publishes: the rendered camera, or upstream's formulas on request."""
-        K, D, name = self.K, tuple(self.model.lens.D), self.distortion_model
+    def make_intrinsics(self) -> CameraIntrinsics:
+        """Return the content of CameraInfo: the rendered camera, or Gazebo's formulas on request.
+        """
+        K, D, name = self.K, tuple(self.projection.lens.D), self.distortion_model
         if self.legacy_camera_info:
             f, cx, cy, *D = self.declared
             f = f or self.width / (2.0 * math.tan(min(self.horizontal_fov, 3.14) / 2.0))
@@ -255,8 +279,8 @@ class CameraConfig:
             P = np.reshape(self.projection_matrix, (3, 4))
         return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
 
-    def sensor_figures(self) -> dict[str, object]:
-        """What CameraInfo has no place for, as keys of a preset: shutter, exposure and noise."""
+    def sensor_settings(self) -> dict[str, object]:
+        """Return the settings that CameraInfo does not contain: shutter, exposure and noise."""
         keys = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure",
                 "gain", "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
         effects = {key: getattr(self.effects, key) for key in keys}
@@ -270,57 +294,63 @@ class CameraConfig:
     @classmethod
     def from_description(cls, camera: CameraDescription,
                          overrides: Mapping[str, object] | None = None) -> CameraConfig:
-        """Settings of a description's camera with the keys of a preset laid over it, at every
-        depth: effects that the preset does not name stay the description's.
+        """Return the settings of a camera in a description, merged with those of a preset.
 
-        Raises CameraError naming the key that is wrong.
+        Nested settings are merged, too: effects that the preset does not set keep the description's
+        values.
+
+        Raises:
+            CameraError: the message names the wrong key.
         """
-        from .from_description import settings
+        from .from_description import read_settings
 
-        described, own = settings(camera), with_calibration(overrides or {})
+        described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            described.pop("cutoff_angle", None)  # it is that of the described lens
+            described.pop("cutoff_angle", None)  # the described angle belongs to the other lens
         return cls.from_mapping(merge(described, own))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:
-        """Settings from a preset file's keys.
+        """Return the settings from the keys of a preset file.
 
-        camera_matrix is a mapping fx, fy, cx, cy or four numbers; effects a mapping of
-        effects.Effects' fields; calibration the path of a file, see calibration_file. Raises
-        CameraError naming the key that is wrong.
+        camera_matrix is a mapping with fx, fy, cx, cy or four numbers; effects is a mapping with
+        the fields of effects.Effects; calibration is the path of a file (see calibration_file.py).
+
+        Raises:
+            CameraError: the message names the wrong key.
         """
         where = f"camera '{values.get('name', 'camera')}': "
-        return build(cls, cls.check_keys(with_calibration(values), where), where, CameraError)
+        return build(cls, cls.check_keys(apply_calibration(values), where), where, CameraError)
 
     @classmethod
     def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
-        """Some of a camera's settings, each by itself of the kind that its field wants.
+        """Convert some settings of a camera to the types of their fields, one by one.
 
-        Raises CameraError naming the key that is wrong, after `where`.
+        Raises:
+            CameraError: the message starts with `where` and names the wrong key.
         """
         matrix = values.get("camera_matrix")
         if isinstance(matrix, Mapping):
             given = build(MatrixEntry, matrix, f"{where}camera_matrix", CameraError)
             values = {**values, "camera_matrix": (given.fx, given.fy, given.cx, given.cy)}
-        return converted(cls, values, where, CameraError)
+        return convert_fields(cls, values, where, CameraError)
 
     @property
     def topic_root(self) -> str:
-        """Absolute name below which ROS finds this camera: /robotNamespace/cameraName."""
+        """Absolute ROS name of the camera: /robotNamespace/cameraName."""
         return resolve_name(f"{self.robot_namespace}/{self.camera_name}")
 
-    def topic(self, name: str) -> str:
-        """Absolute name of one of its topics, which the plug-in may have given as a global one."""
+    def resolve_topic(self, name: str) -> str:
+        """Return the absolute name of a topic of the camera; a global name is not changed."""
         return resolve_name(self.topic_root, name)
 
     @property
     def names(self) -> frozenset[str]:
-        """Absolute names that no other camera may have: its root, its image and its info topic."""
-        topics = (self.topic(name) for name in (self.image_topic, self.info_topic))
+        """Absolute names that must be unique among cameras: root, image topic and info topic."""
+        topics = (self.resolve_topic(name) for name in (self.image_topic, self.info_topic))
         return frozenset((self.topic_root, *topics))
 
 
-def seed_of(seed: int, name: str) -> int:
-    """A seed for one camera: two cameras of one run must not share their noise."""
+def derive_seed(seed: int, name: str) -> int:
+    """Return a seed for one camera, so that the cameras of a run have independent noise."""
     return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())

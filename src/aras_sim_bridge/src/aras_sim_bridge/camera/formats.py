@@ -1,11 +1,11 @@
-"""Pixel formats: Gazebo's names, ROS's encodings, and pictures in them."""
+"""Pixel formats: Gazebo's names, ROS's encodings, and the conversion of images."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.names import likely
+from aras_visual_servo_base.names import find_nearest
 
 from ..errors import CameraError
 
@@ -20,34 +20,36 @@ _GAZEBO = {
 }
 
 
-def encoding_of(name: str, camera: str = "") -> str:
-    """ROS encoding of a Gazebo or ROS format name.
+def find_encoding(name: str, camera: str = "") -> str:
+    """Return the ROS encoding for a format name of Gazebo or ROS.
 
-    Raises CameraError naming the nearest format there is.
+    Raises:
+        CameraError: unknown name; the message names the most similar one.
     """
     if name in ENCODINGS:
         return name
     if name in _GAZEBO:
         return _GAZEBO[name]
     known = [*ENCODINGS, *_GAZEBO]
-    near = likely(name, known, 0.0)
+    near = find_nearest(name, known, 0.0)
     raise CameraError(
-        f"camera '{camera}': format '{name}' is not known; the nearest is '{near}', "
-        f"and there are {', '.join(known)}"
+        f"camera '{camera}': format '{name}' is not known; the nearest is '{near}'; use one of "
+        f"{', '.join(known)}"
     )
 
 
-def shape_of(encoding: str, height: int, width: int) -> tuple[int, ...]:
-    """Of a picture's array: (H, W, 3) in colour, (H, W) else."""
+def find_shape(encoding: str, height: int, width: int) -> tuple[int, ...]:
+    """Return the shape of an image array: (H, W, 3) in colour, (H, W) otherwise."""
     colour = encoding.startswith(("rgb", "bgr"))
     return (height, width, 3) if colour else (height, width)
 
 
 def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """What the pixels of a sensor see of an (H, W, 3) uint8 rgb picture: (H, W) or (H, W, 3) uint8.
+    """Convert an (H, W, 3) uint8 rgb image to the pixels of a sensor: (H, W) or (H, W, 3) uint8.
 
-    Colours in the encoding's order; Bayer takes from each pixel the one channel that its filter
-    passes, and the pattern's four letters are the first row's first two pixels, then the second's.
+    Colours are in the order of the encoding. For a Bayer pattern, each pixel has the one channel
+    that its filter transmits; the four letters are the first two pixels of the first row, then of
+    the second row.
     """
     if encoding in ("rgb8", "rgb16"):
         return rgb
@@ -63,6 +65,6 @@ def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
     return out
 
 
-def widened(image: np.ndarray, encoding: str) -> np.ndarray:
-    """A uint8 picture in the encoding's depth: 16 bits span their full range, 255 is 65535."""
+def widen(image: np.ndarray, encoding: str) -> np.ndarray:
+    """Convert a uint8 image to the bit depth of the encoding; 255 becomes 65535 in 16 bits."""
     return image.astype(np.uint16) * 257 if encoding.endswith("16") else image

@@ -1,4 +1,4 @@
-"""Camera settings that a URDF's sensor and plugin elements give."""
+"""Camera settings from the sensor and plug-in elements of a URDF."""
 
 from __future__ import annotations
 
@@ -7,23 +7,24 @@ from dataclasses import asdict
 
 from ..description import CameraDescription
 from ..errors import CameraError
-from .lens import REACH
+from .lens import LARGEST_ANGLE
 
 _log = logging.getLogger(__name__)
 
-# SDF's lens types; gnomonical is the pinhole.
+# Lens types of SDF; gnomonical is a pinhole.
 _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
            "equidistant": "equidistant", "equisolid_angle": "equisolid",
            "orthographic": "orthographic"}
 
 
-def settings(camera: CameraDescription) -> dict[str, object]:
-    """CameraConfig's keys for a camera of a description; what it leaves open stays out.
+def read_settings(camera: CameraDescription) -> dict[str, object]:
+    """Return the settings of CameraConfig that a description of a camera contains.
 
-    As in Gazebo, the plugin's Cx, Cy, focalLength and distortion describe a picture without
-    changing it: they are what legacy_camera_info tells. The sensor's <distortion> is rendered.
+    As in Gazebo, Cx, Cy, focalLength and the distortion of the plug-in only affect CameraInfo (with
+    legacy_camera_info), not the image. The <distortion> of the sensor is rendered.
 
-    Raises CameraError for a lens that is not drawn.
+    Raises:
+        CameraError: the lens type is not supported.
     """
     xyz, rpy = camera.pose
     values: dict[str, object] = {
@@ -39,57 +40,57 @@ def settings(camera: CameraDescription) -> dict[str, object]:
     plugin = camera.plugin
     if plugin is not None:
         rates.append(plugin.update_rate)
-        told = plugin.distortion
+        plugin_D = plugin.distortion
         if plugin.auto_distortion:
-            told = camera.distortion or (0.0,) * 5
+            plugin_D = camera.distortion or (0.0,) * 5
         values |= {
             "camera_name": plugin.camera_name, "robot_namespace": plugin.robot_namespace,
             "image_topic": plugin.image_topic, "info_topic": plugin.info_topic,
             "frame_name": plugin.frame_name, "hack_baseline": plugin.hack_baseline,
             "trigger_topic": plugin.trigger_topic,
-            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_in_ros_order(told)),
+            "declared": (plugin.focal_length, plugin.cx, plugin.cy, *_reorder_distortion(plugin_D)),
         }
         if plugin.depth is not None:
             values |= {"depth": True, "depth_topics": asdict(plugin.depth)}
     if any(rates):
         values["update_rate"] = min(filter(None, rates))
     if camera.kind == "wideanglecamera":
-        values |= _wide(camera)
+        values |= _read_wide_lens(camera)
     elif camera.lens is not None and camera.lens.intrinsics is not None:
-        # Gazebo counts from the image's corner, and here pixels have whole numbers at their middle.
+        # In Gazebo the corner of the image has coordinates 0, here the centre of the first pixel.
         fx, fy, cx, cy = camera.lens.intrinsics
         values["camera_matrix"] = (fx, fy, cx - 0.5, cy - 0.5)
     if camera.distortion and any(camera.distortion):
         values["distortion_model"] = "plumb_bob"
-        values["distortion_coefficients"] = _in_ros_order(camera.distortion)
+        values["distortion_coefficients"] = _reorder_distortion(camera.distortion)
         if camera.distortion_center != (0.5, 0.5):
-            _log.warning("camera '%s': the distortion's center %s is not used; it lies on the "
-                         "optical axis", camera.name, camera.distortion_center)
+            _log.warning("camera '%s': the distortion's center %s is ignored; the optical axis is "
+                         "used", camera.name, camera.distortion_center)
     noise = camera.noise
     if noise.kind.startswith("gaussian") and (noise.mean or noise.stddev):
-        # SDF gives noise as a share of full scale.
+        # In SDF, noise is a share of the full scale.
         values["effects"] = {"noise_mean": 255.0 * noise.mean, "noise_stddev": 255.0 * noise.stddev}
     return values
 
 
-def _in_ros_order(k1_k2_k3_p1_p2: tuple[float, ...]) -> tuple[float, ...]:
+def _reorder_distortion(k1_k2_k3_p1_p2: tuple[float, ...]) -> tuple[float, ...]:
     k1, k2, k3, p1, p2 = k1_k2_k3_p1_p2
     return k1, k2, p1, p2, k3
 
 
-def _wide(camera: CameraDescription) -> dict[str, object]:
+def _read_wide_lens(camera: CameraDescription) -> dict[str, object]:
     lens = camera.lens
     if lens is None:
         return {"lens": "equidistant"}
     if lens.kind not in _LENSES:
         raise CameraError(
-            f"camera '{camera.name}': lens type '{lens.kind}' is not drawn; take one of "
+            f"camera '{camera.name}': lens type '{lens.kind}' is not supported; use one of "
             + ", ".join(sorted(_LENSES))
         )
     values: dict[str, object] = {"lens": _LENSES[lens.kind]}
     if values["lens"] != "pinhole":
-        values["cutoff_angle"] = min(lens.cutoff_angle, REACH[values["lens"]])
-    if not lens.scale_to_hfov:  # a radius of 1 is half the width, whatever the field of view
+        values["cutoff_angle"] = min(lens.cutoff_angle, LARGEST_ANGLE[values["lens"]])
+    if not lens.scale_to_hfov:  # a radius of 1 is half the width for any field of view
         half = camera.width / 2
         values["camera_matrix"] = (half, half, half - 0.5, (camera.height - 1) / 2)
     return values

@@ -1,7 +1,7 @@
-"""Intrinsics: what CameraInfo says, and the projection that the pixels follow.
+"""Intrinsics in CameraInfo, and the projection of the rendered image.
 
-Pixel centres have integer coordinates (OpenCV, ROS), so an image w pixels wide is centred
-on (w - 1) / 2.
+Pixel centres have integer coordinates (OpenCV, ROS), so the centre of an image that is w pixels
+wide is at (w - 1) / 2.
 """
 
 from __future__ import annotations
@@ -15,10 +15,15 @@ from .lens import BrownLens, FisheyeLens
 
 @dataclass(frozen=True)
 class CameraIntrinsics:
-    """The content of sensor_msgs/CameraInfo.
+    """Content of sensor_msgs/CameraInfo.
 
-    K: (3, 3) camera matrix, px. D: distortion coefficients in ROS's order for `model`
-    ('plumb_bob', 'rational_polynomial' or 'equidistant'). R: (3, 3) rectification. P: (3, 4).
+    Attributes:
+        width, height: image size, px.
+        K: (3, 3) camera matrix, px.
+        D: distortion coefficients in ROS's order for `model`.
+        model: 'plumb_bob', 'rational_polynomial' or 'equidistant'.
+        R: (3, 3) rectification matrix.
+        P: (3, 4) projection matrix.
     """
 
     width: int
@@ -36,34 +41,34 @@ class CameraIntrinsics:
 
 @dataclass(frozen=True)
 class CameraProjection:
-    """Projection of the rendered picture: K (3, 3), px, and the lens at unit focal length."""
+    """Projection of the rendered image: K (3, 3), px, and the lens at unit focal length."""
 
     K: np.ndarray
     lens: BrownLens | FisheyeLens
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Pixels (N, 2) u, v of points (N, 3) in the optical frame, m."""
+        """Return pixels (N, 2) u, v of points (N, 3) in the optical frame, m."""
         xy = self.lens.project(np.asarray(points, dtype=float))
         return xy * [self.K[0, 0], self.K[1, 1]] + self.K[:2, 2]
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Unit rays (N, 3) in the optical frame of pixels (N, 2); NaN outside the lens."""
+        """Return unit rays (N, 3) in the optical frame of pixels (N, 2); NaN outside the lens."""
         pixels = np.asarray(pixels, dtype=float)
         return self.lens.unproject((pixels - self.K[:2, 2]) / [self.K[0, 0], self.K[1, 1]])
 
     @property
     def is_pinhole(self) -> bool:
-        """Whether straight lines stay straight."""
+        """True if straight lines remain straight in the image."""
         return isinstance(self.lens, BrownLens) and not any(self.lens.D)
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    """K (3, 3) without skew, px."""
+    """Return K (3, 3) without skew, px."""
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
 def projection_matrix(K: np.ndarray, baseline: float) -> np.ndarray:
-    """P (3, 4) of an unrectified camera; `baseline` m is Gazebo's hackBaseline."""
+    """Return P (3, 4) of an unrectified camera; `baseline` (m) is Gazebo's hackBaseline."""
     P = np.zeros((3, 4))
     P[:, :3] = K
     P[0, 3] = -K[0, 0] * baseline

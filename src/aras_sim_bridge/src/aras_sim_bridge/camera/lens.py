@@ -1,7 +1,8 @@
-"""Lenses: where a ray lands on the image plane at unit focal length, and back.
+"""Lens models: projection of rays to the image plane at unit focal length, and its inverse.
 
-Brown's model with a rational radial part ('plumb_bob', 'rational_polynomial') and Kannala and
-Brandt's ('equidistant') follow OpenCV's calib3d and fisheye modules, coefficient by coefficient.
+Brown's model with a rational radial part ('plumb_bob', 'rational_polynomial') and the model of
+Kannala and Brandt ('equidistant') have the same coefficients as OpenCV's calib3d and fisheye
+modules.
 """
 
 from __future__ import annotations
@@ -16,16 +17,16 @@ from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 
 from ..errors import CameraError
 
-# Angle from the optical axis up to which each lens has an image, rad; the pinhole stays below.
-REACH = {
+# Largest angle from the optical axis that each lens images, rad; a pinhole stays below it.
+LARGEST_ANGLE = {
     "pinhole": math.radians(90.0),
     "equidistant": math.radians(110.0),
     "stereographic": math.radians(110.0),
     "equisolid": math.radians(110.0),
     "orthographic": math.radians(90.0),
 }
-# Radius in the image at unit focal length, of the angle from the optical axis.
-RADIUS: dict[str, Callable] = {
+# Radius in the image at unit focal length, as a function of the angle from the optical axis.
+RADIUS_FUNCTION: dict[str, Callable] = {
     "pinhole": np.tan,
     "equidistant": lambda theta: theta,
     "stereographic": lambda theta: 2.0 * np.tan(theta / 2.0),
@@ -37,26 +38,27 @@ COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidi
 
 @dataclass(frozen=True)
 class BrownLens:
-    """Pinhole with Brown's distortion; D as in lenses.brown, 5 or more."""
+    """Pinhole with Brown's distortion; D (5 or more coefficients) as in lenses.brown."""
 
     D: tuple[float, ...]
 
     def project(self, rays: np.ndarray) -> np.ndarray:
-        """Distorted (N, 2) coordinates of rays (N, 3) with z > 0; NaN behind the camera."""
+        """Return distorted coordinates (N, 2) of rays (N, 3) with z > 0; NaN behind the camera."""
         z = np.where(rays[:, 2] > 0.0, rays[:, 2], np.nan)
         return self.distort(rays[:, :2] / z[:, None])[0]
 
     def unproject(self, points: np.ndarray) -> np.ndarray:
-        """Unit rays (N, 3) of distorted coordinates (N, 2); NaN where there is none.
+        """Return unit rays (N, 3) of distorted coordinates (N, 2); NaN if there is no solution.
 
-        Newton's method from the centre outwards: the answer of the branch that starts at the
-        optical axis, or none beyond the radius where the distortion folds over.
+        Newton's method follows the solution from the centre outwards. This gives the solution on
+        the branch that contains the optical axis, and none beyond the radius at which the
+        distortion folds over.
         """
         flat = not any(self.D)
         x = np.array(points, dtype=float)
         good = np.ones(len(x), bool)
         if not flat:
-            # Following the solution as the target moves outwards keeps Newton on the branch.
+            # Moving the target outwards in steps keeps Newton's method on the branch.
             x = np.zeros_like(x)
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points
@@ -79,55 +81,63 @@ class BrownLens:
         return rays
 
     def fold_radius(self) -> float:
-        """See lenses.fold_radius."""
+        """Return the radius at which the distortion folds over, see lenses.fold_radius."""
         return fold_radius(self.D)
 
     def distort(self, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Distorted points (N, 2) and the entries of the Jacobian [[a, b], [c, d]], each (N,)."""
+        """Return distorted points (N, 2) and the Jacobian's entries a, b, c, d, each (N,).
+
+        The Jacobian is [[a, b], [c, d]].
+        """
         x, y, *jacobian = brown(*p.T, self.D)
         return np.stack([x, y], axis=1), *jacobian
 
 
 @dataclass(frozen=True)
 class FisheyeLens:
-    """Kannala and Brandt: radius = t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8), t from the axis.
+    """Fisheye model of Kannala and Brandt.
 
-    cutoff: angle beyond which the image is black, rad.
+    The radius is t (1 + k1 t^2 + k2 t^4 + k3 t^6 + k4 t^8) at the angle t from the axis.
+
+    Attributes:
+        D: coefficients k1 to k4.
+        cutoff: angle beyond which the image is black, rad.
     """
 
     D: tuple[float, ...]
     cutoff: float
 
     def radius(self, theta: np.ndarray) -> np.ndarray:
-        """Distance from the image's centre at unit focal length, of angles from the axis, rad."""
+        """Return the radius at unit focal length for angles from the axis, rad."""
         return kannala_brandt(theta, self.D)[0]
 
     def slope(self, theta: np.ndarray) -> np.ndarray:
-        """Derivative of the radius with the angle, at angles from the axis, rad."""
+        """Return the derivative of the radius with respect to the angle, at angles in rad."""
         return kannala_brandt(theta, self.D)[1]
 
     def project(self, rays: np.ndarray) -> np.ndarray:
-        """Image coordinates (N, 2) of rays (N, 3) in any direction."""
+        """Return image coordinates (N, 2) of rays (N, 3) in any direction."""
         rho = np.hypot(rays[:, 0], rays[:, 1])
         r = self.radius(np.arctan2(rho, rays[:, 2]))
         scale = np.divide(r, rho, out=np.zeros_like(r), where=rho > 0)
         return rays[:, :2] * scale[:, None]
 
     def unproject(self, points: np.ndarray) -> np.ndarray:
-        """Unit rays (N, 3) of image coordinates (N, 2); NaN beyond the cutoff."""
+        """Return unit rays (N, 3) of image coordinates (N, 2); NaN beyond the cutoff."""
         r = np.hypot(points[:, 0], points[:, 1])
         limit = float(self.radius(self.cutoff))
         inside = r <= limit
         target = np.where(inside, r, 0.0)
-        # Monotonic on [0, cutoff] (checked by the config): bisection's bracket, Newton's speed.
+        # The radius is monotonic on [0, cutoff] (CameraConfig checks it): Newton's method,
+        # bracketed by bisection.
         low, high = np.zeros_like(r), np.full_like(r, self.cutoff)
         theta = np.clip(target, 0.0, self.cutoff)
         for _ in range(60):
             error = self.radius(theta) - target
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
-            # The angle is one of the bounds. A step of more than half the way to the other one may
-            # go to and fro between them; an exact angle must not be left again.
+            # The present angle is one of the bounds. A longer step than half the bracket might
+            # oscillate between the bounds; an exact angle must not change any more.
             new = np.where(np.abs(new - theta) <= (high - low) / 2, new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
@@ -139,29 +149,29 @@ class FisheyeLens:
         return rays
 
 
-def fisheye_coefficients(lens: str, cutoff: float) -> tuple[float, float, float, float]:
-    """Kannala-Brandt coefficients of an ideal wide-angle projection, fitted up to `cutoff` rad.
+def fit_fisheye(lens: str, cutoff: float) -> tuple[float, float, float, float]:
+    """Fit Kannala-Brandt coefficients to an ideal wide-angle projection, up to `cutoff` rad.
 
-    ROS and OpenCV have no name for these projections. Their radius is an odd function of the angle
-    and four coefficients give it to better than 1e-4 of the focal length, so the picture is drawn
-    with the very coefficients that CameraInfo publishes.
+    ROS and OpenCV have no names for these projections. The radius is an odd function of the angle,
+    and four coefficients represent it to better than 1e-4 of the focal length. The image is
+    rendered with the same coefficients that CameraInfo publishes.
     """
     if lens == "equidistant":
         return (0.0, 0.0, 0.0, 0.0)
     # Chebyshev nodes keep the largest error of the fit small.
     t = cutoff * np.sin(np.linspace(0.0, np.pi / 2, 400)[1:])
     basis = np.stack([t**3, t**5, t**7, t**9], axis=1)
-    fit, *_ = np.linalg.lstsq(basis, RADIUS[lens](t) - t, rcond=None)
+    fit, *_ = np.linalg.lstsq(basis, RADIUS_FUNCTION[lens](t) - t, rcond=None)
     return tuple(float(k) for k in fit)
 
 
 def check_fisheye(lens: FisheyeLens, name: str) -> None:
-    """Raise CameraError when the radius stops growing before the cutoff."""
+    """Raise CameraError if the radius does not increase up to the cutoff."""
     theta = np.linspace(0.0, lens.cutoff, 2000)
     falling = lens.slope(theta) <= 0
     if falling.any():
         at = math.degrees(float(theta[falling.argmax()]))
         raise CameraError(
-            f"camera '{name}': distortion_coefficients {list(lens.D)} fold the picture over at "
+            f"camera '{name}': distortion_coefficients {list(lens.D)} fold the projection over at "
             f"{at:.1f} deg from the axis; lower cutoff_angle below it or correct the coefficients"
         )

@@ -1,8 +1,8 @@
-"""Where cameras sit: on a link of a model or fixed in the world, and the settings laid over them.
+"""Mounting of cameras on the link of a model or in the world, and the merging of their settings.
 
-Settings come as a nested mapping, as /gazebo/cameras on the parameter server gives it: the parts of
-a camera's name lead to its settings, whose keys are CameraConfig's. A mapping with the key `parent`
-is a camera of its own, fixed in the world.
+Settings are a nested mapping, like /gazebo/cameras on the parameter server: the parts of a camera's
+name lead to its settings, whose keys are those of CameraConfig. A mapping with the key `parent`
+defines an additional camera that is fixed in the world.
 """
 
 from __future__ import annotations
@@ -15,13 +15,13 @@ from typing import TypeVar
 import numpy as np
 
 from aras_sim_bridge.camera import CameraConfig, CameraSensor, SensorFrame
-from aras_sim_bridge.camera.config import Three, seed_of
+from aras_sim_bridge.camera.config import FloatTriple, derive_seed
 from aras_sim_bridge.description import CameraDescription
 from aras_sim_bridge.errors import CameraError, RenderingError, SimError
 from aras_sim_bridge.world import Model, Pose
 from aras_visual_servo_base.camera_mounting import check_optical
 from aras_visual_servo_base.hand_eye import read_hand_eye
-from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical
+from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, optical_pose
 from aras_visual_servo_base.setting_values import merge
 from aras_visual_servo_base.settings import build, convert, parameter
 
@@ -29,142 +29,150 @@ T = TypeVar("T")
 
 
 @dataclass(frozen=True)
-class PlaceEntry:
-    """A pose as it may be written: xyz, m, and rpy about fixed axes, rad."""
+class CameraPlacementEntry:
+    """Pose in the settings: xyz, m, and rpy about fixed axes, rad."""
 
-    xyz: Three = (0.0, 0.0, 0.0)
-    rpy: Three = (0.0, 0.0, 0.0)
+    xyz: FloatTriple = (0.0, 0.0, 0.0)
+    rpy: FloatTriple = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
-class CalibratedPlace:
-    """A hand-eye calibration's file, and the units of its lengths; '': as the file says."""
+class HandEyeEntry:
+    """File of a hand-eye calibration, and its unit of length; '' uses the unit in the file."""
 
     file: str
     units: str = parameter("", choices=("", *LENGTH_UNITS))
 
 
 log = logging.getLogger(__name__)
-HAND_EYE = "hand_eye"
+HAND_EYE_KEY = "hand_eye"
 
 WORLD = "world"
 
 
 class MountedCamera:
-    """A camera in its place. It draws while `enabled` and hands its frames to `on_frame`.
+    """Camera on a link or in the world, which passes its frames to `on_frame` while enabled.
 
-    model, link: what it sits on; None and 'world' for one that is fixed in the world.
+    Attributes:
+        sensor: the camera.
+        model, link: where it is mounted; None and 'world' for a camera fixed in the world.
+        on_frame: called with each frame; None for no receiver.
     """
 
     def __init__(
         self, sensor: CameraSensor, model: Model | None, link: str, pose: Pose | None = None
     ) -> None:
-        """`pose` is that of a camera fixed in the world; the others follow their link."""
+        """Mount a sensor; `pose` is that of a camera fixed in the world, otherwise None."""
         self.sensor = sensor
         self.model = model
         self.link = link
         self.on_frame: Callable[[SensorFrame], None] | None = None
         self._fixed = None if pose is None else pose.matrix()
         self._enabled = False
-        self._fresh = False
-        self._trouble = ""
+        self._is_new = False
+        self._last_error = ""
 
     @property
     def enabled(self) -> bool:
-        """Whether pictures are wanted; may be set from any thread."""
+        """True if the camera takes images; any thread may set it."""
         return self._enabled
 
     @enabled.setter
-    def enabled(self, wanted: bool) -> None:
-        # Instants that passed while nobody looked are not made up for: that picture would show a
-        # later world than its stamp says.
-        if wanted and not self._enabled:
-            self._fresh = True
-        self._enabled = wanted
+    def enabled(self, enabled: bool) -> None:
+        # Exposures missed while the camera was disabled are skipped: their images would show a
+        # later state than their stamps.
+        if enabled and not self._enabled:
+            self._is_new = True
+        self._enabled = enabled
 
     @property
     def parent_T_optical(self) -> np.ndarray:
-        """(4, 4) pose of the optical frame in the link, or in the world."""
+        """(4, 4) pose of the optical frame in the link or in the world."""
         mounting = self.sensor.link_T_optical
         return mounting if self._fixed is None else self._fixed @ mounting
 
     @property
     def idle_until_ns(self) -> int:
-        """Up to when, ns, steps may end without a look at the world."""
-        return 0 if self._fresh else self.sensor.due_ns - 1
+        """Time in ns until which no image is due."""
+        return 0 if self._is_new else self.sensor.due_ns - 1
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
-        """Expose once in the coming step, where pictures are wanted; see CameraSensor.trigger."""
+        """Expose once in the next step if the camera is enabled; see CameraSensor.trigger."""
         self._refresh(time_ns)
         if self._enabled:
             self.sensor.trigger(time_ns, step_ns)
 
     def _refresh(self, time_ns: int) -> None:
-        if self._fresh:
-            self._fresh = False
+        if self._is_new:
+            self._is_new = False
             self.sensor.reset(time_ns)
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Remember the world where an exposure falls between two ticks."""
+        """Store the poses if an exposure falls between two steps."""
         self._refresh(time_ns)
-        if self.sensor.needs_before(after_ns):
+        if self.sensor.needs_previous_pose(after_ns):
             self._attempt(self.sensor.before_step, time_ns)
 
     def after_step(self, time_ns: int) -> None:
-        """Expose and deliver; for steps after which the sensor is due."""
+        """Expose and deliver; called after steps in which an image is due."""
         frame = self._attempt(self.sensor.capture, time_ns)
         if frame is not None and self.on_frame is not None:
             self.on_frame(frame)
 
     def _attempt(self, draw: Callable[[np.ndarray, int], T], time_ns: int) -> T | None:
-        """Draw. A frame that cannot be drawn is left out, with a log line for each new reason: one
-        unreadable mesh must not end the simulation."""
+        """Call `draw`; on failure, skip the frame and log each new reason once.
+
+        The simulation must not end because of one unreadable mesh.
+        """
         try:
-            drawn = draw(self._pose(), time_ns)
+            drawn = draw(self._read_pose(), time_ns)
         except (RenderingError, MemoryError) as error:
             self.sensor.reset(time_ns)
             reason = str(error) or "not enough memory; make width and height smaller"
-            if reason != self._trouble:
-                log.error("camera '%s' gives no pictures: %s", self.sensor.config.name, reason)
-            self._trouble = reason
+            if reason != self._last_error:
+                log.error("camera '%s' delivers no images: %s", self.sensor.config.name, reason)
+            self._last_error = reason
             return None
-        if self._trouble and drawn is not None:
-            log.info("camera '%s' gives pictures again", self.sensor.config.name)
-            self._trouble = ""
+        if self._last_error and drawn is not None:
+            log.info("camera '%s' delivers images again", self.sensor.config.name)
+            self._last_error = ""
         return drawn
 
-    def _pose(self) -> np.ndarray:
+    def _read_pose(self) -> np.ndarray:
         if self.model is None:
             return self._fixed
         return self.model.link_pose(self.link).matrix()
 
 
-def together(camera: MountedCamera, cameras: Iterable[MountedCamera]) -> list[MountedCamera]:
-    """Those that expose together with `camera`, itself among them."""
+def find_simultaneous(
+    camera: MountedCamera, cameras: Iterable[MountedCamera]
+) -> list[MountedCamera]:
+    """Return the cameras that expose together with `camera`, including itself."""
     shutter = camera.sensor.config.shutter
     return [other for other in cameras if other is camera or shutter
             and other.model is camera.model and other.sensor.config.shutter == shutter]
 
 
-def robot_camera(camera: CameraDescription, settings: Mapping[str, object],
+def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, object],
                  defaults: Mapping[str, object], seed: int) -> CameraConfig:
-    """Config of a description's camera with the settings of its name laid over it.
+    """Return the settings of a camera in a description, merged with those under its name.
 
-    Raises CameraError naming the key that is wrong.
+    Raises:
+        CameraError: the message names the wrong key.
     """
     name = camera.plugin.camera_name if camera.plugin is not None else ""
     name = name or camera.name
-    own = below(settings, name)
+    own = find_settings(settings, name)
     for key in ("parent", "pose"):
         if key in own:
             raise CameraError(
-                f"camera '{name}': '{key}' is for cameras with 'parent: world'; one on a robot is "
-                "moved in its link by 'xyz' and 'rpy'"
+                f"camera '{name}': '{key}' is only for cameras with 'parent: world'; use 'xyz' and "
+                "'rpy' to move a camera in its link"
             )
     _check_link(own, name)
     try:
         return CameraConfig.from_description(
-            camera, merge({"seed": seed_of(seed, name), **defaults}, own)
+            camera, merge({"seed": derive_seed(seed, name), **defaults}, own)
         )
     except CameraError as error:
         if not own:
@@ -172,48 +180,54 @@ def robot_camera(camera: CameraDescription, settings: Mapping[str, object],
         raise CameraError(f"{error} (its settings are those of '{name}')") from None
 
 
-def world_camera(name: str, settings: Mapping[str, object], defaults: Mapping[str, object],
-                 seed: int) -> tuple[CameraConfig, Pose]:
-    """Config and pose of a camera fixed in the world; the sensor looks along the pose's +x, z up.
+def configure_world_camera(
+    name: str, settings: Mapping[str, object], defaults: Mapping[str, object], seed: int
+) -> tuple[CameraConfig, Pose]:
+    """Return settings and pose of a camera fixed in the world.
 
-    pose: [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]}, m and rad. hand_eye, instead of
-    it: path of a hand-eye calibration, or {file: path, units: m, cm or mm}; the file says where the
-    optical frame is in the world.
+    The settings contain either `pose`, as [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]},
+    m and rad, of the sensor (x forward, z up); or `hand_eye`, the path of a hand-eye calibration or
+    {file: path, units: m, cm or mm}, which contains the pose of the optical frame in the world.
 
-    Raises CameraError naming the key that is wrong.
+    Raises:
+        CameraError: the message names the wrong key.
     """
-    placed = ("parent", "pose", HAND_EYE)
-    own = {key: value for key, value in settings.items() if key not in placed}
+    pose_keys = ("parent", "pose", HAND_EYE_KEY)
+    own = {key: value for key, value in settings.items() if key not in pose_keys}
     if settings.get("parent") != WORLD:
         raise CameraError(
-            f"camera '{name}': parent {settings.get('parent')!r} is not known; 'world' is the one "
-            "there is, cameras on robots belong into their URDF"
+            f"camera '{name}': parent {settings.get('parent')!r} is not known; only 'world' is "
+            "possible, and cameras on robots belong in their URDF"
         )
     _check_link(own, name)
-    if HAND_EYE not in settings:
-        pose = _pose_of(settings.get("pose"), name)
+    if HAND_EYE_KEY not in settings:
+        pose = _read_pose(settings.get("pose"), name)
     elif "pose" in settings:
-        raise CameraError(f"camera '{name}': pose and {HAND_EYE} both say where it is; leave one "
-                          "of them out")
+        raise CameraError(
+            f"camera '{name}': pose and {HAND_EYE_KEY} both define its pose; remove one of them"
+        )
     else:
-        pose = _calibrated(settings[HAND_EYE], f"camera '{name}': {HAND_EYE}")
+        pose = _read_hand_eye_pose(settings[HAND_EYE_KEY], f"camera '{name}': {HAND_EYE_KEY}")
     frame = name.replace("/", "_") + "_optical_frame"
     values = {"name": name, "camera_name": name, "link": WORLD, "optical_frame_name": frame}
-    values = merge({**values, "seed": seed_of(seed, name), **defaults}, own)
+    values = merge({**values, "seed": derive_seed(seed, name), **defaults}, own)
     return CameraConfig.from_mapping(values), pose
 
 
-def world_cameras(settings: Mapping[str, object]) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """Name and settings of every camera that is no robot's."""
-    for name, node in _mappings(settings, ""):
+def find_world_cameras(
+    settings: Mapping[str, object],
+) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """Yield name and settings of every camera that is fixed in the world."""
+    for name, node in _list_mappings(settings, ""):
         if "parent" in node:
             yield name, node
 
 
-def below(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
-    """The settings at 'a/b' of a nested mapping; empty where there are none.
+def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
+    """Return the settings at 'a/b' of a nested mapping; an empty mapping if there are none.
 
-    Raises CameraError where something else than settings stands there.
+    Raises:
+        CameraError: the value is not a mapping.
     """
     node: object = settings
     for part in name.strip("/").split("/"):
@@ -227,51 +241,51 @@ def below(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
     return node
 
 
-def unused(settings: Mapping[str, object], names: set[str]) -> list[str]:
-    """Names in the settings that hold keys but belong to none of the cameras `names`."""
+def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[str]:
+    """Return names with settings that belong to none of the cameras `names`."""
     return [
         path
-        for path, node in _mappings(settings, "")
+        for path, node in _list_mappings(settings, "")
         if "parent" not in node and not any(f"{path}/".startswith(f"{name}/") for name in names)
     ]
 
 
-def _mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """Every mapping that can be a camera's settings, from the outside in; not those inside one."""
+def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
+    """Yield every outermost mapping that can be the settings of a camera."""
     if not isinstance(node, Mapping):
         return
     if path and ("parent" in node or any(not isinstance(v, Mapping) for v in node.values())):
         yield path, node
         return
     for key, child in node.items():
-        yield from _mappings(child, f"{path}/{key}".lstrip("/"))
+        yield from _list_mappings(child, f"{path}/{key}".lstrip("/"))
 
 
 def _check_link(own: Mapping[str, object], name: str) -> None:
     if "link" in own:
         raise CameraError(
-            f"camera '{name}': 'link' {own['link']!r} cannot be set: a camera sits where its URDF "
-            "has it, or with 'parent: world' in the world; leave the key out"
+            f"camera '{name}': 'link' {own['link']!r} cannot be set: the URDF or 'parent: world' "
+            "determines where a camera is mounted; remove the key"
         )
 
 
-def _calibrated(value: object, where: str) -> Pose:
-    """The pose of a fixed camera by a hand-eye calibration's file."""
+def _read_hand_eye_pose(value: object, where: str) -> Pose:
+    """Return the pose of a fixed camera from the file of a hand-eye calibration."""
     given = value if isinstance(value, Mapping) else {"file": value}
-    entry = build(CalibratedPlace, given, where, CameraError)
+    entry = build(HandEyeEntry, given, where, CameraError)
     try:
         found = read_hand_eye(entry.file, entry.units)
         check_optical(found)
     except SimError as error:
         raise CameraError(f"{where}: {error}") from None
-    return Pose.from_matrix(found.link_T_camera @ inverse(optical(np.eye(4))))
+    return Pose.from_matrix(found.link_T_camera @ inverse(optical_pose(np.eye(4))))
 
 
-def _pose_of(value: object, name: str) -> Pose:
+def _read_pose(value: object, name: str) -> Pose:
     where = f"camera '{name}': pose"
     if isinstance(value, Mapping):
-        pose = build(PlaceEntry, value, where, CameraError)
+        pose = build(CameraPlacementEntry, value, where, CameraError)
         return Pose.from_rpy(pose.xyz, pose.rpy)
-    wanted = {"wanted": "[x, y, z, roll, pitch, yaw] in m and rad"}
-    numbers = convert(value, tuple[(float,) * 6], where, CameraError, wanted)
+    options = {"expected": "[x, y, z, roll, pitch, yaw] in m and rad"}
+    numbers = convert(value, tuple[(float,) * 6], where, CameraError, options)
     return Pose.from_rpy(numbers[:3], numbers[3:])

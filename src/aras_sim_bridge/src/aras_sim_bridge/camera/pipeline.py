@@ -1,7 +1,7 @@
-"""From what a lens projects to what a camera delivers: exposures, their mean, effects, lost frames.
+"""Image pipeline of a camera: mean of the partial exposures, effects, and lost frames.
 
-The simulated sensor and the bench's plants without a renderer both use it, so that an effect acts
-in the same way whoever draws the images.
+The simulated sensor and the bench's plants without a renderer use the same pipeline, so that an
+effect acts in the same way on rendered and on computed images.
 """
 
 from __future__ import annotations
@@ -18,13 +18,13 @@ class ExposureMean:
     """Mean of the partial exposures of one image, each of which covers a band of rows."""
 
     def __init__(self, parts: Sequence[RowBand], height: int) -> None:
-        """`parts`: as `shutter.parts` gives them; `height`: rows of the whole image."""
+        """Prepare for images of `height` rows with the row bands of `shutter.make_row_bands`."""
         self._parts, self._height = parts, height
         self._samples = sum(part.first == parts[0].first for part in parts)
         self._sum: np.ndarray | None = None
 
     def add(self, index: int, image: np.ndarray) -> None:
-        """Add the uint8 image of the part of that index: its rows alone."""
+        """Add the uint8 image of the rows of one part."""
         if len(self._parts) == 1:
             self._sum = image
             return
@@ -34,7 +34,7 @@ class ExposureMean:
         self._sum[part.first : part.last] += image
 
     def take(self) -> np.ndarray:
-        """Return the uint8 image of all parts, and start the next one."""
+        """Return the uint8 mean of all parts, and clear it for the next image."""
         image, self._sum = self._sum, None
         if len(self._parts) == 1:
             return image
@@ -42,44 +42,44 @@ class ExposureMean:
         return ((image + n // 2) // n).astype(np.uint8)
 
     def clear(self) -> None:
-        """Forget the parts that were added."""
+        """Discard the parts that were added."""
         self._sum = None
 
 
 class ImagePipeline:
-    """What becomes of the images of one camera.
+    """Effects and exposures of the images of one camera.
 
-    For each image: `is_lost` tells whether it is dropped; `light.add` takes its partial exposures
-    in the order of `parts`, `light.take` gives their mean, and `read_out` the picture as the sensor
-    delivers it. The auto exposure follows the images that were read out.
+    For each image: check `is_lost`; pass the partial exposures to `exposure.add` in the order of
+    `parts`; get their mean with `exposure.take`; and convert it with `read_out`. The auto exposure
+    uses the images that were read out.
 
     Attributes:
-        parts: the exposures of which an image consists. middle: index of the one nearest to the
-            stamp, the last of those that are equally near. light: collects them.
+        parts: partial exposures of an image.
+        middle_part: index of the part nearest to the stamp, the last one of equally near parts.
+        exposure: mean of the partial exposures.
     """
 
     def __init__(
         self, effects: Effects, shape: tuple[int, ...], seed: int, parts: Sequence[RowBand]
     ) -> None:
-        """Prepare for images of `shape` (H, W) or (H, W, 3); `seed`: of all that is random."""
+        """Prepare for images of `shape` (H, W) or (H, W, 3), with a seed for random effects."""
         self.parts = tuple(parts)
-        self.middle = min(range(len(self.parts)), key=lambda n: (
+        self.middle_part = min(range(len(self.parts)), key=lambda n: (
             abs(self.parts[n].offset_ns), -n))  # fmt: skip
-        self.light = ExposureMean(self.parts, shape[0])
+        self.exposure = ExposureMean(self.parts, shape[0])
         self._auto_exposure, self._factor = effects.auto_exposure, 1.0
         self._chain = EffectChain(effects, shape, seed)
         self.is_lost = self._chain.is_lost
 
     def read_out(self, light: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """The image that the sensor makes of `light`, a uint8 array of the pipeline's shape."""
+        """Return the sensor's image of `light`, a uint8 array of the pipeline's shape."""
         image = self._chain.apply(light, stamp_ns, self._factor)
         if self._auto_exposure is not None:
-            self._factor = self._auto_exposure.following(self._factor, float(image.mean()))
+            self._factor = self._auto_exposure.compute_factor(self._factor, float(image.mean()))
         return image
 
     def reset(self, exposure: bool = True) -> None:
-        """Start again with the first part of an image, and where `exposure` is true with the auto
-        exposure's factor of 1."""
-        self.light.clear()
+        """Discard the parts of the present image; `exposure` also resets the auto exposure to 1."""
+        self.exposure.clear()
         if exposure:
             self._factor = 1.0

@@ -1,4 +1,4 @@
-"""Depth as it is delivered: pictures within a camera's reach, and point clouds of them."""
+"""Delivered depth: depth images within the range of a camera, and point clouds."""
 
 from __future__ import annotations
 
@@ -6,18 +6,19 @@ import math
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
 from ..description import DepthTopics
 
-POINT_FLOATS = 8  # of a point as PCL lays it out: x, y, z, nothing, colour, nothing three times
-COLOUR = 4  # which of them is the colour
+POINT_FLOATS = 8  # floats of a point in PCL's layout: x, y, z, padding, colour, padding (3)
+COLOUR = 4  # index of the colour
 
 
-def within_reach(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
-    """(H, W) float32 m with NaN, or uint16 mm with 0, where `topics` has no depth.
+def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
+    """Return depth as (H, W) float32 in m with NaN, or uint16 in mm with 0, for invalid pixels.
 
-    depth: (H, W) float32, m, inf where nothing is; that stays so for a camera of endless reach.
+    Depths outside the range of `topics` are invalid. The input is (H, W) float32, m, inf for pixels
+    without a surface; with an infinite range, inf is not changed.
     """
     nothing = depth <= topics.nearest
     if topics.farthest < math.inf:
@@ -29,20 +30,21 @@ def within_reach(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
 
 
 class PointCloud:
-    """Makes clouds of one camera's depth pictures."""
+    """Computes point clouds from the depth images of one camera."""
 
     def __init__(self, rays: np.ndarray, topics: DepthTopics) -> None:
-        """rays: (H, W, 3) float32 as CameraSensor.rays has them."""
+        """Prepare for images with these rays, (H, W, 3) float32; see CameraSensor.compute_rays."""
         self._rays = rays
         self._topics = topics
 
-    def points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """(H, W, 8) float32: x, y, z in the optical frame, m, and the bytes blue, green, red, 0.
+    def compute_points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
+        """Return (H, W, 8) float32: x, y, z in the optical frame, m; bytes blue, green, red, 0.
 
-        A pixel without a depth, as `within_reach` has it, or with nothing in view is NaN.
+        Pixels without a surface, or outside the range (see `clip_depth`), are NaN.
 
         Args:
-            depth: (H, W) float32, m. image: (H, W, 3) in red, green, blue, or (H, W) grey.
+            depth: (H, W) float32, m.
+            image: (H, W, 3) rgb, or (H, W) grey.
         """
         if image.dtype == np.uint16:
             image = (image >> 8).astype(np.uint8)
@@ -55,7 +57,7 @@ class PointCloud:
         return points
 
 
-@compiled("f4[:,:,:], f4[:,:], u1[:,:,:], f4, f4, f4[:,:,::1], u1[:,:,::1]")
+@jit("f4[:,:,:], f4[:,:], u1[:,:,:], f4, f4, f4[:,:,::1], u1[:,:,::1]")
 def _fill(rays, depth, image, nearest, farthest, points, data):
     for v in range(depth.shape[0]):
         for u in range(depth.shape[1]):

@@ -1,1 +1,1 @@
-"""What ros_control was: joints, limits, drives, controllers, and the loop that runs them."""
+"""Controllers, joint limits, drives, and the control loop, with the behaviour of ros_control."""

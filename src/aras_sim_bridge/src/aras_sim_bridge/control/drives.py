@@ -1,7 +1,7 @@
-"""How a command reaches a simulated joint: one drive a joint, in one of five ways (contract 2.5).
+"""Drives, which apply the command of each joint to the simulated model in one of five ways.
 
-`written` is called every physics step. A drive never hands on a number that is not finite: it
-falls back to the last command that was.
+`compute_outputs` is called in every physics step. If a command is not finite, a drive uses the last
+finite one.
 """
 
 from collections.abc import Callable, Sequence
@@ -10,7 +10,7 @@ from typing import Protocol
 
 import numpy as np
 
-from aras_sim_bridge.angles import shortest, towards
+from aras_sim_bridge.angles import angular_distance_within_limits, shortest_angular_distance
 from aras_sim_bridge.control.joints import (
     COMMAND_ROUNDING,
     EFFORT,
@@ -22,24 +22,24 @@ from aras_sim_bridge.control.joints import (
     VELOCITY,
     JointBounds,
     JointHandle,
-    Occurrence,
     Q,
+    RateLimitedEvent,
     V,
-    noted,
+    record_event,
 )
 from aras_sim_bridge.control.limits import (
     NO_RULE,
     RULE_COLUMNS,
-    enforced,
-    rule_for,
+    enforce_limits,
+    make_rule,
 )
-from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, computed
-from aras_visual_servo_base.compiled import compiled
+from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
+from aras_visual_servo_base.compiled import jit
 
-# Ways of driving: an effort is applied; a position is set, or reached by a PID's effort; a motor
-# turns at a velocity, or a PID's effort sees to it.
+# Kinds of drives: an effort is applied; a position is set directly, or reached by the effort of a
+# PID; a velocity is set by a motor constraint, or reached by the effort of a PID.
 DRIVES_EFFORT, SETS_POSITION, POSITION_BY_PID, TURNS_MOTOR, VELOCITY_BY_PID = range(5)
-# By command interface: without and with PID gains.
+# Kinds without and with PID gains, by command interface.
 _KINDS = {
     EFFORT: (DRIVES_EFFORT, DRIVES_EFFORT),
     POSITION: (SETS_POSITION, POSITION_BY_PID),
@@ -47,46 +47,61 @@ _KINDS = {
 }
 _COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 _QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
-# s; a saturated effort or velocity is ordinary during a step command; only a lasting one is news.
+# s, duration of a limit violation before a warning: efforts and velocities saturate briefly in each
+# step response.
 _PATIENCE = {EFFORT: 0.25, POSITION: 0.0, VELOCITY: 0.25}
-_PLAIN, _SHORTEST, _WITHIN = range(3)  # ways from a position to another
+_PLAIN, _SHORTEST, _WITHIN = range(3)  # position errors: plain, shortest angle, within the limits
 
 # Columns of a drive's row: those of a Pid and of a LimitRule (all 0: none), and these. The joint's
-# number in the model; which command of the handle, which way of driving; greatest effort and speed
-# of a PID's output; the joint's travel, and the way to a position; where an emergency stop holds
-# it (NaN: nowhere); the last finite command; what is to be applied.
+# index in the model; column of the handle's command, kind of drive; largest effort and speed for a
+# PID's output; the joint's limits, and kind of position error; position held during an emergency
+# stop (NaN: none); last finite command; output.
 _RULE = PID_COLUMNS
-(JOINT, _COMMAND, KIND, STRONGEST, _FASTEST, _LOWER, _UPPER, _WAY, _HELD, _GOOD,
- OUTPUT) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
-# What is to be told (1: a refused command, 2: a limited one), the numbers of it, and occurrences.
-(_NEWS, _REFUSED, _WANTED, _GIVEN, _QUIET, _PATIENT) = range(OUTPUT + 1, OUTPUT + 7)
-_LIMITS, _REFUSALS = _PATIENT + 1, _PATIENT + 1 + OCCURRENCE_COLUMNS
-DRIVE_COLUMNS = _REFUSALS + OCCURRENCE_COLUMNS
+(
+    JOINT,
+    _COMMAND,
+    KIND,
+    MAX_EFFORT,
+    _MAX_VELOCITY,
+    _LOWER,
+    _UPPER,
+    _ERROR_KIND,
+    _STOP_POSITION,
+    _LAST_VALID,
+    OUTPUT,
+) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
+# Pending warnings (1: command not finite, 2: command limited), the values for their messages, and
+# the states of their RateLimitedEvents.
+(_WARNINGS, _INVALID_COMMAND, _DESIRED, _APPLIED, _QUIET_NS, _PATIENCE_NS) = range(
+    OUTPUT + 1, OUTPUT + 7
+)
+_LIMIT_EVENT, _INVALID_EVENT = _PATIENCE_NS + 1, _PATIENCE_NS + 1 + OCCURRENCE_COLUMNS
+DRIVE_COLUMNS = _INVALID_EVENT + OCCURRENCE_COLUMNS
 
 
 class JointModel(Protocol):
-    """The simulated robot as the hardware sees it; efforts in N m or N, names as in the URDF."""
+    """Interface of the simulated robot to the hardware; efforts in N m or N, names as in URDF."""
 
     joint_names: tuple[str, ...]
 
     def read_joints(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """Positions, velocities and last applied efforts, in joint_names order."""
+        """Return positions, velocities and last applied efforts, in joint_names order."""
 
     def apply_effort(self, joint: str, effort: float) -> None:
         """Apply an effort during the next physics step."""
 
     def set_position(self, joint: str, position: float) -> float:
-        """Put the joint at a position, or at its stop where that is beyond; returns where."""
+        """Move the joint to a position within its stops, without dynamics; return the position."""
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive the joint at a velocity with at most this effort."""
+        """Drive the joint at a velocity, with at most this effort."""
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Let nothing make the joint faster."""
+        """Limit the joint's speed to `fastest`, rad/s or m/s, for any effort on it."""
 
 
 class Drive:
-    """Guards the command of one joint and applies the limit rule to it; a view of its row."""
+    """Drive of one joint, which limits its command; the state is stored in `row`."""
 
     def __init__(
         self,
@@ -97,121 +112,135 @@ class Drive:
         warn: Callable[[str], None],
         pid: Pid | None = None,
     ) -> None:
-        """A drive in a row of its robot's; `joint`: its number in the model.
+        """Create a drive whose state is stored in `row`; `joint` is the joint's index in the model.
 
-        Raises HardwareError where a limit that the rule needs is missing.
+        Raises:
+            HardwareError: a limit that the limit rule needs is missing.
         """
         self.row, self.handle, self.pid, self._warn = row, handle, pid, warn
         interface = handle.interface
         self.kind = _KINDS[interface][pid is not None]
-        self.rule = rule_for(handle, limits, row[_RULE : _RULE + RULE_COLUMNS])
+        self.rule = make_rule(handle, limits, row[_RULE : _RULE + RULE_COLUMNS])
         if pid is not None:
             pid.bind(row[:PID_COLUMNS])
         limits = limits or JointBounds()
         row[JOINT], row[_COMMAND], row[KIND] = joint, _COMMANDS[interface], self.kind
-        row[STRONGEST] = inf if limits.max_effort is None else limits.max_effort
-        row[_FASTEST] = inf if limits.max_velocity is None else limits.max_velocity
+        row[MAX_EFFORT] = inf if limits.max_effort is None else limits.max_effort
+        row[_MAX_VELOCITY] = inf if limits.max_velocity is None else limits.max_velocity
         row[_LOWER], row[_UPPER] = -inf, inf
-        row[_WAY] = _SHORTEST if handle.turns else _PLAIN
+        row[_ERROR_KIND] = _SHORTEST if handle.is_angular else _PLAIN
         if limits.has_position:
             row[_LOWER], row[_UPPER] = limits.min_position, limits.max_position
             if handle.kind == "revolute":
-                row[_WAY] = _WITHIN
-        self._limited = Occurrence(_PATIENCE[interface], row=row[_LIMITS:_REFUSALS])
-        self._refused = Occurrence(row=row[_REFUSALS:])
-        row[_PATIENT], row[_QUIET] = self._limited.patience_ns, self._limited.quiet_ns
+                row[_ERROR_KIND] = _WITHIN
+        self._limit_event = RateLimitedEvent(
+            _PATIENCE[interface], row=row[_LIMIT_EVENT:_INVALID_EVENT]
+        )
+        self._invalid_event = RateLimitedEvent(row=row[_INVALID_EVENT:])
+        row[_PATIENCE_NS], row[_QUIET_NS] = (
+            self._limit_event.patience_ns,
+            self._limit_event.quiet_ns,
+        )
 
     def start(self) -> None:
-        """Be as new, with a joint that stays where it is until it is commanded."""
+        """Reset the drive; the joint holds its position until it is commanded."""
         handle, row = self.handle, self.row
         handle.position_command = handle.position
         handle.velocity_command = handle.effort_command = 0.0
-        row[_GOOD] = handle.position if handle.interface == POSITION else 0.0
-        row[_HELD] = nan
-        self._limited.reset()
-        self._refused.reset()
+        row[_LAST_VALID] = handle.position if handle.interface == POSITION else 0.0
+        row[_STOP_POSITION] = nan
+        self._limit_event.reset()
+        self._invalid_event.reset()
         if self.rule is not None:
             self.rule.reset()
         if self.pid is not None:
             self.pid.reset()
 
     def apply(self, model: JointModel, time_ns: int) -> None:
-        """Hand the output to the model."""
+        """Apply the output to the model."""
         name, output = self.handle.name, self.row.item(OUTPUT)
         if self.kind == SETS_POSITION:
             reached = model.set_position(name, output)
-            if abs(reached - output) > COMMAND_ROUNDING and self._limited.note(time_ns):
+            if abs(reached - output) > COMMAND_ROUNDING and self._limit_event.record(time_ns):
                 self._warn(f"joint '{name}': position command {output:g} is beyond its "
-                           f"stop at {reached:g}, where it rests; lower the command, or "
+                           f"stop at {reached:g}, where it rests; lower the command, or change "
                            "joint_limits")
         elif self.kind == TURNS_MOTOR:
-            model.set_velocity_motor(name, output, self.row.item(STRONGEST))
+            model.set_velocity_motor(name, output, self.row.item(MAX_EFFORT))
         else:
             model.apply_effort(name, output)
 
-    def tell(self) -> None:
-        """Say what `written` found worth a line, once an occurrence."""
+    def log_warnings(self) -> None:
+        """Log the warnings of `compute_outputs`, once for each event."""
         row, handle = self.row, self.handle
-        news, row[_NEWS] = int(row[_NEWS]), 0.0
+        news, row[_WARNINGS] = int(row[_WARNINGS]), 0.0
         what = f"joint '{handle.name}': {_QUANTITIES[handle.interface]} command"
         if news & 1:
-            self._warn(f"{what} {row[_REFUSED]} is not finite; keeping {row[_GOOD]:g}. Look at the "
-                       "controller that commands it")
+            self._warn(
+                f"{what} {row[_INVALID_COMMAND]} is not finite; keeping {row[_LAST_VALID]:g}. "
+                "Check the controller that commands it"
+            )
         if news & 2:
-            self._warn(f"{what} {row[_WANTED]:g} is beyond what its limits allow at position "
-                       f"{handle.position:g} and velocity {handle.velocity:g}; {row[_GIVEN]:g} is "
-                       "applied")
+            self._warn(
+                f"{what} {row[_DESIRED]:g} is beyond what its limits allow at position "
+                f"{handle.position:g} and velocity {handle.velocity:g}; {row[_APPLIED]:g} is "
+                "applied"
+            )
 
 
-@compiled("f8[::1], f8[::1], f8, f8, b1", allocates=False)
-def _command(row, handle, time_ns, dt, stopped):
-    """The command of a drive, finite and within its limits."""
+@jit("f8[::1], f8[::1], f8, f8, b1", allocates=False)
+def _limit_command(row, handle, time_ns, dt, stopped):
+    """Return the command of a drive, finite and within its limits."""
     column = int(row[_COMMAND])
     if column == Q_COMMAND:
         if not stopped:
-            row[_HELD] = nan
-        elif isnan(row[_HELD]):
-            row[_HELD] = handle[Q]
+            row[_STOP_POSITION] = nan
+        elif isnan(row[_STOP_POSITION]):
+            row[_STOP_POSITION] = handle[Q]
         if stopped:
-            handle[column] = row[_HELD]
-    wanted = handle[column]
-    if not isfinite(wanted):
-        if noted(row[_REFUSALS:], time_ns, 0.0, row[_QUIET]):
-            row[_NEWS], row[_REFUSED] = row[_NEWS] + 1.0, wanted
-        wanted = handle[column] = row[_GOOD]
+            handle[column] = row[_STOP_POSITION]
+    desired = handle[column]
+    if not isfinite(desired):
+        if record_event(row[_INVALID_EVENT:], time_ns, 0.0, row[_QUIET_NS]):
+            row[_WARNINGS], row[_INVALID_COMMAND] = row[_WARNINGS] + 1.0, desired
+        desired = handle[column] = row[_LAST_VALID]
     rule = row[_RULE : _RULE + RULE_COLUMNS]
     if rule[0] != NO_RULE:
-        beyond, given = enforced(rule, handle, dt), handle[column]
+        beyond, given = enforce_limits(rule, handle, dt), handle[column]
         if column == Q_COMMAND:
-            # Slowed by the velocity limit is everyday travel; beyond the range is a mistake.
-            beyond = not row[_LOWER] <= wanted <= row[_UPPER]
-            given = row[_LOWER] if wanted < row[_LOWER] else row[_UPPER]
-        beyond = beyond and abs(wanted - given) > COMMAND_ROUNDING
-        if beyond and noted(row[_LIMITS:_REFUSALS], time_ns, row[_PATIENT], row[_QUIET]):
-            row[_NEWS], row[_WANTED], row[_GIVEN] = row[_NEWS] + 2.0, wanted, given
-    row[_GOOD] = handle[column]
-    return row[_GOOD]
+            # Slowing by the velocity limit is normal; a command outside of the range is an error.
+            beyond = not row[_LOWER] <= desired <= row[_UPPER]
+            given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
+        beyond = beyond and abs(desired - given) > COMMAND_ROUNDING
+        if beyond and record_event(
+            row[_LIMIT_EVENT:_INVALID_EVENT], time_ns, row[_PATIENCE_NS], row[_QUIET_NS]
+        ):
+            row[_WARNINGS], row[_DESIRED], row[_APPLIED] = row[_WARNINGS] + 2.0, desired, given
+    row[_LAST_VALID] = handle[column]
+    return row[_LAST_VALID]
 
 
-@compiled("f8[:,::1], f8[:,::1], f8, f8, b1", allocates=False)
-def written(rows, handles, time_ns, dt, stopped):
-    """Outputs of drives from the commands in their handles (m, 6), `dt` s after the last ones.
+@jit("f8[:,::1], f8[:,::1], f8, f8, b1", allocates=False)
+def compute_outputs(rows, handles, time_ns, dt, stopped):
+    """Compute the outputs of drives from the commands in their handles (m, 6), after `dt` s.
 
-    stopped: in an emergency stop: efforts and velocities 0, positions held.
+    Args:
+        stopped: whether the emergency stop is active: efforts and velocities are 0 and positions
+            are held.
 
     Returns:
-        Whether anything is worth a line, see Drive.tell.
+        Whether there are warnings for Drive.log_warnings.
     """
     news = False
     for k in range(len(rows)):
         row, handle = rows[k], handles[k]
         kind = int(row[KIND])
-        output = _command(row, handle, time_ns, dt, stopped)
+        output = _limit_command(row, handle, time_ns, dt, stopped)
         if kind == POSITION_BY_PID:
-            if row[_WAY] == _WITHIN:
-                error = towards(handle[Q], output, row[_LOWER], row[_UPPER])
-            elif row[_WAY] == _SHORTEST:
-                error = shortest(handle[Q], output)
+            if row[_ERROR_KIND] == _WITHIN:
+                error = angular_distance_within_limits(handle[Q], output, row[_LOWER], row[_UPPER])
+            elif row[_ERROR_KIND] == _SHORTEST:
+                error = shortest_angular_distance(handle[Q], output)
             else:
                 error = output - handle[Q]
         elif stopped and kind != SETS_POSITION:
@@ -219,11 +248,11 @@ def written(rows, handles, time_ns, dt, stopped):
         if kind == VELOCITY_BY_PID:
             error = output - handle[V]
         if kind in (POSITION_BY_PID, VELOCITY_BY_PID):
-            output = computed(row[:PID_COLUMNS], error, 0.0, False, dt)
-            # Within the effort limit, and no push on for a joint that is too fast.
-            low = 0.0 if handle[V] < -row[_FASTEST] else -row[STRONGEST]
-            high = 0.0 if handle[V] > row[_FASTEST] else row[STRONGEST]
+            output = compute_pid(row[:PID_COLUMNS], error, 0.0, False, dt)
+            # Limit the effort, and do not accelerate a joint that is above its velocity limit.
+            low = 0.0 if handle[V] < -row[_MAX_VELOCITY] else -row[MAX_EFFORT]
+            high = 0.0 if handle[V] > row[_MAX_VELOCITY] else row[MAX_EFFORT]
             output = low if output < low else high if output > high else output
         row[OUTPUT] = output
-        news |= row[_NEWS] != 0.0
+        news |= row[_WARNINGS] != 0.0
     return news

@@ -1,7 +1,7 @@
-"""RobotHardware: what stands between controllers and the simulated joints.
+"""Hardware interface between the controllers and the simulated joints.
 
-read() brings positions, velocities and efforts into the handles; write() limits the commands and
-applies them. Order, limits and emergency stop are gazebo_ros_control's.
+`RobotHardware.read` copies positions, velocities and efforts into the handles; `write` limits the
+commands and applies them. Order, limits and emergency stop are those of gazebo_ros_control.
 """
 
 from collections.abc import Callable, Iterable, Mapping
@@ -14,7 +14,7 @@ from aras_sim_bridge.control.drives import (
     SETS_POSITION,
     Drive,
     JointModel,
-    written,
+    compute_outputs,
 )
 from aras_sim_bridge.control.joints import (
     COMMAND_INTERFACES,
@@ -29,30 +29,34 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.description.types import RobotDescription, Transmission
 from aras_sim_bridge.errors import ControllerError, HardwareError
-from aras_visual_servo_base.setting_values import look_up
+from aras_visual_servo_base.setting_values import find_value
 from aras_visual_servo_base.settings import read
 
 _PREFIX = "hardware_interface/"
 _GAINS = "gazebo_ros_control/pid_gains"
-_HARD = "hard_velocity_limits"
+_HARD_VELOCITY_LIMITS = "hard_velocity_limits"
 
 def _ignore(text: str) -> None:
-    """Stand-in for a logger."""
+    """Ignore a log line."""
 
 
 class RobotHardware:
     """Joint handles, limits and drives of one robot.
 
-    `handles` holds every joint with a usable transmission, in the order of the transmissions;
-    `interfaces` maps each of the four ros_control interfaces to the joints registered in it;
-    `limits` is what holds after the parameters; `pids` are the pid_gains of position and velocity
-    joints by joint name (at <namespace>/gazebo_ros_control/pid_gains/<joint>); `drives` are in the
-    order of `handles`. `handle_rows` (m, 6) and `drive_rows` (m, 47) are what those are views of.
-    `sets_positions`: whether one of them puts its joint where it is to be.
-    `e_stop` may be set from any thread.
+    Attributes:
+        handles: handles of all joints with a valid transmission, in the order of transmissions.
+        interfaces: names of the joints in each of the four ros_control interfaces.
+        limits: limits of each joint, from URDF and parameters.
+        pids: PIDs of position and velocity joints, by joint name, with the gains of
+            <namespace>/gazebo_ros_control/pid_gains/<joint>.
+        drives: drives in the order of `handles`.
+        handle_rows, drive_rows: (m, 6) and (m, 47), the states of handles and drives.
+        has_position_drives: whether a drive sets the position of its joint directly.
+        e_stop: whether the emergency stop is active; may be set from any thread.
 
-    Raises HardwareError if a transmission names an unknown interface or a joint that the model
-    lacks, if two drive the same joint, or if limits or gains cannot be used.
+    Raises:
+        HardwareError: a transmission names an unknown interface or a joint that the model does not
+            have, two transmissions have the same joint, or limits or gains are invalid.
     """
 
     def __init__(
@@ -85,27 +89,27 @@ class RobotHardware:
                 f"'{_PREFIX}' is deprecated"
             )
         where = f"{self._namespace}/gazebo_ros_control"
-        own = read(
+        plugin_parameters = read(
             self._parameters, "gazebo_ros_control", Mapping, self._namespace, HardwareError, {}
         )
-        if read(own, _HARD, bool, where, HardwareError, False):
+        if read(plugin_parameters, _HARD_VELOCITY_LIMITS, bool, where, HardwareError, False):
             for name, limits in self.limits.items():
                 if limits is not None and limits.max_velocity is not None:
                     model.bound_speed(name, limits.max_velocity)
         self.handle_rows = self.handle_rows[: len(self.handles)]
         self.drive_rows = self.drive_rows[: len(self.handles)]
         self._read = self.drive_rows[:, JOINT].astype(int)
-        self.sets_positions = any(drive.kind == SETS_POSITION for drive in self.drives)
+        self.has_position_drives = any(drive.kind == SETS_POSITION for drive in self.drives)
         self.start()
 
     def _add(self, transmission: Transmission) -> list[str]:
-        """Register one transmission; returns its joint if the interface lacks the prefix."""
+        """Register a transmission; return its joint if the interface name lacks the prefix."""
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface
         commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
         if interface.removeprefix(_PREFIX) == STATE:
             if not commanded:
-                self._warn(f"{label} is skipped: nothing can be commanded through {interface}")
+                self._warn(f"{label} is skipped: {interface} takes no commands")
                 return []
             interface = commanded[0]
         if not (transmission.type and joint_name and interface and transmission.has_actuator):
@@ -115,11 +119,11 @@ class RobotHardware:
             )
             return []
         if len(transmission.joints) > 1:
-            self._warn(f"{label} is skipped: one joint each is simulated, it has "
+            self._warn(f"{label} is skipped: only one joint per transmission is supported, it has "
                        f"{', '.join(transmission.joints)}")
             return []
         if len(commanded) > 1:
-            self._warn(f"{label}: of {', '.join(commanded)} the first is used")
+            self._warn(f"{label}: of {', '.join(commanded)} only the first is used")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
@@ -133,24 +137,24 @@ class RobotHardware:
                 f"it has {', '.join(self.model.joint_names) or 'none'}"
             )
         if joint_name in self.handles:
-            raise HardwareError(f"{label}: joint '{joint_name}' has a transmission already")
+            raise HardwareError(f"{label}: joint '{joint_name}' already has a transmission")
         row = self.handle_rows[len(self.handles)]
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"
-        overrides = look_up(self._parameters, f"joint_limits/{joint_name}")
+        overrides = find_value(self._parameters, f"joint_limits/{joint_name}")
         limits = resolve_limits(joint, overrides or {}, where, self._warn)
         self.handles[joint_name] = handle
         self.limits[joint_name] = limits
         self.interfaces[short].add(joint_name)
         self.interfaces[STATE].add(joint_name)
-        pid = None if short == EFFORT else self._pid(joint_name)
+        pid = None if short == EFFORT else self._make_pid(joint_name)
         self.drives.append(Drive(self.drive_rows[len(self.drives)], handle, limits,
                                  self._joints[joint_name], self._warn, pid))
         return [] if interface.startswith(_PREFIX) else [joint_name]
 
-    def _pid(self, joint: str) -> Pid | None:
+    def _make_pid(self, joint: str) -> Pid | None:
         where = f"{self._namespace}/{_GAINS}/{joint}"
-        gains = look_up(self._parameters, f"{_GAINS}/{joint}")
+        gains = find_value(self._parameters, f"{_GAINS}/{joint}")
         if gains is None:
             return None
         if not isinstance(gains, Mapping) or "p" not in gains:
@@ -164,40 +168,42 @@ class RobotHardware:
         return pid
 
     def read(self) -> None:
-        """Bring the model's joint states into the handles; angles count full turns."""
+        """Copy the model's joint states into the handles; angles count full turns."""
         measured = np.array(self.model.read_joints())
         self.handle_rows[:, : TAU + 1] = measured[:, self._read].T
 
     def write(self, time_ns: int, period: float) -> None:
         """Limit the commands and apply them; `period` is the time since the last write, in s."""
         for pid in self.pids.values():
-            pid.take_gains()
-        news = written(self.drive_rows, self.handle_rows, time_ns, period, self.e_stop)
+            pid.apply_gains()
+        news = compute_outputs(self.drive_rows, self.handle_rows, time_ns, period, self.e_stop)
         self.apply(time_ns)
         for pid in self.pids.values():
-            pid.tell(period)
+            pid.notify_listener(period)
         if news:
-            self.tell()
+            self.log_warnings()
 
     def apply(self, time_ns: int) -> None:
-        """Hand the drives' outputs to the model."""
+        """Apply the drives' outputs to the model."""
         for drive in self.drives:
             drive.apply(self.model, time_ns)
 
-    def tell(self) -> None:
-        """Say what is worth a line."""
+    def log_warnings(self) -> None:
+        """Log the warnings of all drives."""
         for drive in self.drives:
-            drive.tell()
+            drive.log_warnings()
 
     def start(self) -> None:
-        """Be as new: the joints stay where they are until somebody commands them."""
+        """Reset the drives; the joints hold their positions until they are commanded."""
         self.read()
         for drive in self.drives:
             drive.start()
 
-    def stay(self, joints: Iterable[str]) -> None:
-        """Take the place where these joints were put for their last command; names without a
-        transmission are passed over."""
+    def hold_positions(self, joints: Iterable[str]) -> None:
+        """Make the current positions of these joints their commands, after they were moved.
+
+        Names without a transmission are ignored.
+        """
         self.read()
         for drive in self.drives:
             if drive.handle.name in joints:

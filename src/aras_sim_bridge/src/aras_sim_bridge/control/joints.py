@@ -1,8 +1,8 @@
-"""Joint handles and the limits that hold for them.
+"""Joint handles and joint limits.
 
-A handle is what ros_control calls a joint handle: the measured state and one command per
-interface. Hardware fills the state and consumes the commands; controllers do the opposite;
-neither sees the other. Units: rad or m, rad/s or m/s, N m or N.
+As in ros_control, a joint handle holds the measured state of a joint and one command for each
+interface. The hardware writes the state and reads the commands; controllers do the opposite.
+Units: rad or m, rad/s or m/s, N m or N.
 """
 
 from collections.abc import Callable, Mapping
@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.errors import HardwareError
-from aras_visual_servo_base.compiled import column, compiled
+from aras_visual_servo_base.compiled import column, jit
 from aras_visual_servo_base.settings import read
 from aras_visual_servo_base.urdf import Joint, JointLimits
 
@@ -25,20 +25,20 @@ _NS_PER_S = 1_000_000_000
 
 # Columns of a handle's row: measured position, velocity and effort, and the three commands.
 (Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
-# Columns of an occurrence's row: times of the first and the last trouble (NaN: none yet), ns, and
-# whether it was told.
-(_FIRST, _LAST, _TOLD), OCCURRENCE_COLUMNS = range(3), 3
-# A command that exceeds a limit by less, rad, m, or per s, N m, N, is within it but for rounding.
+# Columns of an event's row: times of its first and last occurrence (NaN: none yet), ns, and whether
+# it was reported.
+(_FIRST, _LAST, _REPORTED), OCCURRENCE_COLUMNS = range(3), 3
+# rad, m, or per s, N m, N; a command that exceeds a limit by less is a rounding error.
 COMMAND_ROUNDING = 1e-6
 
 
 class JointHandle:
-    """State and commands of one joint: a view of its row.
+    """State and commands of one joint; the values are stored in `row`.
 
-    `limits` and `soft_limits` are the URDF's own (description.JointLimits and its
-    safety_controller, or None): controllers clamp to those, whatever the joint_limits
-    parameters say, as upstream's do. `interface` is the command interface of the joint's
-    transmission.
+    Attributes:
+        interface: command interface of the joint's transmission.
+        limits, soft_limits: `<limit>` and `<safety_controller>` of the URDF, or None. As in
+            ros_controllers, controllers use these and ignore the parameters in joint_limits.
     """
 
     __slots__ = ("name", "kind", "interface", "limits", "soft_limits", "row")
@@ -56,7 +56,7 @@ class JointHandle:
         interface: str = STATE,
         row: np.ndarray | None = None,
     ) -> None:
-        """`row`: (6,) of the robot's; None: one of its own."""
+        """Store the values in `row` (6,), a row of the robot's array; None creates a new row."""
         self.name = name
         self.kind = kind
         self.interface = interface
@@ -65,23 +65,23 @@ class JointHandle:
         self.row = np.zeros(HANDLE_COLUMNS) if row is None else row
 
     @property
-    def turns(self) -> bool:
-        """Whether it is an angle."""
+    def is_angular(self) -> bool:
+        """Whether the joint is revolute or continuous."""
         return self.kind in ("revolute", "continuous")
 
     @property
-    def travel(self) -> tuple[float, float] | None:
-        """The URDF's (lower, upper) of a revolute or prismatic joint, else None."""
+    def position_limits(self) -> tuple[float, float] | None:
+        """The URDF's (lower, upper) limits of a revolute or prismatic joint, otherwise None."""
         limits = self.limits
         if self.kind not in ("revolute", "prismatic") or limits is None:
             return None
-        # A <limit> without lower and upper means 0 in URDF.
+        # In URDF, missing lower and upper attributes of <limit> are 0.
         return limits.lower or 0.0, limits.upper or 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class JointBounds:
-    """What bounds a joint after URDF and parameters are merged; None means not limited."""
+    """Limits of a joint after merging URDF and parameters; None means not limited."""
 
     min_position: float | None = None
     max_position: float | None = None
@@ -107,10 +107,16 @@ def resolve_limits(
 ) -> JointBounds | None:
     """Merge the URDF's limits of `joint` with the parameters <ns>/joint_limits/<joint>.
 
-    `joint` has name, kind and limits (description.Joint); `where` is the full name of
-    `overrides`. Returns None where neither source says anything. A value without its
-    has_..._limits: true is ignored, as upstream does, but not silently.
-    Raises HardwareError on ill-typed, negative or crossed limits.
+    As in ros_control, a value without its has_..._limits: true is ignored, but with a warning.
+
+    Args:
+        where: full name of the parameter `overrides`.
+
+    Returns:
+        The limits, or None if neither URDF nor parameters have any.
+
+    Raises:
+        HardwareError: a limit has a wrong type, is negative, or the lower exceeds the upper.
     """
     values: dict[str, float] = {}
     if joint.limits is not None:
@@ -138,15 +144,15 @@ def _override(
     warn: Callable[[str], None],
 ) -> None:
     switch = f"has_{quantity}_limits"
-    wanted = read(overrides, switch, bool, where, HardwareError, None)
+    enabled = read(overrides, switch, bool, where, HardwareError, None)
     given = [key for key in keys if key in overrides]
-    if wanted is False:
+    if enabled is False:
         for key in keys:
             values.pop(key, None)
-    elif wanted and len(given) == len(keys):
+    elif enabled and len(given) == len(keys):
         for key in keys:
             values[key] = read(overrides, key, float, where, HardwareError)
-    elif wanted:
+    elif enabled:
         warn(f"{where}/{switch} is true but {' and '.join(keys)} not all set: limit unchanged")
     elif given:
         warn(f"{where}/{given[0]} is ignored: set {where}/{switch} to true to use it")
@@ -167,40 +173,40 @@ def _check(limits: JointBounds, joint: str, where: str) -> None:
             )
 
 
-class Occurrence:
-    """Tells when something that may repeat every cycle deserves a line in the log.
+class RateLimitedEvent:
+    """Decides when a condition that may persist over many cycles is reported in the log.
 
-    An occurrence is over after the trouble stayed away for `quiet`; a trouble that lasts less
-    than `patience` is not worth a word (the derivative kick of a step command, say). Times in ns
-    of the simulated clock.
+    An event ends when the condition has not occurred for `quiet` s. An event shorter than
+    `patience` s, such as the derivative kick of a step command, is not reported. Times are in ns
+    of simulated time.
     """
 
     __slots__ = ("patience_ns", "quiet_ns", "row")
 
     def __init__(self, patience: float = 0.0, quiet: float = 1.0,
                  row: np.ndarray | None = None) -> None:
-        """`row`: (3,) of somebody's; None: one of its own."""
+        """Store the state in `row` (3,), a part of an array; None creates a new row."""
         self.patience_ns = int(patience * _NS_PER_S)
         self.quiet_ns = int(quiet * _NS_PER_S)
         self.row = np.zeros(OCCURRENCE_COLUMNS) if row is None else row
         self.reset()
 
     def reset(self) -> None:
-        """Forget the past, for a clock that went back."""
+        """Discard the current event, because the clock was reset."""
         self.row[_LAST] = np.nan
 
-    def note(self, time_ns: int) -> bool:
-        """Record the trouble at `time_ns`; True once an occurrence."""
-        return noted(self.row, time_ns, self.patience_ns, self.quiet_ns)
+    def record(self, time_ns: int) -> bool:
+        """Record that the condition holds at `time_ns`; return True once for each event."""
+        return record_event(self.row, time_ns, self.patience_ns, self.quiet_ns)
 
 
-@compiled("f8[::1], f8, f8, f8", allocates=False)
-def noted(row, time_ns, patience_ns, quiet_ns):
-    """See Occurrence.note."""
+@jit("f8[::1], f8, f8, f8", allocates=False)
+def record_event(row, time_ns, patience_ns, quiet_ns):
+    """Record an occurrence; see RateLimitedEvent.record."""
     if not 0.0 <= time_ns - row[_LAST] <= quiet_ns:
-        row[_FIRST], row[_TOLD] = time_ns, 0.0
+        row[_FIRST], row[_REPORTED] = time_ns, 0.0
     row[_LAST] = time_ns
-    if row[_TOLD] != 0.0 or time_ns - row[_FIRST] < patience_ns:
+    if row[_REPORTED] != 0.0 or time_ns - row[_FIRST] < patience_ns:
         return False
-    row[_TOLD] = 1.0
+    row[_REPORTED] = 1.0
     return True

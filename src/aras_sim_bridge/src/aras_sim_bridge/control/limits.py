@@ -1,7 +1,7 @@
-"""What ros_control's joint_limits_interface does to a command before it is written.
+"""Limit rules of ros_control's joint_limits_interface, applied to commands before writing.
 
-A rule rewrites the command in the handle, so that a command that nobody renews stays at its limited
-value.
+A rule modifies the command in the handle. Without a new command, the limited value therefore
+remains.
 """
 
 from math import inf, isnan, nan
@@ -21,17 +21,17 @@ from aras_sim_bridge.control.joints import (
     V,
 )
 from aras_sim_bridge.errors import HardwareError
-from aras_visual_servo_base.compiled import column, compiled
+from aras_visual_servo_base.compiled import column, jit
 
 (NO_RULE, EFFORT_SATURATION, EFFORT_SOFT, POSITION_SATURATION, POSITION_SOFT, VELOCITY_SATURATION,
  VELOCITY_SOFT) = range(7)
-# Without and with soft limits, by interface.
+# Rules without and with soft limits, by interface.
 _KINDS = {
     EFFORT: (EFFORT_SATURATION, EFFORT_SOFT),
     POSITION: (POSITION_SATURATION, POSITION_SOFT),
     VELOCITY: (VELOCITY_SATURATION, VELOCITY_SOFT),
 }
-# What each kind is called, and needs.
+# Name of each rule, and the limits that it needs.
 _NEEDS = {
     EFFORT_SATURATION: ("effort saturation", "max_velocity", "max_effort"),
     EFFORT_SOFT: ("soft effort limit", "max_velocity", "max_effort"),
@@ -40,22 +40,25 @@ _NEEDS = {
     VELOCITY_SATURATION: ("velocity saturation", "max_velocity"),
     VELOCITY_SOFT: ("soft velocity limit", "max_velocity"),
 }
-# Columns of a rule's row: its kind; least and greatest position; greatest speed and acceleration
-# (NaN: not limited) and effort; soft limits and their gains; the command before (NaN: none yet).
+# Columns of a rule's row: its kind; position limits; largest speed and acceleration (NaN: not
+# limited) and effort; soft limits and their gains; previous command (NaN: none yet).
 (_KIND, _LOWER, _UPPER, _SPEED, _ACCELERATION, _EFFORT, _SOFT_LOWER, _SOFT_UPPER, _K_POSITION,
  _K_VELOCITY, _PREVIOUS), RULE_COLUMNS = range(11), 11
 
 
 class LimitRule:
-    """One of the rules; a view of its row.
+    """One limit rule; its state is stored in `row`.
 
-    effort saturation: within ±max_effort; no push further out beyond a position or velocity limit.
-    soft effort limit: bounds proportional to the distance from the soft velocity bounds.
-    position saturation: within [min, max], and no faster than max_velocity from the command before.
-    soft position limit: the same, and within the soft velocity bounds around that command.
-    velocity saturation: within ±max_velocity, and no faster change than max_acceleration.
-    soft velocity limit: within the soft bounds of the measured position, and max_acceleration.
-    Soft velocity bounds shrink towards the soft position limits.
+    effort saturation: effort within ±max_effort, and none that increases a violation of the
+    position or velocity limit.
+    soft effort limit: effort bounds proportional to the distance from the soft velocity bounds.
+    position saturation: position within [min, max], and within max_velocity · dt of the previous
+    command.
+    soft position limit: in addition within the soft velocity bounds at the previous command.
+    velocity saturation: velocity within ±max_velocity, changed at most by max_acceleration · dt.
+    soft velocity limit: velocity within the soft bounds at the measured position, changed at most
+    by max_acceleration · dt.
+    Soft velocity bounds decrease towards the soft position limits.
     """
 
     __slots__ = ("row",)
@@ -64,9 +67,10 @@ class LimitRule:
 
     def __init__(self, kind: int, limits: JointBounds, handle: JointHandle,
                  row: np.ndarray | None = None) -> None:
-        """`row`: (11,) of a drive's; None: one of its own.
+        """Store the state in `row` (11,), a part of a drive's row; None creates a new row.
 
-        Raises HardwareError where a limit that the rule needs is missing.
+        Raises:
+            HardwareError: a limit that the rule needs is missing.
         """
         rule, *needs = _NEEDS[kind]
         for quantity in needs:
@@ -86,8 +90,7 @@ class LimitRule:
         soft = handle.soft_limits
         if soft is not None:
             row[_K_POSITION], row[_K_VELOCITY] = soft.k_position, soft.k_velocity
-            # A soft limit that the URDF does not give is none, not urdfdom's default of 0, which
-            # would freeze the joint at 0.
+            # A missing soft limit does not limit; urdfdom's default of 0 would lock the joint at 0.
             if limits.has_position and soft.lower is not None:
                 row[_SOFT_LOWER] = soft.lower
             if limits.has_position and soft.upper is not None:
@@ -95,44 +98,45 @@ class LimitRule:
         self.reset()
 
     def reset(self) -> None:
-        """Forget the command before: start from the measured position, or from rest."""
+        """Discard the previous command; the rule continues from the measured position or rest."""
         self.row[_PREVIOUS] = nan
 
 
-def rule_for(handle: JointHandle, limits: JointBounds | None,
+def make_rule(handle: JointHandle, limits: JointBounds | None,
              row: np.ndarray | None = None) -> LimitRule | None:
-    """The rule of the joint's interface and limits, or None where nothing limits it; a
-    <safety_controller> makes it the soft one."""
+    """Return the rule for the joint's interface, soft with a <safety_controller>; or None."""
     if limits is None:
         return None
     return LimitRule(_KINDS[handle.interface][handle.soft_limits is not None], limits, handle, row)
 
 
-@compiled("f8, f8, f8", allocates=False)
-def _saturated(value, low, high):
-    # The upper bound wins where the two cross, as in the original's min(max()).
+@jit("f8, f8, f8", allocates=False)
+def _saturate(value, low, high):
+    # If the bounds are crossed the upper one is used, as in min(max()) of joint_limits_interface.
     value = low if value < low else value
     return high if value > high else value
 
 
-@compiled("f8[::1], f8", allocates=False)
-def _soft_speeds(row, position):
-    """Slowest and fastest at a position, by the soft limits."""
+@jit("f8[::1], f8", allocates=False)
+def _find_soft_speeds(row, position):
+    """Return the lowest and highest velocity that the soft limits allow at a position."""
     speed, gain = row[_SPEED], row[_K_POSITION]
     slowest, fastest = -speed, speed
     if row[_SOFT_LOWER] != -inf:
-        slowest = _saturated(-gain * (position - row[_SOFT_LOWER]), -speed, speed)
+        slowest = _saturate(-gain * (position - row[_SOFT_LOWER]), -speed, speed)
     if row[_SOFT_UPPER] != inf:
-        fastest = _saturated(-gain * (position - row[_SOFT_UPPER]), -speed, speed)
+        fastest = _saturate(-gain * (position - row[_SOFT_UPPER]), -speed, speed)
     return slowest, fastest
 
 
-@compiled("f8[::1], f8[::1], f8", allocates=False)
-def enforced(row, handle, dt):
-    """Limit the command of a joint; return whether it was changed.
+@jit("f8[::1], f8[::1], f8", allocates=False)
+def enforce_limits(row, handle, dt):
+    """Limit the command of a joint and return whether it was changed.
 
-    row: of a LimitRule. handle (6,): row of a JointHandle, whose command is rewritten. dt: since
-    the last time, s.
+    Args:
+        row: row of a LimitRule.
+        handle: (6,), row of a JointHandle, whose command is modified.
+        dt: time since the last call, s.
     """
     kind, position, velocity = int(row[_KIND]), handle[Q], handle[V]
     effort, speed, previous = row[_EFFORT], row[_SPEED], row[_PREVIOUS]
@@ -144,16 +148,16 @@ def enforced(row, handle, dt):
         high = 0.0 if position > row[_UPPER] or velocity > speed else effort
     elif kind == EFFORT_SOFT:
         target = TAU_COMMAND
-        slowest, fastest = _soft_speeds(row, position)
+        slowest, fastest = _find_soft_speeds(row, position)
         gain = row[_K_VELOCITY]
-        low = _saturated(-gain * (velocity - slowest), -effort, effort)
-        high = _saturated(-gain * (velocity - fastest), -effort, effort)
+        low = _saturate(-gain * (velocity - slowest), -effort, effort)
+        high = _saturate(-gain * (velocity - fastest), -effort, effort)
     elif kind in (POSITION_SATURATION, POSITION_SOFT):
         if isnan(previous):
             previous = position
         slowest, fastest = -speed, speed
         if kind == POSITION_SOFT:
-            slowest, fastest = _soft_speeds(row, previous)
+            slowest, fastest = _find_soft_speeds(row, previous)
         if not isnan(speed):
             low = max(previous + slowest * dt, low)
             high = min(previous + fastest * dt, high)
@@ -161,12 +165,12 @@ def enforced(row, handle, dt):
         target = V_COMMAND
         slowest, fastest, base = -speed, speed, 0.0 if isnan(previous) else previous
         if kind == VELOCITY_SOFT:
-            slowest, fastest = _soft_speeds(row, position)
+            slowest, fastest = _find_soft_speeds(row, position)
             base = velocity
         low, high = slowest, fastest
         if not isnan(row[_ACCELERATION]):
             step = row[_ACCELERATION] * dt
             low, high = max(base - step, low), min(base + step, high)
-    wanted = handle[target]
-    handle[target] = row[_PREVIOUS] = _saturated(wanted, low, high)
-    return handle[target] != wanted
+    desired = handle[target]
+    handle[target] = row[_PREVIOUS] = _saturate(desired, low, high)
+    return handle[target] != desired

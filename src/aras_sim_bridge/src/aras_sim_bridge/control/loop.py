@@ -1,4 +1,4 @@
-"""gazebo_ros_control's part of a physics step: read, update controllers, write."""
+"""Control loop of gazebo_ros_control in a physics step: read, update controllers, write."""
 
 from itertools import chain
 from math import inf, nan
@@ -6,31 +6,31 @@ from math import inf, nan
 import numpy as np
 
 from aras_sim_bridge.control.controllers.base import Controller
-from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS, taken_together
+from aras_sim_bridge.control.controllers.joint_loops import LOOP_COLUMNS, set_loop_commands
 from aras_sim_bridge.control.hardware import RobotHardware
 from aras_sim_bridge.control.manager import ControllerManager
-from aras_sim_bridge.control.switching import Entry
+from aras_sim_bridge.control.switching import LoadedController
 from aras_sim_bridge.errors import HardwareError
 
 _NS_PER_S = 1e9
 
 
 class ControlLoop:
-    """Runs hardware and controllers at their periods of simulated time.
+    """Runs hardware and controllers at their periods in simulated time.
 
-    Controllers are updated whenever `control_period` passed since the last update; commands are
-    written every physics step. The first period, also the first after reset(), is one step.
+    Controllers are updated when `control_period` has passed since the last update. Commands are
+    written in every physics step. After the start and after reset() the first period is one step.
     """
 
     __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns",
                  "_loops", "_running",
-                 "_commanded", "_others", "_pids")
+                 "_compiled_controllers", "_other_entries", "_pids")
 
     def __init__(
         self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
         control_period_ns: int | None = None,
     ) -> None:
-        """Raises HardwareError if a period is not positive."""
+        """Set the periods. Raises HardwareError if one is not positive."""
         self.hardware = hardware
         self.manager = manager
         self._step_ns = step_ns
@@ -38,26 +38,26 @@ class ControlLoop:
         if self._step_ns <= 0 or self._control_ns <= 0:
             raise HardwareError(
                 f"control period {self._control_ns} ns and physics step {step_ns} ns must be "
-                f"positive; look at <controlPeriod>"
+                f"positive; check <controlPeriod>"
             )
         self._updated_ns: int | None = None
         self._written_ns: int | None = None
         self._loops = np.zeros((0, LOOP_COLUMNS))
-        self._running: tuple[Entry, ...] | None = None
+        self._running: tuple[LoadedController, ...] | None = None
 
     def reset(self) -> None:
-        """Start over with the periods: the next step reads, updates and writes."""
+        """Reset the periods and the controllers: the next step reads, updates and writes."""
         self._updated_ns = self._written_ns = None
         self.manager.reset()
 
-    def begin_anew(self) -> None:
-        """Begin anew, with the joints where they are now: set points stay, nothing else does."""
+    def restart(self) -> None:
+        """Restart at the current joint positions; only the controllers' set points remain."""
         self._updated_ns = self._written_ns = None
         self.hardware.start()
-        self.manager.reset(anew=True)
+        self.manager.reset(restart=True)
 
     def step(self, time_ns: int) -> None:
-        """What is due at `time_ns`, the simulated time the coming physics step ends at."""
+        """Read, update and write, if due; `time_ns` is the end of the coming physics step."""
         updated_ns = self._updated_ns
         elapsed_ns = self._step_ns if updated_ns is None else time_ns - updated_ns
         if updated_ns is None or elapsed_ns >= self._control_ns:
@@ -70,84 +70,95 @@ class ControlLoop:
         self.hardware.write(time_ns, elapsed_ns / _NS_PER_S)
         self._written_ns = time_ns
 
-    def begin(
-        self, time_ns: int, step_ns: int, sampled: Controller | None = None
+    def start_cycles(
+        self, time_ns: int, step_ns: int, compiled_sampler: Controller | None = None
     ) -> tuple[np.ndarray, float] | None:
-        """Take commands and gains for compiled cycles from `time_ns` on, a physics step of
-        `step_ns` each; None, and nothing taken, where Python takes part in the next one. What the
-        controller `sampled` looks at is looked at in those cycles.
+        """Prepare compiled control cycles from `time_ns` on, one in each step of `step_ns`.
+
+        Pending commands and gains are applied.
+
+        Args:
+            compiled_sampler: read-only controller whose samples the compiled cycles take.
 
         Returns:
-            Rows (m, 39) of the loops that run; the last cycle, ns, that may be among them.
+            Rows (m, 39) of the running loops, and the time, ns, of the last possible compiled
+            cycle. None, with nothing applied, if the next cycle must run in Python.
         """
         before = None, time_ns - step_ns
         in_step = self._updated_ns in before and self._written_ns in before
         if not in_step or step_ns < self._control_ns:
             return None
         if self.manager.running is not self._running:
-            self._gather(self.manager.running)
-        if self.manager.busy or self.hardware.sets_positions:
+            self._gather_loops(self.manager.running)
+        if self.manager.is_busy or self.hardware.has_position_drives:
             return None
-        for part in self._pids, self._commanded:
+        for part in self._pids, self._compiled_controllers:
             for one in part:
                 if one.on_state is not None:
                     return None
         idle_ns = inf
-        for entry in self._others:
+        for entry in self._other_entries:
             until_ns = entry.controller.idle_until(time_ns)
-            if entry.controller is sampled and until_ns > -inf:
+            if entry.controller is compiled_sampler and until_ns > -inf:
                 continue
             if until_ns < time_ns:
-                if not entry.controller.looks:
+                if not entry.controller.is_read_only:
                     return None
                 until_ns = time_ns
-            elif entry.controller.looks and until_ns < inf:
+            elif entry.controller.is_read_only and until_ns < inf:
                 until_ns = time_ns + (int(until_ns - time_ns) // step_ns + 1) * step_ns
             idle_ns = min(idle_ns, until_ns)
         for pid in self._pids:
-            pid.take_gains()
-        for controller in self._commanded:
+            pid.apply_gains()
+        for controller in self._compiled_controllers:
             if controller.slot:
-                self._take(time_ns)
+                self._apply_pending_commands(time_ns)
                 break
         return self._loops, idle_ns
 
     @property
-    def joints(self) -> list[str]:
-        """Of the rows that `begin` answers."""
-        return [loop.handle.name for c in self._commanded for loop in c.loops]
+    def joint_names(self) -> list[str]:
+        """Joints of the rows that `start_cycles` returns."""
+        return [loop.handle.name for c in self._compiled_controllers for loop in c.loops]
 
-    def _take(self, time_ns: int) -> None:
-        """Let all loops take the commands that wait, as CommandedController.take one by one."""
-        given = [c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._commanded]
-        self.take(np.array(list(chain(*given))), time_ns)
+    def _apply_pending_commands(self, time_ns: int) -> None:
+        """Apply the pending commands of all loops, as CommandedController.apply_pending_command."""
+        given = [
+            c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._compiled_controllers
+        ]
+        self.set_commands(np.array(list(chain(*given))), time_ns)
 
-    def take(self, commands: np.ndarray, time_ns: int) -> None:
-        """Let all loops take commands (m,), in the cycle at `time_ns`; NaN: there is none."""
-        if taken_together(self._loops, commands, time_ns):
-            loops = chain.from_iterable(c.loops for c in self._commanded)
+    def set_commands(self, commands: np.ndarray, time_ns: int) -> None:
+        """Set the commands (m,) of all loops in the cycle at `time_ns`; NaN for no command."""
+        if set_loop_commands(self._loops, commands, time_ns):
+            loops = chain.from_iterable(c.loops for c in self._compiled_controllers)
             for loop, command in zip(loops, commands.tolist(), strict=True):
                 if command == command:
-                    loop.told(command, time_ns)
+                    loop.warn_beyond_limits(command, time_ns)
 
-    def _gather(self, running: tuple[Entry, ...]) -> None:
-        """Put the rows of all loops that run into one array."""
+    def _gather_loops(self, running: tuple[LoadedController, ...]) -> None:
+        """Store the state of all running loops in one array, for compiled cycles."""
         self._running = running
-        self._others = [entry for entry in running if not entry.controller.compiled]
-        self._commanded = [e.controller for e in running if e.controller.compiled]
+        self._other_entries = [entry for entry in running if not entry.controller.is_compilable]
+        self._compiled_controllers = [e.controller for e in running if e.controller.is_compilable]
         self._pids = list(self.hardware.pids.values())
-        self._loops = np.zeros((sum(len(one.rows) for one in self._commanded), LOOP_COLUMNS))
+        self._loops = np.zeros(
+            (sum(len(one.rows) for one in self._compiled_controllers), LOOP_COLUMNS)
+        )
         first = 0
-        for controller in self._commanded:
+        for controller in self._compiled_controllers:
             self._pids += controller.pids.values()
             controller.bind(self._loops[first : first + len(controller.rows)])
             first += len(controller.rows)
 
-    def end(self, time_ns: int) -> None:
-        """Compiled cycles are over; the last one was at `time_ns`. What they measured is still in
-        the handles: controllers that look and command nothing do so now."""
-        for entry in self._others:
+    def end_cycles(self, time_ns: int) -> None:
+        """Finish compiled cycles, the last of which was at `time_ns`.
+
+        The handles still have the measurements of that cycle, which read-only controllers now
+        publish if a sample is due.
+        """
+        for entry in self._other_entries:
             controller = entry.controller
-            if controller.looks and controller.idle_until(time_ns) < time_ns:
+            if controller.is_read_only and controller.idle_until(time_ns) < time_ns:
                 self.manager.run(entry, time_ns, self._step_ns / _NS_PER_S)
         self._updated_ns = self._written_ns = time_ns

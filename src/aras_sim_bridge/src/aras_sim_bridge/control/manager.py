@@ -1,8 +1,8 @@
-"""controller_manager: loads, switches, lists and runs the controllers of one robot.
+"""Controller manager, which loads, switches, lists and runs the controllers of one robot.
 
-One thread, the simulation's, owns the manager: every method is to be called from it. Loading and
-unloading take effect at once; a switch is checked at once and carried out at the end of the next
-update(), so one asked for while the simulation is paused simply stays open: nothing here blocks.
+All methods must be called in the simulation thread. Loading and unloading take effect immediately.
+A switch is checked immediately and carried out at the end of the next update(). While the
+simulation is paused a switch request therefore stays pending; no method blocks.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -17,38 +17,39 @@ from aras_sim_bridge.control.switching import (
     STOPPED,
     STRICT,
     ControllerInfo,
-    Entry,
+    LoadedController,
     SwitchRequest,
     plan_switch,
 )
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.names import USER_FAULTS
-from aras_visual_servo_base.setting_values import look_up
+from aras_visual_servo_base.setting_values import find_value
 
-CLASSES = "controller_classes"
-_ENTERED_BY = {RUNNING: "starting", STOPPED: "stopping"}
+CLASSES_PARAMETER = "controller_classes"
+_STATE_HOOKS = {RUNNING: "starting", STOPPED: "stopping"}
 
 
 def _ignore(text: str) -> None:
-    """Stand-in for a logger."""
+    """Ignore a log line."""
 
 
-def _flat(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
-    """Type names and their paths."""
+def _flatten(classes: Mapping, above: str = "") -> Iterator[tuple[str, object]]:
+    """Yield the type names of nested parameters and the paths of their classes."""
     for name, path in classes.items():
         if isinstance(path, Mapping):
-            yield from _flat(path, f"{above}{name}/")
+            yield from _flatten(path, f"{above}{name}/")
         else:
             yield f"{above}{name}", path
 
 
 class ControllerManager:
-    """Controllers of one robot, updated in the order they were loaded.
+    """Controllers of one robot, updated in the order in which they were loaded.
 
-    `parameters` is the nested mapping of the robot's namespace; who has a newer one puts it there.
-    `running`: the running controllers, in the order of their updates.
-    `warn` and `error` take lines for the log. `on_started`: called after a switch that started
-    controllers, or None.
+    Attributes:
+        parameters: nested mapping of the robot's namespace; the caller replaces it when parameters
+            change.
+        running: running controllers in the order of their updates.
+        on_started: called after a switch that started controllers, or None.
     """
 
     def __init__(
@@ -65,48 +66,49 @@ class ControllerManager:
         self.registry = ControllerTypes()
         self._warn = warn
         self._error = error
-        self._entries: dict[str, Entry] = {}
-        self._order: list[Entry] = []
+        self._entries: dict[str, LoadedController] = {}
+        self._order: list[LoadedController] = []
         self._pending: list[SwitchRequest] = []
-        self._was_stopped = False
+        self._has_e_stopped = False
         self._time_ns = 0
-        self.running: tuple[Entry, ...] = ()
+        self.running: tuple[LoadedController, ...] = ()
         self.on_started: Callable[[], None] | None = None
 
-    def _classes(self) -> Mapping:
-        """Paths of the users' classes by type name; the parameter server nests at each slash."""
-        classes = self.parameters.get(CLASSES) or {}
+    def _list_classes(self) -> Mapping:
+        """Return paths of users' classes by type; the parameter server nests names at slashes."""
+        classes = self.parameters.get(CLASSES_PARAMETER) or {}
         if not isinstance(classes, Mapping):
             raise ControllerError(
-                f"parameter {self.namespace}/{CLASSES} must map type names to "
+                f"parameter {self.namespace}/{CLASSES_PARAMETER} must map type names to "
                 f"'package.module:Class', found {classes!r}"
             )
-        return dict(_flat(classes))
+        return dict(_flatten(classes))
 
     def load(self, name: str) -> Controller:
-        """Make and initialise the controller `name` from the parameters under its name.
+        """Create and initialise the controller `name` from the parameters under its name.
 
-        Raises ControllerError, leaving everything as it was, if the name is taken, its type is
-        missing or unknown, or its init fails.
+        Raises:
+            ControllerError: the controller is already loaded, its type is missing or unknown, or
+                its init fails; no controller is loaded.
         """
         if name in self._entries:
             raise ControllerError(f"controller '{name}' is already loaded")
-        own = look_up(self.parameters, name) if name else None
+        given = find_value(self.parameters, name) if name else None
         where = f"{self.namespace}/{name}"
-        if not isinstance(own, Mapping) or not isinstance(own.get("type"), str) or not own["type"]:
+        type_name = given.get("type") if isinstance(given, Mapping) else None
+        if not isinstance(type_name, str) or not type_name:
             raise ControllerError(
                 f"cannot load controller '{name}': parameter {where}/type is missing; load its "
                 f"YAML file into {self.namespace or '/'} first"
             )
-        type_name = own["type"]
         try:
-            controller = self.registry.find(type_name, self._classes())()
-            # A user's init may forget to call the base's.
+            controller = self.registry.find(type_name, self._list_classes())()
+            # A user's init may not call the base class.
             controller.context = context = Context(
                 name, self.namespace, self.hardware.description, self.parameters, self._warn,
                 self._error,
             )
-            controller.init(self.hardware, own, context)
+            controller.init(self.hardware, given, context)
         except ControllerError as error:
             raise ControllerError(f"cannot load controller '{name}': {error}") from error
         except USER_FAULTS as error:
@@ -114,13 +116,13 @@ class ControllerManager:
                 f"cannot load controller '{name}': {type_name} raised "
                 f"{type(error).__name__}: {error}"
             ) from error
-        entry = Entry(name, type_name, controller)
+        entry = LoadedController(name, type_name, controller)
         self._entries[name] = entry
         self._order = [*self._order, entry]
         return controller
 
     def unload(self, name: str) -> None:
-        """Forget the controller. Raises ControllerError if it is not loaded or running."""
+        """Unload a controller. Raises ControllerError if it is not loaded or still running."""
         entry = self._entries.get(name)
         if entry is None:
             raise ControllerError(f"cannot unload controller '{name}': it is not loaded")
@@ -132,40 +134,44 @@ class ControllerManager:
         self._order = [other for other in self._order if other is not entry]
 
     def get(self, name: str) -> Controller:
-        """The loaded controller `name`. Raises ControllerError if there is none."""
+        """Return the loaded controller `name`. Raises ControllerError if it is not loaded."""
         if name not in self._entries:
             raise ControllerError(f"controller '{name}' is not loaded")
         return self._entries[name].controller
 
     def list(self) -> Sequence[ControllerInfo]:
-        """Loaded controllers in the order of their updates."""
+        """Return information on the loaded controllers in the order of their updates."""
         return [
             ControllerInfo(e.name, e.state, e.type_name, e.controller.claimed_resources)
             for e in self._order
         ]
 
     def list_types(self) -> Sequence[tuple[str, str]]:
-        """Known (type, base class) pairs, by name."""
-        return [(t, BASE_CLASS) for t in self.registry.types(self._classes())]
+        """Return the known (type, base class) pairs, sorted by name."""
+        return [(t, BASE_CLASS) for t in self.registry.list_types(self._list_classes())]
 
     def reload_libraries(self, force_kill: bool = False) -> None:
-        """Import the users' controller classes anew; loaded controllers are in the way.
+        """Reload the modules of users' controller classes.
 
-        With `force_kill` they are stopped and unloaded first. Raises ControllerError otherwise.
+        Args:
+            force_kill: stop and unload all controllers before.
+
+        Raises:
+            ControllerError: controllers are loaded and `force_kill` is False.
         """
         if self._entries and not force_kill:
             raise ControllerError(
                 f"cannot reload the controller classes: {', '.join(self._entries)} are loaded; "
-                f"unload them or ask for force_kill"
+                f"unload them or set force_kill"
             )
         self.shutdown()
-        self.registry.reload(self._classes())
+        self.registry.reload(self._list_classes())
 
     def shutdown(self) -> None:
-        """Stop and unload every controller, the last loaded first; open switches are refused."""
+        """Stop and unload all controllers, last loaded first; pending switches are rejected."""
         for entry in reversed(self._order):
             if entry.running:
-                self._enter(entry, STOPPED, self._time_ns)
+                self._change_state(entry, STOPPED, self._time_ns)
         self._entries.clear()
         self._order = []
         pending, self._pending = self._pending, []
@@ -179,106 +185,110 @@ class ControllerManager:
         strictness: int = BEST_EFFORT,
         start_asap: bool = False,
     ) -> SwitchRequest:
-        """Ask to stop and start controllers at the end of the next update.
+        """Request to stop and start controllers at the end of the next update.
 
-        A request made while another is open waits its turn and is checked then. Raises
-        ControllerError at once where the rules of ros_control refuse it.
+        While another request is pending, a new one is queued and checked later.
+
+        Raises:
+            ControllerError: the rules of ros_control do not allow the switch.
         """
         if strictness == 0:
-            self._warn("switch_controller: strictness 0 is taken as BEST_EFFORT (1)")
+            self._warn("switch_controller: strictness 0 is interpreted as BEST_EFFORT (1)")
             strictness = BEST_EFFORT
         if strictness not in (BEST_EFFORT, STRICT):
             raise ControllerError(
                 f"strictness must be 1 (BEST_EFFORT) or 2 (STRICT), got {strictness}"
             )
         request = SwitchRequest(start, stop, strictness, start_asap)
-        self._pending = [r for r in self._pending if not r.done]
+        self._pending = [r for r in self._pending if not r.is_done]
         if not self._pending:
             plan_switch(request, self._entries, self._order)
         self._pending.append(request)
         return request
 
     def update(self, time_ns: int, period: float) -> None:
-        """One control cycle at `time_ns`, `period` s after the last one.
+        """Run one control cycle at `time_ns`, `period` s after the last one.
 
-        After an emergency stop was released every running controller is stopped and started
-        first. A controller that raises is taken out (state 'aborted') and its joints' effort and
-        velocity commands are zeroed; the others go on.
+        When an emergency stop has been released, all running controllers are first stopped and
+        started. If a controller raises, its state becomes 'aborted', the effort and velocity
+        commands of its joints become 0, and the other controllers continue.
         """
         self._time_ns = time_ns
         if self.hardware.e_stop:
-            self._was_stopped = True
-        elif self._was_stopped:
-            self._was_stopped = False
+            self._has_e_stopped = True
+        elif self._has_e_stopped:
+            self._has_e_stopped = False
             for entry in self._order:
-                if entry.running and self._enter(entry, STOPPED, time_ns):
-                    self._enter(entry, RUNNING, time_ns)
+                if entry.running and self._change_state(entry, STOPPED, time_ns):
+                    self._change_state(entry, RUNNING, time_ns)
         for entry in self._order:
             if entry.running:
                 self.run(entry, time_ns, period)
         if self._pending:
-            self.carry_out(time_ns)
+            self.carry_out_switches(time_ns)
 
-    def run(self, entry: Entry, time_ns: int, period: float) -> None:
-        """Let one controller update; it is aborted if it raises."""
+    def run(self, entry: LoadedController, time_ns: int, period: float) -> None:
+        """Update one controller; abort it if it raises."""
         try:
             entry.controller.update(time_ns, period)
         except USER_FAULTS as error:
             self._abort(entry, "update", error)
 
     @property
-    def busy(self) -> bool:
-        """Whether the next update has more to do than to let the controllers run."""
-        return bool(self._pending) or self._was_stopped or self.hardware.e_stop
+    def is_busy(self) -> bool:
+        """Whether the next update has more to do than to update the controllers."""
+        return bool(self._pending) or self._has_e_stopped or self.hardware.e_stop
 
-    def reset(self, anew: bool = False) -> None:
-        """The clock or the robot was put back: controllers forget commands not yet acted on, and
-        where everything begins `anew`, what their PIDs have gathered."""
+    def reset(self, restart: bool = False) -> None:
+        """Reset the controllers after the clock or the robot was reset.
+
+        Pending commands are discarded; with `restart` the PIDs are reset, too.
+        """
         for entry in self._order:
             controller = entry.controller
             try:
                 controller.reset()
-                if anew:
-                    controller.begin_anew(0)
+                if restart:
+                    controller.restart(0)
             except USER_FAULTS as error:
                 self._abort(entry, "reset", error)
 
-    def carry_out(self, time_ns: int) -> None:
-        """Carry out the open switches now: at the end of an update, or while time stands still."""
+    def carry_out_switches(self, time_ns: int) -> None:
+        """Carry out the pending switches: at the end of an update, or while the clock is paused."""
         pending, self._pending = self._pending, []
         for request in pending:
-            if request.done:
+            if request.is_done:
                 continue
             try:
-                # Checked again: something may have been unloaded since the request.
+                # Checked again, because a controller may have been unloaded since the request.
                 stops, starts = plan_switch(request, self._entries, self._order)
             except ControllerError as error:
                 request.finish(str(error))
                 continue
             for entry in stops:
-                self._enter(entry, STOPPED, time_ns)
-            failed = [e.name for e in starts if not self._enter(e, RUNNING, time_ns)]
+                self._change_state(entry, STOPPED, time_ns)
+            failed = [e.name for e in starts if not self._change_state(e, RUNNING, time_ns)]
             if len(failed) < len(starts) and self.on_started is not None:
                 self.on_started()
             request.finish(f"failed to start: {', '.join(failed)}" if failed else "")
 
-    def _enter(self, entry: Entry, state: str, time_ns: int) -> bool:
-        """Start or stop a controller; whether it did."""
-        verb = _ENTERED_BY[state]
+    def _change_state(self, entry: LoadedController, state: str, time_ns: int) -> bool:
+        """Start or stop a controller; return whether this succeeded."""
+        verb = _STATE_HOOKS[state]
         try:
             getattr(entry.controller, verb)(time_ns)
         except USER_FAULTS as error:
             self._abort(entry, verb, error)
             return False
-        self._note(entry, state)
+        self._set_state(entry, state)
         return True
 
-    def _note(self, entry: Entry, state: str) -> None:
-        entry.enter(state)
+    def _set_state(self, entry: LoadedController, state: str) -> None:
+        entry.set_state(state)
         self.running = tuple(e for e in self._order if e.running)
 
-    def _abort(self, entry: Entry, verb: str, error: BaseException) -> None:
-        self._note(entry, ABORTED)
+    def _abort(self, entry: LoadedController, verb: str, error: BaseException) -> None:
+        self._set_state(entry, ABORTED)
         for joint in entry.controller.joints:
             handle = self.hardware.handles.get(joint)
             if handle is not None:

@@ -1,4 +1,4 @@
-"""PID with control_toolbox's semantics, because users tuned their gains on them."""
+"""PID with the semantics of control_toolbox, for which users have tuned their gains."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -10,23 +10,23 @@ from typing import NamedTuple
 import numpy as np
 
 from aras_sim_bridge.errors import ControllerError
-from aras_visual_servo_base.compiled import column, compiled
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.compiled import column, jit
+from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.settings import read
 
 log = logging.getLogger(__name__)
 
-# Columns of a PID's row: its gains, the last error, and what the last computation saw and gave;
-# whether it came to a command.
+# Columns of a PID's row: its gains, the last error, inputs and results of the last computation, and
+# whether that computation was valid.
 (_P, _I, _D, _I_MAX, _I_MIN, _ANTIWINDUP, _LAST_ERROR, _ERROR, _ERROR_DOT, _INTEGRAL, _COMMAND,
- _I_TERM, _DONE), PID_COLUMNS = range(13), 13
+ _I_TERM, _IS_COMPUTED), PID_COLUMNS = range(13), 13
 
-# Parameters of a PID.
+# Parameter names of a PID.
 KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
 
 
 class Gains(NamedTuple):
-    """One consistent set of gains; `i_max` and `i_min` bound the integral *term*."""
+    """One consistent set of gains; `i_max` and `i_min` limit the integral *term*."""
 
     p: float
     i: float = 0.0
@@ -38,7 +38,7 @@ class Gains(NamedTuple):
 
 @dataclass(slots=True)
 class PidState:
-    """What one computation saw and gave (control_msgs/PidState without its header)."""
+    """Inputs and results of one computation (control_msgs/PidState without its header)."""
 
     time_step: float
     error: float
@@ -55,20 +55,21 @@ class PidState:
 
 
 class Pid:
-    """u = p e + clamp(i ∫e) + d ė, with these peculiarities of the original:
+    """PID controller u = p e + clamp(i ∫e) + d ė with these peculiarities of control_toolbox:
 
-    - the first derivative after reset() is error/dt, a kick, since the last error counts as 0;
-    - i_min = i_max = 0 unless set, and then the integral term is 0 whatever i is;
-    - without antiwindup the term is clamped while the integral grows on without bound;
-    - dt of 0, or a NaN or infinite error, gives 0 and leaves the integral untouched;
-    - the output is not clamped: that is the limit handle's work.
+    - The first derivative after reset() is error/dt, a kick, because the last error is then 0.
+    - i_min and i_max are 0 by default, and then the integral term is 0 for any i.
+    - Without antiwindup only the term is limited, while the integral grows without bound.
+    - With a dt of 0, or an error that is not finite, the result is 0 and the integral is unchanged.
+    - The output is not limited here; the hardware does this.
 
-    A view of its row. `gains` is replaced as a whole, so another thread may set it while the loop
-    computes; `take_gains` brings it into the row.
-    `on_state`, if set, is called with a PidState after each computation.
+    The state is stored in `row`, a row of an array that compiled code updates. `gains` is replaced
+    as a whole, so that another thread may set it during a computation; `apply_gains` copies it into
+    the row. `on_state`, if set, is called with a
+    PidState after each computation.
     """
 
-    __slots__ = ("gains", "publish_state", "on_state", "row", "_taken")
+    __slots__ = ("gains", "publish_state", "on_state", "row", "_active_gains")
 
     integral, command = column(_INTEGRAL), column(_COMMAND)  # ∫e dt, before the gain
 
@@ -85,20 +86,24 @@ class Pid:
         self.on_state: Callable[[PidState], None] | None = None
         self.row = np.zeros(PID_COLUMNS)
         self.set_gains(Gains(p, i, d, i_max, i_min, antiwindup))
-        self._taken: Gains | None = None
-        self.take_gains()
+        self._active_gains: Gains | None = None
+        self.apply_gains()
 
     @classmethod
     def from_parameters(cls, parameters: Mapping, where: str) -> "Pid":
         """Read p (required), i, d, i_clamp, i_clamp_min, i_clamp_max, antiwindup, publish_state.
 
-        `where` is the full name of the mapping, for the messages. A key that is none of these is
-        logged, with the nearest one. Raises ControllerError if p is missing or a value has the
-        wrong type or is not finite.
+        An unknown parameter is logged with the most similar known name.
+
+        Args:
+            where: full name of the mapping, for messages.
+
+        Raises:
+            ControllerError: p is missing, or a value has a wrong type or is not finite.
         """
         for key in parameters:
             if key not in KEYS:
-                log.warning("parameter %s/%s is not read: %s", where, key, nearest(key, KEYS))
+                log.warning("parameter %s/%s is not used: %s", where, key, suggest(key, KEYS))
         if "p" not in parameters:
             raise ControllerError(
                 f"no proportional gain: set parameter {where}/p (and i, d, i_clamp as needed)"
@@ -119,9 +124,10 @@ class Pid:
         return pid
 
     def set_gains(self, gains: Gains) -> None:
-        """Take new gains from the next computation on; the integral is kept.
+        """Use new gains from the next computation on; the integral is unchanged.
 
-        Raises ControllerError if one is not finite or i_min > i_max.
+        Raises:
+            ControllerError: a gain is not finite, or i_min > i_max.
         """
         for field, value in zip(Gains._fields[:5], gains, strict=False):
             if not isfinite(value):
@@ -133,52 +139,51 @@ class Pid:
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 
-    def take_gains(self) -> None:
-        """Bring new gains into the row, between two computations."""
+    def apply_gains(self) -> None:
+        """Copy new gains into the row, between two computations."""
         gains = self.gains
-        if gains is not self._taken:
-            self._taken = gains
+        if gains is not self._active_gains:
+            self._active_gains = gains
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:
-        """Go on in this row (13,)."""
+        """Copy the state into this array row (13,), and store it there from now on."""
         row[:] = self.row
         self.row = row
 
     def reset(self) -> None:
-        """Forget integral, last error and derivative."""
+        """Reset integral, last error and derivative."""
         self.row[_LAST_ERROR:] = 0.0
 
     def compute(self, error: float, dt: float, error_dot: float | None = None) -> float:
-        """Command for `error` = target - state, `dt` s after the last one.
+        """Compute the command for `error` = target - state, `dt` s after the last computation.
 
-        `error_dot`, in the error's unit per s, is taken from the last error unless it is known.
+        `error_dot` is in the error's unit per s; None differentiates the error numerically.
         """
-        self.take_gains()
+        self.apply_gains()
         known = error_dot is not None
-        command = computed(self.row, error, error_dot if known else 0.0, known, dt)
-        self.tell(dt)
+        command = compute_pid(self.row, error, error_dot if known else 0.0, known, dt)
+        self.notify_listener(dt)
         return command
 
-    def tell(self, dt: float) -> None:
-        """Tell a listener of the last computation, `dt` s after the one before, if it came to one.
-        """
+    def notify_listener(self, dt: float) -> None:
+        """Report the last computation, `dt` s after the one before, to the listener if valid."""
         listener = self.on_state
-        if listener is None or not self.row[_DONE]:
+        if listener is None or not self.row[_IS_COMPUTED]:
             return
-        gains = self._taken
-        error, error_dot, integral, command, i_term = self.row[_ERROR:_DONE].tolist()
+        gains = self._active_gains
+        error, error_dot, integral, command, i_term = self.row[_ERROR:_IS_COMPUTED].tolist()
         listener(
             PidState(dt, error, error_dot, error, integral, error_dot, gains.p * error, i_term,
                      gains.d * error_dot, gains.i_max, gains.i_min, command)
         )
 
 
-@compiled("f8[::1], f8, f8, b1, f8", allocates=False)
-def computed(row, error, error_dot, known, dt):
-    """See Pid.compute; `known`: whether `error_dot` is."""
-    row[_DONE] = 0.0
-    if not known:
+@jit("f8[::1], f8, f8, b1, f8", allocates=False)
+def compute_pid(row, error, error_dot, has_error_dot, dt):
+    """Compute a command; see Pid.compute. `has_error_dot`: whether `error_dot` is given."""
+    row[_IS_COMPUTED] = 0.0
+    if not has_error_dot:
         if dt == 0.0 or not isfinite(error):
             return 0.0
         error_dot = row[_ERROR_DOT]
@@ -201,5 +206,5 @@ def computed(row, error, error_dot, known, dt):
         if row[_ANTIWINDUP] == 0.0:
             i_term = least if i_term < least else most if i_term > most else i_term
     command = row[_P] * error + i_term + row[_D] * error_dot
-    row[_INTEGRAL], row[_COMMAND], row[_I_TERM], row[_DONE] = integral, command, i_term, 1.0
+    row[_INTEGRAL], row[_COMMAND], row[_I_TERM], row[_IS_COMPUTED] = integral, command, i_term, 1.0
     return command

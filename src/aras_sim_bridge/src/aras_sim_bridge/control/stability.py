@@ -1,12 +1,13 @@
-"""How long a physics step the loaded PIDs bear.
+"""Longest physics step at which the loops of the loaded PIDs are stable.
 
-A PD loop on joints of inertia M, effort = -P q - D q̇ with the derivative taken from positions, and
-steps of h s that move velocities first and positions with the new velocities:
+Consider a PD loop on joints with inertia M, effort = -P q - D q̇, with the derivative computed from
+positions, and steps of h s that first update velocities and then positions:
 
     v' = v - h M⁻¹ (P q + D v),  q' = q + h v'
 
-swings with growing amplitude as soon as an eigenvalue of M⁻¹ (2 h D + h² P) is above 4. Integral
-terms, limits and friction are left out; friction and limits bound the swing, but do not end it.
+The amplitude of oscillations grows if an eigenvalue of M⁻¹ (2 h D + h² P) exceeds 4. Integral
+terms, limits and friction are neglected; limits and friction bound the oscillation, but do not end
+it.
 """
 
 from __future__ import annotations
@@ -17,19 +18,20 @@ import numpy as np
 
 from aras_sim_bridge.control.drives import POSITION_BY_PID, VELOCITY_BY_PID
 from aras_sim_bridge.control.hardware import RobotHardware
-from aras_sim_bridge.control.switching import Entry
+from aras_sim_bridge.control.switching import LoadedController
 
-BOUND = 4.0
+STABILITY_BOUND = 4.0
 _HALVINGS = 60
-_MARGIN = 1.05  # of a factor that is told with two digits
+_MARGIN = 1.05  # margin of a factor that is reported with two digits
 
 
-def loop_gains(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...]
-               ) -> tuple[np.ndarray, np.ndarray]:
-    """P and D (n,) of the loops that are closed at present, in the order of `joints`."""
+def collect_gains(
+    hardware: RobotHardware, running: Iterable[LoadedController], joints: tuple[str, ...]
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return P and D (n,) of the currently closed loops, in the order of `joints`."""
     gains = {name: (0.0, 0.0) for name in joints}
     for entry in running:
-        gains |= entry.controller.loop_gains()
+        gains |= entry.controller.get_loop_gains()
     for drive in hardware.drives:
         if drive.kind == POSITION_BY_PID:
             gains[drive.handle.name] = drive.pid.gains.p, drive.pid.gains.d
@@ -39,52 +41,75 @@ def loop_gains(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[
     return P, D
 
 
-def swing(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
-    """The largest eigenvalue of M⁻¹ (2 h D + h² P); above BOUND the loops diverge.
+def compute_step_eigenvalue(
+    inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
+) -> float:
+    """Return the largest eigenvalue of M⁻¹ (2 h D + h² P).
+
+    Above STABILITY_BOUND the loops diverge.
 
     Args:
-        inverse: M⁻¹ (n, n). P, D: (n,). step: h, s.
+        inverse: M⁻¹ (n, n).
+        P, D: gains (n,).
+        step: h, s.
     """
     root = np.sqrt(np.maximum(2.0 * step * D + step * step * P, 0.0))
     return float(np.linalg.eigvalsh(root[:, None] * inverse * root)[-1])
 
 
-def longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
-    """The longest step below `step`, which diverges, that does not, s."""
+def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
+    """Return the longest stable step, s, below `step`, which must be unstable."""
     low, high = 0.0, step
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
-        low, high = (low, middle) if swing(inverse, P, D, middle) > BOUND else (middle, high)
+        low, high = (
+            (low, middle)
+            if compute_step_eigenvalue(inverse, P, D, middle) > STABILITY_BOUND
+            else (middle, high)
+        )
     return low
 
 
-def too_high(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> np.ndarray:
-    """(n,) By what to divide the gains of each joint, 1 or more, so that steps of `step` s are
-    borne. Always the joint is taken that swings most, so as few are above 1 as do."""
+def find_gain_reductions(
+    inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
+) -> np.ndarray:
+    """Return factors (n,) ≥ 1 by which to divide each joint's gains for stable steps of `step` s.
+
+    The gains of the joint with the largest oscillation are reduced first, so that few joints are
+    affected.
+    """
     factors = np.ones(len(P))
     while True:
         root = np.sqrt((2.0 * step * D + step * step * P) / factors)
         values, vectors = np.linalg.eigh(root[:, None] * inverse * root)
-        if values[-1] <= BOUND:
+        if values[-1] <= STABILITY_BOUND:
             return factors
-        factors[np.argmax(vectors[:, -1] ** 2)] *= max(values[-1] / BOUND, _MARGIN)
+        factors[np.argmax(vectors[:, -1] ** 2)] *= max(values[-1] / STABILITY_BOUND, _MARGIN)
 
 
-def outlook(hardware: RobotHardware, running: Iterable[Entry], joints: tuple[str, ...],
-            inverse_inertia: Callable[[], np.ndarray], step: float) -> str:
-    """What steps of `step` s will do to the loops that are closed at present, where they do not
-    bear them; empty where they do. inverse_inertia: M⁻¹ (n, n) of `joints`, where they stand."""
-    P, D = loop_gains(hardware, running, joints)
+def report_stability(
+    hardware: RobotHardware,
+    running: Iterable[LoadedController],
+    joints: tuple[str, ...],
+    inverse_inertia: Callable[[], np.ndarray],
+    step: float,
+) -> str:
+    """Return a warning if the closed loops are unstable at steps of `step` s, '' otherwise.
+
+    Args:
+        inverse_inertia: returns M⁻¹ (n, n) of `joints` at their current positions.
+    """
+    P, D = collect_gains(hardware, running, joints)
     if not (P.any() or D.any()):
         return ""
     inverse = inverse_inertia()
-    if swing(inverse, P, D, step) <= BOUND:
+    if compute_step_eigenvalue(inverse, P, D, step) <= STABILITY_BOUND:
         return ""
-    longest = longest_step(inverse, P, D, step)
-    factors = too_high(inverse, P, D, step)
+    longest = find_longest_step(inverse, P, D, step)
+    factors = find_gain_reductions(inverse, P, D, step)
     lower = ", ".join(
         f"'{joints[i]}' {float(f'{_MARGIN * factors[i]:.2g}'):g}-fold"
         for i in np.argsort(-factors) if factors[i] > 1.0
     )
-    return (f"the loaded PIDs are unstable at steps of {step:g} s: where the joints stand they "
-            f"bear {longest:.2g} s; take shorter steps or lower the gains of {lower}")
+    return (f"the loaded PIDs are unstable at steps of {step:g} s: at the current joint positions "
+            f"they need {longest:.2g} s; use shorter steps or lower the gains of {lower}")

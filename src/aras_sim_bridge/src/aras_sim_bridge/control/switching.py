@@ -1,4 +1,4 @@
-"""switch_controller: the request, and the rules that decide what it may do."""
+"""Requests of switch_controller, and the rules of ros_control for them."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -17,7 +17,7 @@ ABORTED = "aborted"
 
 @dataclass(frozen=True, slots=True)
 class ControllerInfo:
-    """One line of list_controllers."""
+    """Information on one controller for list_controllers."""
 
     name: str
     state: str
@@ -26,8 +26,12 @@ class ControllerInfo:
 
 
 class SwitchRequest:
-    """A switch on its way. `done` turns True when it was carried out, refused or cancelled;
-    then `ok` tells which, and `reason` why not; `on_done`, if set, is called with the request.
+    """A request to switch controllers.
+
+    Attributes:
+        is_done: whether the request was carried out, rejected or cancelled.
+        is_successful: whether it was carried out; otherwise `reason` says why not.
+        on_done: called with the request when it is done, or None.
     """
 
     def __init__(
@@ -38,22 +42,22 @@ class SwitchRequest:
         self.strictness = strictness
         self.start_asap = start_asap
         self.on_done: Callable[[SwitchRequest], None] | None = None
-        self.ok = False
+        self.is_successful = False
         self.reason = ""
-        self.done = False
+        self.is_done = False
 
     def finish(self, reason: str = "") -> None:
-        """Settle the request, unless it is, with a reason why not; cancels one not carried out."""
-        if self.done:
+        """End the request, with the reason if it was not carried out; no effect if it is done."""
+        if self.is_done:
             return
-        self.ok, self.reason = not reason, reason
-        self.done = True
+        self.is_successful, self.reason = not reason, reason
+        self.is_done = True
         if self.on_done is not None:
             self.on_done(self)
 
 
-class Entry:
-    """A loaded controller and what the manager knows of it."""
+class LoadedController:
+    """A loaded controller with its name, type and state."""
 
     __slots__ = ("name", "type_name", "controller", "state", "running")
 
@@ -64,22 +68,28 @@ class Entry:
         self.state = INITIALIZED
         self.running = False
 
-    def enter(self, state: str) -> None:
-        """Change the state."""
+    def set_state(self, state: str) -> None:
+        """Set the state."""
         self.state = state
         self.running = state == RUNNING
 
 
 def plan_switch(
-    request: SwitchRequest, entries: Mapping[str, Entry], order: Sequence[Entry]
-) -> tuple[list[Entry], list[Entry]]:
-    """Entries to stop and to start; `order` holds those of `entries` in the order of updates.
+    request: SwitchRequest,
+    entries: Mapping[str, LoadedController],
+    order: Sequence[LoadedController],
+) -> tuple[list[LoadedController], list[LoadedController]]:
+    """Return the entries to stop and those to start.
 
-    Raises ControllerError where ros_control's rules refuse the request.
+    Args:
+        order: `entries` in the order of updates.
+
+    Raises:
+        ControllerError: the rules of ros_control do not allow the switch.
     """
     strict = request.strictness == STRICT
-    stops = _known(request.stop, entries, strict, "stop")
-    starts = _known(request.start, entries, strict, "start")
+    stops = _find_entries(request.stop, entries, strict, "stop")
+    starts = _find_entries(request.start, entries, strict, "start")
     for entry in stops:
         if entry in starts and entry.running:
             raise ControllerError(
@@ -100,9 +110,9 @@ def plan_switch(
     return stops, starts
 
 
-def _known(
-    names: Sequence[str], entries: Mapping[str, Entry], strict: bool, verb: str
-) -> list[Entry]:
+def _find_entries(
+    names: Sequence[str], entries: Mapping[str, LoadedController], strict: bool, verb: str
+) -> list[LoadedController]:
     found = []
     for name in names:
         if name in entries:
@@ -112,8 +122,12 @@ def _known(
     return found
 
 
-def _check_claims(entries: Sequence[Entry]) -> None:
-    """Raises ControllerError if two controllers claim a joint, whatever the interface."""
+def _check_claims(entries: Sequence[LoadedController]) -> None:
+    """Check that no joint is claimed by two controllers, even through different interfaces.
+
+    Raises:
+        ControllerError: a joint is claimed twice.
+    """
     owners: dict[str, list[str]] = {}
     for entry in entries:
         for joint in sorted({r for c in entry.controller.claimed_resources for r in c.resources}):

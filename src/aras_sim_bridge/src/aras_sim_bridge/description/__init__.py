@@ -1,6 +1,6 @@
-"""What a model is: URDF with its <gazebo> tags, or SDF, as frozen dataclasses.
+"""Robot and model descriptions (URDF with <gazebo> tags, or SDF) as frozen dataclasses.
 
-Knows neither ROS nor Bullet.
+This package depends on neither ROS nor Bullet.
 
     robot = parse_urdf(xml)
     robot.joints["J1"].limits.effort

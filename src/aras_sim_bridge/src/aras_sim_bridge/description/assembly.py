@@ -1,7 +1,7 @@
-"""Links that stand in a model, and joints between them, as trees with joints that close loops.
+"""Conversion of the links and joints of a model into kinematic trees with loop joints.
 
-A simulator in joint coordinates needs trees. A model may be several of them, which move freely; and
-of the joints of a closed chain one is cut, to be held by a constraint.
+A simulator in joint coordinates needs trees. A model may consist of several trees that move
+independently. In each closed kinematic chain one joint is cut and replaced by a constraint.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ WORLD = "world"
 
 
 @dataclass
-class Tree:
-    """One articulated body: its links and joints in the model's order; what closes its loops."""
+class KinematicTree:
+    """One articulated body: its links and joints in the model's order, and its loop joints."""
 
     root: str
     links: dict[str, Link]
@@ -28,48 +28,53 @@ class Tree:
 
 
 @dataclass(frozen=True)
-class PlacedJoint:
-    """A joint whose frame stands at `pose` in the model; its `origin_*` mean nothing yet.
+class JointInModel:
+    """A joint and the pose of its frame in the model; its `origin_*` fields are not set yet.
 
-    cut: to be cut where it is in a closed chain, rather than another. between: its child, where
-    that is a link without mass that only joins it to the next one (see `links_between`).
+    Attributes:
+        is_loop_cut: whether a closed chain is cut at this joint in preference to others.
+        massless_link: the joint's child, if that is a massless link that only connects this joint
+            to the next one (see `find_links_between`).
     """
 
     joint: Joint
     pose: Pose
-    cut: bool = False
-    between: str = ""
+    is_loop_cut: bool = False
+    massless_link: str = ""
 
 
-def links_between(joints: Sequence[PlacedJoint], links: Mapping[str, Link], where: str
+def find_links_between(joints: Sequence[JointInModel], links: Mapping[str, Link], where: str
                   ) -> tuple[dict[str, Link], dict[str, Pose]]:
-    """Return the links without mass that join one of these joints to the next, and their poses.
+    """Return the massless links that connect one of these joints to the next, and their poses.
 
     Raises:
         DescriptionError: a link of that name exists.
     """
     for one in joints:
-        if one.between in links:
-            raise DescriptionError(f"{where}, joint '{one.joint.name}': it needs a link "
-                                   f"'{one.between}' of its own; rename the other one")
-    found = [one for one in joints if one.between]
-    return ({one.between: Link(one.between, None) for one in found},
-            {one.between: one.pose for one in found})
+        if one.massless_link in links:
+            raise DescriptionError(f"{where}, joint '{one.joint.name}': it needs an extra link "
+                                   f"named '{one.massless_link}'; rename your link of that name")
+    found = [one for one in joints if one.massless_link]
+    return ({one.massless_link: Link(one.massless_link, None) for one in found},
+            {one.massless_link: one.pose for one in found})
 
 
-def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Sequence[PlacedJoint],
-             static: bool, where: str) -> list[Tree]:
-    """Return the trees of a model, first that of its first link.
+def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Sequence[JointInModel],
+             static: bool, where: str) -> list[KinematicTree]:
+    """Return the kinematic trees of a model, starting with the tree of the model's first link.
 
-    The root of a tree is the first link that is no joint's child, the first tree's frame the
-    model's own. The links of a static model are one tree whatever joins them.
+    The root of a tree is its first link that is not the child of a joint. The frame of the first
+    tree is the model's frame. All links of a static model form one tree, connected or not.
 
     Args:
-        links, poses: by name, in the model's order; poses in the model. joints: in its order.
-        where: names the model in messages.
+        links: links by name, in the model's order.
+        poses: poses of the links in the model, by name.
+        joints: joints in the model's order.
+        static: whether the model is fixed in the world.
+        where: name of the model in messages.
 
     Raises:
-        DescriptionError: a joint's end that does not exist, or two joints of one name.
+        DescriptionError: a joint names a link that does not exist, or two joints have one name.
     """
     names: set[str] = set()
     for one in joints:
@@ -81,7 +86,7 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
                 raise DescriptionError(f"{where}, joint '{one.joint.name}': link '{end}' does not "
                                        "exist")
     children = {one.joint.child for one in joints}
-    span = _Span(joints)
+    span = _SpanningTrees(joints)
     roots = []
     for name in (*(name for name in links if name not in children), *links):
         if name not in span.tree_of:
@@ -92,33 +97,39 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
     if static:
         span.join(roots)
         roots = roots[:1]
-    return [_tree(root, root == roots[0], links, poses, joints, span) for root in roots]
+    return [_make_tree(root, root == roots[0], links, poses, joints, span) for root in roots]
 
 
-class _Span:
-    """Which link is in which tree, and which joints hold the trees together.
+class _SpanningTrees:
+    """Assignment of links to trees, and the joints that connect each tree.
 
-    tree_of: root of the tree, by link. edges: joints of the trees by name; True: turned round, so
-    that its child carries its parent. stands: links that a static model's root carries.
+    Attributes:
+        tree_of: name of the tree's root, by link.
+        edges: joints of the trees by name; True for a reversed joint, whose URDF child is its
+            parent in the tree.
+        carried_links: links that are fixed to the root of a static model.
     """
 
-    def __init__(self, joints: Sequence[PlacedJoint]) -> None:
+    def __init__(self, joints: Sequence[JointInModel]) -> None:
         self._joints = joints
         self._below: dict[str, list[Joint]] = {}
         for one in joints:
-            if not one.cut:
+            if not one.is_loop_cut:
                 self._below.setdefault(one.joint.parent, []).append(one.joint)
         self.tree_of: dict[str, str] = {}
         self.edges: dict[str, bool] = {}
-        self.stands: list[str] = []
+        self.carried_links: list[str] = []
 
     def grow(self, root: str) -> None:
-        """Add all that hangs together with `root`: downwards first, then by joints that are to be
-        cut, then through other roots, whose joints are turned round."""
+        """Add all links that are connected to `root`.
+
+        Child links are added first, then links behind joints with `is_loop_cut`, and finally links
+        that are reached from child to parent, whose joints are reversed.
+        """
         self.tree_of[root] = root
         pending, reached = [root], {root}
         while pending:
-            for link in pending:  # grows while it is read: nearest links first
+            for link in pending:  # the list grows during the loop: nearest links come first
                 for joint in self._below.get(link, ()):
                     if self._is_new(joint.child):
                         pending.append(self._add(joint, joint.child, root, False))
@@ -136,23 +147,23 @@ class _Span:
                     break
 
     def join(self, roots: Sequence[str]) -> None:
-        """Let the first root carry the others: they are fixed to it."""
-        self.stands = list(roots[1:])
+        """Merge all trees into that of the first root, to which the other roots become fixed."""
+        self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
     def _is_new(self, link: str) -> bool:
         return link not in self.tree_of
 
-    def _add(self, joint: Joint, link: str, root: str, turned: bool) -> str:
+    def _add(self, joint: Joint, link: str, root: str, is_reversed: bool) -> str:
         self.tree_of[link] = root
-        self.edges[joint.name] = turned
+        self.edges[joint.name] = is_reversed
         return link
 
 
-def _tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
-          joints: Sequence[PlacedJoint], span: _Span) -> Tree:
+def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
+          joints: Sequence[JointInModel], span: _SpanningTrees) -> KinematicTree:
     links = {name: link for name, link in all_links.items() if span.tree_of[name] == root}
-    # The main root's frame becomes the model's, so what hangs on it is placed in the model.
+    # The frame of the main root is the model's frame, so its children are placed in the model.
     frames = {**poses, root: Pose()} if is_main else poses
     found: dict[str, Joint] = {}
     loops: list[LoopJoint] = []
@@ -169,16 +180,20 @@ def _tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mappin
         parent, child, axis = joint.parent, joint.child, joint.axis
         if span.edges[joint.name]:
             parent, child, axis = child, parent, tuple(-part for part in axis)
-        if joint.moves and one.pose != poses[child]:
-            # The joint moves a massless link that stands on it, and that one carries the child.
-            own = f"{joint.name}_frame"
-            links[own] = Link(own, None)
-            found[own] = Joint(own, "fixed", own, child).at(one.pose.inverse() @ poses[child])
-            child = own
-        at = one.pose if joint.moves else poses[child]
+        if joint.is_movable and one.pose != poses[child]:
+            # The joint moves a massless link at the joint's frame, and the child is fixed to it.
+            frame_link = f"{joint.name}_frame"
+            links[frame_link] = Link(frame_link, None)
+            found[frame_link] = Joint(frame_link, "fixed", frame_link, child).with_pose(
+                one.pose.inverse() @ poses[child]
+            )
+            child = frame_link
+        at = one.pose if joint.is_movable else poses[child]
         found[joint.name] = replace(
-            joint, parent=parent, child=child, axis=axis).at(frames[parent].inverse() @ at)
-    for name in span.stands if is_main else ():
+            joint, parent=parent, child=child, axis=axis).with_pose(frames[parent].inverse() @ at)
+    for name in span.carried_links if is_main else ():
         extra = f"{name}_stands"
-        found[extra] = Joint(extra, "fixed", root, name).at(frames[root].inverse() @ poses[name])
-    return Tree(root, links, found, tuple(loops))
+        found[extra] = Joint(extra, "fixed", root, name).with_pose(
+            frames[root].inverse() @ poses[name]
+        )
+    return KinematicTree(root, links, found, tuple(loops))

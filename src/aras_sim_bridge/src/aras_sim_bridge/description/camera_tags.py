@@ -1,4 +1,4 @@
-"""Camera sensors of URDF and SDF, whose elements are the same: one camera, or several eyes."""
+"""Readers of the camera sensors of URDF and SDF, which share their elements."""
 
 from dataclasses import replace
 from xml.etree.ElementTree import Element
@@ -11,22 +11,30 @@ from aras_sim_bridge.description.types import (
     Noise,
 )
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of, truth
-from aras_visual_servo_base.urdf import camera_pose
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_bool,
+    parse_integer,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
+from aras_visual_servo_base.urdf import read_camera_pose
 
 _LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "orthographic",
            "custom")
 
 
-def cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
-    """The camera of a sensor on `link`, or each eye of a multicamera.
+def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
+    """Read the camera of a sensor on `link`, or each camera of a multicamera.
 
-    An eye's topics are below cameraName/left or cameraName/right, by which of the words its own
-    name has, or below its own name; the baseline is the right one's, as upstream has it.
+    The topics of one camera of a multicamera are below cameraName/left or cameraName/right if the
+    camera's name contains that word, otherwise below cameraName/name. Only the right camera has
+    the plug-in's `hackBaseline`, as in gazebo_ros.
 
     Raises:
-        DescriptionError: an element that is no number, or a size, rate, angle or clip distance
-            that no camera has.
+        DescriptionError: an element is not a number, or a size, rate, angle or clip distance is
+            not possible for a camera.
     """
     name = sensor.get("name") or ""
     where = f"camera '{shorten(name)}' on link '{link}'"
@@ -38,36 +46,38 @@ def cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescr
     found = plugins.read(sensor, where, (CameraPlugin,), warnings)
     plugin = found[0] if found else None
     for extra in found[1:]:
-        warnings.append(f"{where}: one plug-in delivers its pictures; '{extra.camera_name}' is "
-                        "left out")
+        warnings.append(f"{where}: only one plug-in can publish its images; "
+                        f"'{extra.camera_name}' is ignored")
     if plugin and not plugin.trigger_topic and sensor.find("plugin/triggerTopicName") is not None:
-        warnings.append(f"{where}: <triggerTopicName> is for libgazebo_ros_triggered_camera.so; "
-                        "this camera streams")
+        warnings.append(f"{where}: <triggerTopicName> works only with "
+                        "libgazebo_ros_triggered_camera.so; this camera publishes all the time")
     if sensor.get("type") != "multicamera":
-        return [_camera(sensor, nodes[0], name, link, where, plugin, warnings)]
-    eyes = []
+        return [_read_camera(sensor, nodes[0], name, link, where, plugin, warnings)]
+    cameras = []
     for i, node in enumerate(nodes):
-        own = node.get("name") or str(i)
-        side = next((word for word in ("left", "right") if word in own), own)
-        seen = None if plugin is None else replace(
+        camera_name = node.get("name") or str(i)
+        side = next((word for word in ("left", "right") if word in camera_name), camera_name)
+        camera_plugin = None if plugin is None else replace(
             plugin, camera_name=f"{plugin.camera_name}/{side}",
             hack_baseline=plugin.hack_baseline if side == "right" else 0.0)
-        eye = _camera(sensor, node, f"{name}_{own}", link, f"{where}, eye '{shorten(own)}'", seen,
-                      warnings)
-        eyes.append(replace(eye, shutter=name))
-    return eyes
+        camera = _read_camera(
+            sensor, node, f"{name}_{camera_name}", link,
+            f"{where}, camera '{shorten(camera_name)}'", camera_plugin, warnings,
+        )
+        cameras.append(replace(camera, shutter=name))
+    return cameras
 
 
-def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
+def _read_camera(sensor: Element, node: Element, name: str, link: str, where: str,
             plugin: CameraPlugin | None, warnings: list[str]) -> CameraDescription:
-    """The camera that `node`, a <camera> of `sensor`, describes."""
+    """Read the camera that `node`, a <camera> of `sensor`, describes."""
     image, clip = node.find("image"), node.find("clip")
-    near = number(text_of(clip, "near"), f"{where}: clip near", 0.1)
-    far = number(text_of(clip, "far"), f"{where}: clip far", 100.0)
-    width = integer(text_of(image, "width"), f"{where}: image width", 320)
-    height = integer(text_of(image, "height"), f"{where}: image height", 240)
-    rate = number(text_of(sensor, "update_rate"), f"{where}: update_rate", 0.0)
-    fov = number(text_of(node, "horizontal_fov"), f"{where}: horizontal_fov", 1.047)
+    near = parse_number(find_text(clip, "near"), f"{where}: clip near", 0.1)
+    far = parse_number(find_text(clip, "far"), f"{where}: clip far", 100.0)
+    width = parse_integer(find_text(image, "width"), f"{where}: image width", 320)
+    height = parse_integer(find_text(image, "height"), f"{where}: image height", 240)
+    rate = parse_number(find_text(sensor, "update_rate"), f"{where}: update_rate", 0.0)
+    fov = parse_number(find_text(node, "horizontal_fov"), f"{where}: horizontal_fov", 1.047)
     kind = sensor.get("type") or "camera"
     widest = 6.283185307179587 if kind == "wideanglecamera" else 3.14159
     for wrong, problem in (
@@ -79,44 +89,59 @@ def _camera(sensor: Element, node: Element, name: str, link: str, where: str,
     ):
         if wrong:
             raise DescriptionError(f"{where}: {problem}")
-    distortion, center = _distortion(node, where)
+    distortion, center = _read_distortion(node, where)
     return CameraDescription(
-        name=name, link=link, pose=camera_pose(sensor, node, where), kind=kind, update_rate=rate,
-        horizontal_fov=fov, width=width, height=height,
-        format=text_of(image, "format") or "R8G8B8", near=near, far=far,
-        noise=_noise(node, where), distortion=distortion, distortion_center=center,
-        lens=_lens(node, where, kind, warnings), plugin=plugin,
+        name=name,
+        link=link,
+        pose=read_camera_pose(sensor, node, where),
+        kind=kind,
+        update_rate=rate,
+        horizontal_fov=fov,
+        width=width,
+        height=height,
+        format=find_text(image, "format") or "R8G8B8",
+        near=near,
+        far=far,
+        noise=_read_noise(node, where),
+        distortion=distortion,
+        distortion_center=center,
+        lens=_read_lens(node, where, kind, warnings),
+        plugin=plugin,
     )
 
 
-def _noise(node: Element, where: str) -> Noise:
+def _read_noise(node: Element, where: str) -> Noise:
     noise = node.find("noise")
     if noise is None:
         return Noise()
-    stddev = number(text_of(noise, "stddev"), f"{where}: noise stddev", 0.0)
+    stddev = parse_number(find_text(noise, "stddev"), f"{where}: noise stddev", 0.0)
     if stddev < 0.0:
         raise DescriptionError(f"{where}: noise stddev is {stddev}; it must not be negative")
-    kind = text_of(noise, "type") or noise.get("type") or "gaussian"
-    return Noise(kind, number(text_of(noise, "mean"), f"{where}: noise mean", 0.0), stddev)
+    kind = find_text(noise, "type") or noise.get("type") or "gaussian"
+    return Noise(kind, parse_number(find_text(noise, "mean"), f"{where}: noise mean", 0.0), stddev)
 
 
-def _distortion(node: Element, where: str) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
+def _read_distortion(
+    node: Element, where: str
+) -> tuple[tuple[float, ...] | None, tuple[float, ...]]:
     distortion = node.find("distortion")
     if distortion is None:
         return None, (0.5, 0.5)
     values = tuple(
-        number(text_of(distortion, key), f"{where}: distortion {key}", 0.0)
+        parse_number(find_text(distortion, key), f"{where}: distortion {key}", 0.0)
         for key in ("k1", "k2", "k3", "p1", "p2")
     )
-    center = text_of(distortion, "center")
-    return values, numbers(center, 2, f"{where}: distortion center", (0.5, 0.5))
+    center = find_text(distortion, "center")
+    return values, parse_numbers(center, 2, f"{where}: distortion center", (0.5, 0.5))
 
 
-def _lens(node: Element, where: str, camera: str, warnings: list[str]) -> LensDescription | None:
+def _read_lens(
+    node: Element, where: str, camera: str, warnings: list[str]
+) -> LensDescription | None:
     lens = node.find("lens")
     if lens is None:
         return None
-    kind = text_of(lens, "type") or "gnomonical"
+    kind = find_text(lens, "type") or "gnomonical"
     if kind not in _LENSES:
         raise DescriptionError(
             f"{where}: lens type '{shorten(kind)}' is unknown; use one of {', '.join(_LENSES)}"
@@ -124,20 +149,21 @@ def _lens(node: Element, where: str, camera: str, warnings: list[str]) -> LensDe
     given = lens.find("intrinsics")
     intrinsics = None
     if given is not None and camera == "wideanglecamera":
-        warnings.append(f"{where}: <intrinsics> is not for a wideanglecamera; left out")
+        warnings.append(f"{where}: <intrinsics> is not for a wideanglecamera; it is ignored")
     elif given is not None:
-        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # SDF's
-        intrinsics = tuple(number(text_of(given, key), f"{where}: intrinsics {key}", value)
+        defaults = {"fx": 277.0, "fy": 277.0, "cx": 160.0, "cy": 120.0}  # defaults of SDF
+        intrinsics = tuple(parse_number(find_text(given, key), f"{where}: intrinsics {key}", value)
                            for key, value in defaults.items())
         if min(intrinsics[:2]) <= 0.0:
             raise DescriptionError(f"{where}: intrinsics fx {intrinsics[0]} and fy {intrinsics[1]} "
                                    "are focal lengths in pixels; they must be positive")
     if camera != "wideanglecamera" and kind != "gnomonical":
-        warnings.append(f"{where}: lens type '{kind}' is for a wideanglecamera; a pinhole is drawn")
+        warnings.append(f"{where}: lens type '{kind}' needs a wideanglecamera; this camera is "
+                        "drawn as a pinhole camera")
     return LensDescription(
         intrinsics=intrinsics,
         kind=kind,
-        scale_to_hfov=truth(text_of(lens, "scale_to_hfov"), f"{where}: scale_to_hfov", True),
-        cutoff_angle=number(text_of(lens, "cutoff_angle"), f"{where}: cutoff_angle",
+        scale_to_hfov=parse_bool(find_text(lens, "scale_to_hfov"), f"{where}: scale_to_hfov", True),
+        cutoff_angle=parse_number(find_text(lens, "cutoff_angle"), f"{where}: cutoff_angle",
                             LensDescription.cutoff_angle),
     )

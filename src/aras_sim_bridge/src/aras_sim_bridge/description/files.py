@@ -1,4 +1,4 @@
-"""A description of a model read from its file."""
+"""Reader of robot and model descriptions from files."""
 
 from __future__ import annotations
 
@@ -10,19 +10,19 @@ from aras_visual_servo_base import safe_xml
 
 
 def load_description(path: str | Path) -> RobotDescription:
-    """Read the description of a robot or another model, which `Simulation.spawn` takes.
+    """Read a description of a robot or another model for `Simulation.spawn`.
 
     Args:
-        path: a URDF file, xacro already expanded, or an SDF file with one model. Paths of meshes
-            in it are relative to its folder, `package://` and `model://` are looked up.
+        path: URDF file with xacro already expanded, or SDF file with one model. Relative mesh paths
+            are relative to the folder of the file; `package://` and `model://` are resolved.
 
     Returns:
-        Links, joints (m, rad), transmissions, cameras and sensors, checked; `warnings` has one
+        The checked links, joints (m, rad), transmissions, cameras and sensors. `warnings` has one
         sentence for each part that is not simulated.
 
     Raises:
-        DescriptionError: the file cannot be read, or something in it cannot be simulated; the
-            message names the file and the element.
+        DescriptionError: the file cannot be read, or it contains something that cannot be
+            simulated; the message names the file and the element.
     """
     where = f"description {path}"
     try:
@@ -39,6 +39,6 @@ def load_description(path: str | Path) -> RobotDescription:
     except DescriptionError as error:
         raise DescriptionError(f"{where}: {error}") from None
     raise DescriptionError(
-        f"{where}: the root element is <{safe_xml.shorten(root.tag)}>; <robot> (URDF) or <sdf> is "
-        "needed"
+        f"{where}: the root element is <{safe_xml.shorten(root.tag)}>; it must be <robot> (URDF) "
+        "or <sdf>"
     )

@@ -1,8 +1,8 @@
-"""Gazebo's material names and the colours they draw.
+"""Gazebo's material names and their colours.
 
-A robot description names materials in `<gazebo reference="link"><material>Gazebo/Black</material>`.
-The values are the diffuse colours of Gazebo classic's material script; textured ones (wood, bricks)
-are given by their mean colour.
+A robot description uses them in `<gazebo reference="link"><material>Gazebo/Black</material>`.
+The values are the diffuse colours of Gazebo classic's material script. Textured materials (wood,
+bricks) have their mean colour.
 """
 
 from __future__ import annotations
@@ -10,10 +10,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.ogre_materials import Look
+from aras_sim_bridge.description.ogre_materials import Appearance
 from aras_sim_bridge.description.types import Rgba
-from aras_visual_servo_base.names import likely
-from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
+from aras_visual_servo_base.names import find_nearest
+from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
 
 WHITE: Rgba = (1.0, 1.0, 1.0, 1.0)
 
@@ -101,42 +101,45 @@ COLOURS: dict[str, Rgba] = {
 }
 
 
-def colour(name: str, link: str, warnings: list[str]) -> Rgba:
-    """Colour of a link's Gazebo material, rgba in 0..1.
+def find_colour(name: str, link: str, warnings: list[str]) -> Rgba:
+    """Return the colour of a link's Gazebo material, rgba in 0 … 1.
 
-    A name that Gazebo does not have is drawn white, as Gazebo draws it, with a sentence in
-    `warnings` that names the nearest one.
+    An unknown material is drawn white, as in Gazebo; a sentence in `warnings` then names the most
+    similar known material.
     """
     if name not in COLOURS:
-        near = likely(f"Gazebo/{name.split('/')[-1]}", COLOURS, 0.0)
-        warnings.append(f"link '{link}': material '{shorten(name)}' is none of Gazebo's; drawn "
+        near = find_nearest(f"Gazebo/{name.split('/')[-1]}", COLOURS, 0.0)
+        warnings.append(f"link '{link}': material '{shorten(name)}' is unknown in Gazebo; drawn "
                         f"white. The nearest is '{near}'")
     return COLOURS.get(name, WHITE)
 
 
-def sdf_colour(link: Element, name: str, warnings: list[str], looks: Sequence[Look | None]
-               ) -> Rgba | None:
-    """The colour of an SDF link: that of its first visual that has one, for all of them.
+def find_sdf_colour(
+    link: Element, name: str, warnings: list[str], appearances: Sequence[Appearance | None]
+) -> Rgba | None:
+    """Return the colour of an SDF link: the colour of its first visual that has one.
 
-    looks: of the visuals, in their order, by material scripts.
+    Args:
+        appearances: for each visual of the link, in order, the appearance from its material script.
     """
-    found = [look.colour or WHITE if look is not None
-             else text_of(visual.find("material/script"), "name")
-             or _painted(visual, f"link '{name}'")
-             for visual, look in zip(link.findall("visual"), looks, strict=True)]
-    found = [paint for paint in found if paint is not None]
-    if any(paint != found[0] for paint in found):
-        warnings.append(f"link '{name}': its visuals have several colours; all get the first")
+    found = [appearance.colour or WHITE if appearance is not None
+             else find_text(visual.find("material/script"), "name")
+             or _read_colour(visual, f"link '{name}'")
+             for visual, appearance in zip(link.findall("visual"), appearances, strict=True)]
+    found = [colour for colour in found if colour is not None]
+    if any(colour != found[0] for colour in found):
+        warnings.append(f"link '{name}': its visuals have several colours; the first is used for "
+                        "all of them")
     first = found[0] if found else None
-    return colour(first, name, warnings) if isinstance(first, str) else first
+    return find_colour(first, name, warnings) if isinstance(first, str) else first
 
 
-def _painted(visual: Element, where: str) -> Rgba | None:
-    """Diffuse colour of an SDF visual's material, else its ambient one, else None."""
+def _read_colour(visual: Element, where: str) -> Rgba | None:
+    """Return the diffuse colour of an SDF visual's material, or its ambient colour, or None."""
     material = visual.find("material")
     for tag in ("diffuse", "ambient"):
-        text = text_of(material, tag)
+        text = find_text(material, tag)
         if text is not None:
             full = f"{text} 1" if len(text.split()) == 3 else text
-            return numbers(full, 4, f"{where}: material {tag}")
+            return parse_numbers(full, 4, f"{where}: material {tag}")
     return None

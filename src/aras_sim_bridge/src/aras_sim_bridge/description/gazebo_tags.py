@@ -1,4 +1,4 @@
-"""The <gazebo> tags of a URDF: plugins, sensors, materials, link flags."""
+"""Reader of the <gazebo> tags of a URDF: plug-ins, sensors, materials, link and joint settings."""
 
 import copy
 from collections.abc import Mapping
@@ -10,10 +10,10 @@ from aras_sim_bridge.description import (
     grasp_tags,
     plugins,
     sensor_tags,
-    served,
+    supported_elements,
 )
-from aras_sim_bridge.description.assembly import PlacedJoint, links_between
-from aras_sim_bridge.description.geometry import Resolve, bounce
+from aras_sim_bridge.description.assembly import JointInModel, find_links_between
+from aras_sim_bridge.description.geometry import Resolve, read_bounce
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.types import (
     CameraDescription,
@@ -25,16 +25,24 @@ from aras_sim_bridge.description.types import (
 )
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import check_names, number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import (
+    check_names,
+    find_text,
+    parse_bool,
+    parse_number,
+    shorten,
+)
 from aras_visual_servo_base.urdf import Joint
 
 
 @dataclass
 class GazeboTags:
-    """What `parse` found.
+    """Result of `parse`: everything that the <gazebo> tags of a model describe.
 
-    links, joints: the given ones with what the tags say of them. added_links, poses: more links,
-    and where they stand in the model. added_joints: more joints.
+    Attributes:
+        links, joints: links and joints of the URDF with the settings of the tags applied.
+        added_links, added_joints: links and joints that the tags add.
+        poses: poses of all links in the model.
     """
 
     links: dict[str, Link]
@@ -47,50 +55,55 @@ class GazeboTags:
     static: bool = False
     added_links: dict[str, Link] = field(default_factory=dict)
     poses: dict[str, Pose] = field(default_factory=dict)
-    added_joints: list[PlacedJoint] = field(default_factory=list)
+    added_joints: list[JointInModel] = field(default_factory=list)
 
 
 def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
           poses: Mapping[str, Pose], resolve: Resolve, warnings: list[str]) -> GazeboTags:
     """Read every `<gazebo>` below `root`.
 
-    A reference to nothing, an unknown plugin or sensor, and elements that are not served are
-    warnings; a tag that is understood but wrong is a DescriptionError.
+    Unknown references, plug-ins and sensors, and unsupported elements, become warnings.
 
     Args:
-        poses: of the links in the model, with all joints at 0. resolve: finds mesh files.
+        poses: poses of the links in the model, with all joints at 0.
+        resolve: finds mesh files.
+
+    Raises:
+        DescriptionError: a supported tag has an invalid value.
     """
     tags = GazeboTags(dict(links), dict(joints), poses=dict(poses))
     found: list[ControlPlugin | SensorDescription | GraspDescription] = []
     cameras: list[CameraDescription] = []
     sensors: list[SensorDescription] = []
-    gauges: dict[str, Element] = {}
-    idle: list[tuple[str, str]] = []
-    blocks = [_unified(block, warnings) for block in root.findall("gazebo")]
+    force_torque_tags: dict[str, Element] = {}
+    ignored: list[tuple[str, str]] = []
+    blocks = [_unify(block, warnings) for block in root.findall("gazebo")]
     for block in blocks:
         reference = block.get("reference")
         where = f"<gazebo reference='{shorten(reference)}'>" if reference else "<gazebo>"
         if reference is None:
-            tags.static = truth(text_of(block, "static"), "<gazebo>: static", tags.static)
+            tags.static = parse_bool(find_text(block, "static"), "<gazebo>: static", tags.static)
             found += plugins.read(
                 block, "<gazebo>", (ControlPlugin, SensorDescription, GraspDescription), warnings,
                 [joint.name for joint in joints.values() if joint.mimic is not None])
-            idle += served.find_unserved(block, "gazebo", where)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo", where)
             for node in block.findall("link"):
                 try:
                     _add_link(node, tags, resolve, warnings)
                 except DescriptionError as error:
-                    warnings.append(f"{error}; the link is left out")
+                    warnings.append(f"{error}; the link is ignored")
                     continue
-                sensor_tags.of_link(node, node.get("name"), cameras, sensors, found, warnings)
+                sensor_tags.read_link_sensors(
+                    node, node.get("name"), cameras, sensors, found, warnings
+                )
         elif reference in links:
-            _link_flags(block, reference, tags, warnings)
-            sensor_tags.of_link(block, reference, cameras, sensors, found, warnings)
-            idle += served.find_unserved(block, "gazebo link", where)
+            _read_link_flags(block, reference, tags, warnings)
+            sensor_tags.read_link_sensors(block, reference, cameras, sensors, found, warnings)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo link", where)
         elif reference in joints:
-            _joint_settings(block, reference, tags, warnings)
-            found += sensor_tags.of_joint(block, reference, gauges, warnings)
-            idle += served.find_unserved(block, "gazebo joint", where)
+            _read_joint_settings(block, reference, tags, warnings)
+            found += sensor_tags.read_joint_sensors(block, reference, force_torque_tags, warnings)
+            ignored += supported_elements.find_ignored_elements(block, "gazebo joint", where)
         else:
             warnings.append(f"{where} names no link or joint; ignored")
     for node in (node for block in blocks if block.get("reference") is None
@@ -101,30 +114,32 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
             found_joints = read_joints(node, "<gazebo>", tags.poses)
             check_names([*joints, *(one.joint.name for one in tags.added_joints),
                          *(one.joint.name for one in found_joints)], "joints")
-            between, between_poses = links_between(
+            between, between_poses = find_links_between(
                 found_joints, {**tags.links, **tags.added_links}, "<gazebo>")
         except DescriptionError as error:
-            warnings.append(f"{error}; the joint is left out")
+            warnings.append(f"{error}; the joint is ignored")
             continue
         tags.added_joints += found_joints
         tags.added_links |= between
         tags.poses |= between_poses
-        found += sensor_tags.of_joint(node, node.get("name"), gauges, warnings)
-    warnings += served.sentences(dict.fromkeys(idle))
-    cameras = _named_once(cameras, warnings)
+        found += sensor_tags.read_joint_sensors(node, node.get("name"), force_torque_tags, warnings)
+    warnings += supported_elements.format_sentences(dict.fromkeys(ignored))
+    cameras = _drop_duplicates(cameras, warnings)
     tags.control_plugins = tuple(one for one in found if isinstance(one, ControlPlugin))
-    asked = [one for one in found if isinstance(one, SensorDescription)]
+    plugin_sensors = [one for one in found if isinstance(one, SensorDescription)]
     added = {one.joint.name: one.joint for one in tags.added_joints}
-    sensors += sensor_tags.of_model(asked, {**tags.links, **tags.added_links}, {**joints, **added},
-                                    gauges, warnings)
+    sensors += sensor_tags.check_model_sensors(
+        plugin_sensors, {**tags.links, **tags.added_links}, {**joints, **added},
+        force_torque_tags, warnings,
+    )
     tags.cameras, tags.sensors = tuple(cameras), tuple(sensors)
-    tags.grasps = tuple(grasp_tags.of_model(
+    tags.grasps = tuple(grasp_tags.check_grasps(
         [one for one in found if isinstance(one, GraspDescription)], tags.links, warnings))
     return tags
 
 
-def _unified(block: Element, warnings: list[str]) -> Element:
-    """The block with what of it is SDF in one form."""
+def _unify(block: Element, warnings: list[str]) -> Element:
+    """Return a copy of the block in which its SDF elements have the newest SDF form."""
     block = copy.deepcopy(block)
     for node in block:
         if node.tag in ("link", "joint", "sensor", "collision"):
@@ -134,78 +149,90 @@ def _unified(block: Element, warnings: list[str]) -> Element:
 
 def _add_link(node: Element, tags: GazeboTags, resolve: Resolve, warnings: list[str]) -> None:
     from aras_sim_bridge.description.sdf_model import read_link
-    from aras_sim_bridge.description.sdf_poses import pose_of
+    from aras_sim_bridge.description.sdf_poses import read_pose
 
     link = read_link(node, "<gazebo>", resolve, [None] * len(node.findall("visual")), warnings)
     if link.name in {**tags.links, **tags.added_links}:
         raise DescriptionError(f"<gazebo>: two links are named '{link.name}'; rename one")
     tags.added_links[link.name] = link
-    tags.poses[link.name] = pose_of(node, f"<gazebo>: link '{link.name}'")
-    _paint(node, link.name, tags, warnings)
+    tags.poses[link.name] = read_pose(node, f"<gazebo>: link '{link.name}'")
+    _set_colour(node, link.name, tags, warnings)
 
 
-def _paint(node: Element, link: str, tags: GazeboTags, warnings: list[str]) -> None:
-    """The colour of a link by the SDF visuals in `node`."""
-    looks = [None] * len(node.findall("visual"))
-    colour = gazebo_materials.sdf_colour(node, link, warnings, looks)
+def _set_colour(node: Element, link: str, tags: GazeboTags, warnings: list[str]) -> None:
+    """Set the colour of a link from the SDF visuals in `node`."""
+    no_appearances = [None] * len(node.findall("visual"))
+    colour = gazebo_materials.find_sdf_colour(node, link, warnings, no_appearances)
     if colour is not None:
         tags.colours[link] = colour
 
 
-def _joint_settings(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
+def _read_joint_settings(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
     where = f"<gazebo reference='{name}'>"
     joint = tags.joints[name]
-    stiffness = number(_setting(block, "springStiffness"), f"{where}: springStiffness",
+    stiffness = parse_number(_read_setting(block, "springStiffness"), f"{where}: springStiffness",
                        joint.stiffness)
-    rest = number(_setting(block, "springReference"), f"{where}: springReference", joint.rest)
+    rest = parse_number(
+        _read_setting(block, "springReference"), f"{where}: springReference", joint.rest
+    )
     if stiffness < 0.0:
         raise DescriptionError(f"{where}: springStiffness is {stiffness}; it must not be negative")
-    if stiffness and not joint.moves:
+    if stiffness and not joint.is_movable:
         warnings.append(f"{where}: springStiffness is for a joint that moves; '{name}' is "
-                        f"{joint.kind}; left out")
+                        f"{joint.kind}, so it is ignored")
         return
     tags.joints[name] = replace(joint, stiffness=stiffness, rest=rest)
 
 
-def _named_once(cameras: list[CameraDescription], warnings: list[str]) -> list[CameraDescription]:
-    """The first camera of each name; a warning names each other, which settings could not tell
-    apart."""
-    kept: dict[str, CameraDescription] = {}
+def _drop_duplicates(
+    cameras: list[CameraDescription], warnings: list[str]
+) -> list[CameraDescription]:
+    """Return the first camera of each name, with a warning for each duplicate.
+
+    Settings address cameras by name, so names must be unique.
+    """
+    unique_cameras: dict[str, CameraDescription] = {}
     for camera in cameras:
-        if camera.name in kept:
-            warnings.append(f"two cameras are named '{camera.name}'; the one on link "
-                            f"'{camera.link}' that comes later is left out: rename it")
+        if camera.name in unique_cameras:
+            warnings.append(f"two cameras are named '{camera.name}'; the later one, on link "
+                            f"'{camera.link}', is ignored: rename it")
         else:
-            kept[camera.name] = camera
-    return list(kept.values())
+            unique_cameras[camera.name] = camera
+    return list(unique_cameras.values())
 
 
-def _setting(block: Element, tag: str) -> str | None:
-    """Text of a child, or its attribute `value`, as old URDF files have it."""
+def _read_setting(block: Element, tag: str) -> str | None:
+    """Return the text of a child element, or its attribute `value`, which old URDF files use."""
     child = block.find(tag)
     if child is not None and child.get("value") is not None:
         return child.get("value")
-    return text_of(block, tag)
+    return find_text(block, tag)
 
 
-def _link_flags(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
+def _read_link_flags(block: Element, name: str, tags: GazeboTags, warnings: list[str]) -> None:
     where = f"<gazebo reference='{name}'>"
     link = tags.links[name]
-    _paint(block, name, tags, warnings)
-    material = _setting(block, "material")
+    _set_colour(block, name, tags, warnings)
+    material = _read_setting(block, "material")
     if material:
-        tags.colours[name] = gazebo_materials.colour(material, name, warnings)
-    gravity = truth(_setting(block, "gravity"), f"{where}: gravity", link.gravity)
-    if truth(_setting(block, "turnGravityOff"), f"{where}: turnGravityOff", False):
+        tags.colours[name] = gazebo_materials.find_colour(material, name, warnings)
+    gravity = parse_bool(_read_setting(block, "gravity"), f"{where}: gravity", link.gravity)
+    if parse_bool(_read_setting(block, "turnGravityOff"), f"{where}: turnGravityOff", False):
         gravity = False
-    mu = _setting(block, "mu1")
-    friction = link.mu if mu is None else number(mu, f"{where}: mu1")
+    mu = _read_setting(block, "mu1")
+    friction = link.mu if mu is None else parse_number(mu, f"{where}: mu1")
     if friction is not None and friction < 0.0:
         raise DescriptionError(f"{where}: mu1 is {friction}; it must not be negative")
     tags.links[name] = replace(
-        link, gravity=gravity, mu=friction,
-        # Gazebo copies what <collision> holds into the link's own.
-        bounce=next(filter(None, (bounce(one, where) for one in block.findall("collision"))),
-                    link.bounce),
-        kinematic=truth(_setting(block, "kinematic"), f"{where}: kinematic", link.kinematic),
+        link,
+        gravity=gravity,
+        mu=friction,
+        # Gazebo applies the settings of this <collision> to the link's collisions.
+        bounce=next(
+            filter(None, (read_bounce(one, where) for one in block.findall("collision"))),
+            link.bounce,
+        ),
+        kinematic=parse_bool(
+            _read_setting(block, "kinematic"), f"{where}: kinematic", link.kinematic
+        ),
     )

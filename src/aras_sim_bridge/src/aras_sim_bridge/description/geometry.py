@@ -1,111 +1,146 @@
-"""The shape in a visual or collision, of URDF and of SDF, and how it bounces."""
+"""Readers of the geometry and bounce settings of URDF and SDF visuals and collisions."""
 
 from collections.abc import Callable
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Geometry
-from aras_sim_bridge.errors import DescriptionError, LeftOutError
-from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of
+from aras_sim_bridge.errors import DescriptionError, UnsupportedPartError
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_direction,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
-Resolve = Callable[[str, str], str]  # a mesh's URI and who names it -> the path of its file
-_LEAST = 1e-4  # m, Gazebo's for a size of zero
+Resolve = Callable[[str, str], str]  # (mesh URI, element that names it) -> path of the file
+_SMALLEST_SIZE = 1e-4  # m; used instead of a size of zero, as in Gazebo
 
 
-def urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
+def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
                   ) -> Geometry | None:
-    """The shape in a URDF visual's or collision's `<geometry>`; None, with a sentence in
-    `warnings`, where it cannot be served. A size of zero is taken as 0.1 mm, as in Gazebo.
+    """Read the shape in a URDF visual's or collision's `<geometry>`.
+
+    A size of zero becomes 0.1 mm, as in Gazebo.
+
+    Returns:
+        The shape, or None, with a sentence in `warnings`, if it is not supported.
 
     Raises:
-        DescriptionError: a size that is negative or no number.
+        DescriptionError: a size is negative or not a number.
     """
-    return _served(lambda shape: _geometry(
+    return _read_or_warn(lambda shape: _read_geometry(
         shape, where, resolve, shape.get, "filename", warnings), element, where, warnings)
 
 
-def sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
+def read_sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: list[str]
                  ) -> Geometry | None:
-    """The same of an SDF visual or collision, whose planes have a size; no submeshes."""
+    """Read the shape of an SDF visual or collision; see `read_urdf_geometry`.
+
+    In SDF a plane has a size. Submeshes are not supported.
+    """
 
     def read(shape: Element) -> Geometry:
         if shape.find("submesh") is not None:
-            raise LeftOutError(f"{where}: <submesh> is not served; give it a file of its own")
-        return _geometry(shape, where, resolve, lambda tag: text_of(shape, tag), "uri", warnings,
-                         (1.0, 1.0))
+            raise UnsupportedPartError(
+                f"{where}: <submesh> is not supported; save the submesh in a separate file"
+            )
+        return _read_geometry(
+            shape, where, resolve, lambda tag: find_text(shape, tag), "uri", warnings, (1.0, 1.0)
+        )
 
     if element.find("geometry/empty") is not None:
         return None
-    return _served(read, element, where, warnings)
+    return _read_or_warn(read, element, where, warnings)
 
 
-def _served(read: Callable[[Element], Geometry], element: Element, where: str, warnings: list[str]
-            ) -> Geometry | None:
+def _read_or_warn(
+    read: Callable[[Element], Geometry], element: Element, where: str, warnings: list[str]
+) -> Geometry | None:
     try:
-        return read(_shape(element, where))
-    except LeftOutError as error:
-        warnings.append(f"{error}; the {element.tag} is left out")
+        return read(_find_shape(element, where))
+    except UnsupportedPartError as error:
+        warnings.append(f"{error}; the {element.tag} is ignored")
         return None
 
 
-def bounce(collision: Element, where: str) -> tuple[float, float] | None:
-    """Coefficient of restitution and least speed (m/s) in a collision's `<surface>`; None: neither.
+def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
+    """Read the restitution coefficient and threshold speed (m/s) of a collision's `<surface>`.
+
+    Returns:
+        (coefficient, threshold), or None without a `<restitution_coefficient>`.
 
     Raises:
-        DescriptionError: a coefficient outside 0 to 1, or a speed below 0.
+        DescriptionError: the coefficient is outside 0 … 1, or the threshold is negative.
     """
     node = collision.find("surface/bounce")
-    if text_of(node, "restitution_coefficient") is None:
+    if find_text(node, "restitution_coefficient") is None:
         return None
-    share = number(text_of(node, "restitution_coefficient"), f"{where}: restitution_coefficient")
-    least = number(text_of(node, "threshold"), f"{where}: threshold", 0.0)
+    share = parse_number(
+        find_text(node, "restitution_coefficient"), f"{where}: restitution_coefficient"
+    )
+    least = parse_number(find_text(node, "threshold"), f"{where}: threshold", 0.0)
     if not (0.0 <= share <= 1.0 and least >= 0.0):
-        raise DescriptionError(f"{where}: restitution_coefficient {share} and threshold {least} of "
-                               "<bounce>: need 0 to 1, and a speed that is not negative")
+        raise DescriptionError(f"{where}: <bounce> has restitution_coefficient {share} and "
+                               f"threshold {least}; need 0 to 1, and a speed that is not negative")
     return share, least
 
 
-def _shape(element: Element, where: str) -> Element:
+def _find_shape(element: Element, where: str) -> Element:
     node = element.find("geometry")
     shape = next(iter(node), None) if node is not None else None
     if shape is None:
-        raise LeftOutError(f"{where}: has no <geometry> with a shape in it")
+        raise UnsupportedPartError(f"{where}: it has no <geometry> that contains a shape")
     return shape
 
 
-def _geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str], str | None],
+def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable[[str], str | None],
               file: str, warnings: list[str], plane: tuple[float, float] = (0.0, 0.0)
               ) -> Geometry:
-    """value: text of one of the shape's settings. file: name of a mesh's. plane: default size."""
+    """Read a shape element.
+
+    Args:
+        value: returns the text of one of the shape's settings.
+        file: name of the setting that holds a mesh's URI.
+        plane: default size of a plane, in m.
+    """
     kind = shape.tag
 
-    def positive(key: str, count: int, default: tuple[float, ...] | None = None) -> tuple:
-        sizes = numbers(value(key), count, f"{where}: {kind} {key}", default)
+    def read_positive(key: str, count: int, default: tuple[float, ...] | None = None) -> tuple:
+        sizes = parse_numbers(value(key), count, f"{where}: {kind} {key}", default)
         if sizes == default or min(sizes) > 0.0:
             return sizes
         shown = sizes[0] if count == 1 else sizes
         if min(sizes) < 0.0:
             raise DescriptionError(f"{where}: {kind} {key} is {shown}; it must be positive")
-        warnings.append(f"{where}: {kind} {key} is {shown}; {_LEAST} m is used for 0, as in Gazebo")
-        return tuple(size or _LEAST for size in sizes)
+        warnings.append(
+            f"{where}: {kind} {key} is {shown}; {_SMALLEST_SIZE} m is used instead of 0, "
+            "as in Gazebo"
+        )
+        return tuple(size or _SMALLEST_SIZE for size in sizes)
 
     if kind == "box":
-        return Geometry(kind, size=positive("size", 3))
+        return Geometry(kind, size=read_positive("size", 3))
     if kind in ("cylinder", "capsule"):
-        return Geometry(kind, radius=positive("radius", 1)[0], length=positive("length", 1)[0])
+        return Geometry(
+            kind, radius=read_positive("radius", 1)[0], length=read_positive("length", 1)[0]
+        )
     if kind == "sphere":
-        return Geometry(kind, radius=positive("radius", 1)[0])
-    if kind == "plane":  # in URDF an extension of Bullet's
-        normal = direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
-        return Geometry(kind, size=(*positive("size", 2, plane), 0.0), normal=normal)
+        return Geometry(kind, radius=read_positive("radius", 1)[0])
+    if kind == "plane":  # a Bullet extension of URDF
+        normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
+        return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":
         uri = value(file)
         if not uri:
-            raise LeftOutError(f"{where}: <mesh> has no {file}")
-        words = (value("scale") or "1 1 1").split()
-        scale = numbers(" ".join(words * 3 if len(words) == 1 else words), 3, f"{where}: scale")
+            raise UnsupportedPartError(f"{where}: <mesh> has no {file}")
+        factors = (value("scale") or "1 1 1").split()
+        scale = parse_numbers(
+            " ".join(factors * 3 if len(factors) == 1 else factors), 3, f"{where}: scale"
+        )
         if 0.0 in scale:
-            raise LeftOutError(f"{where}: mesh scale {scale} holds a zero")
+            raise UnsupportedPartError(f"{where}: mesh scale {scale} contains a zero")
         return Geometry(kind, filename=resolve(uri, where), scale=scale)
-    raise LeftOutError(
-        f"{where}: shape <{shorten(kind)}> is not served; use {', '.join(SHAPES)}")
+    raise UnsupportedPartError(
+        f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")

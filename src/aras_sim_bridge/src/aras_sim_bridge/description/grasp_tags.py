@@ -1,4 +1,4 @@
-"""libgazebo_grasp_fix.so: the grippers of a model that hold what they grasp."""
+"""Reader of libgazebo_grasp_fix.so, the plug-in that attaches grasped objects to a gripper."""
 
 from __future__ import annotations
 
@@ -8,73 +8,79 @@ from dataclasses import replace
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import GraspArm, GraspDescription, Link
-from aras_visual_servo_base.safe_xml import integer, number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_bool,
+    parse_integer,
+    parse_number,
+    shorten,
+)
 
 _WHERE = "plugin gazebo_grasp_fix"
 
 
 def read(plugin: Element) -> GraspDescription:
-    """What the plug-in's elements say, with upstream's defaults.
+    """Read the plug-in's elements; missing ones get the defaults of gazebo_grasp_fix.
 
     Raises:
-        DescriptionError: an element that is no number.
+        DescriptionError: an element is not a number.
     """
-    def value(tag: str, default: float) -> float:
-        return number(text_of(plugin, tag), f"{_WHERE}: {tag}", default)
+    def read_value(tag: str, default: float) -> float:
+        return parse_number(find_text(plugin, tag), f"{_WHERE}: {tag}", default)
 
-    most = integer(text_of(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
+    most = parse_integer(find_text(plugin, "max_grip_count"), f"{_WHERE}: max_grip_count", 10)
     return GraspDescription(
-        arms=tuple(_arm(arm) for arm in plugin.findall("arm")),
-        angle=math.radians(value("forces_angle_tolerance", 120.0)),
-        rate=value("update_rate", 5.0),
+        arms=tuple(_read_arm(arm) for arm in plugin.findall("arm")),
+        angle=math.radians(read_value("forces_angle_tolerance", 120.0)),
+        rate=read_value("update_rate", 5.0),
         most=most,
-        threshold=integer(text_of(plugin, "grip_count_threshold"),
+        threshold=parse_integer(find_text(plugin, "grip_count_threshold"),
                           f"{_WHERE}: grip_count_threshold", most // 2),
-        release_tolerance=value("release_tolerance", 0.005),
-        collides=not truth(text_of(plugin, "disable_collisions_on_attach"),
+        release_tolerance=read_value("release_tolerance", 0.005),
+        collides=not parse_bool(find_text(plugin, "disable_collisions_on_attach"),
                            f"{_WHERE}: disable_collisions_on_attach", False),
     )
 
 
-def _arm(arm: Element) -> GraspArm:
+def _read_arm(arm: Element) -> GraspArm:
     fingers = tuple((node.text or "").strip() for node in arm.findall("gripper_link"))
-    return GraspArm(text_of(arm, "arm_name") or "", text_of(arm, "palm_link") or "", fingers)
+    return GraspArm(find_text(arm, "arm_name") or "", find_text(arm, "palm_link") or "", fingers)
 
 
-def of_model(found: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
+def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
              ) -> list[GraspDescription]:
-    """The plug-ins that can grasp, with the arms that the model has; a warning names all else."""
+    """Return the plug-ins that can grasp, with their valid arms; a warning names all others."""
     whole = []
-    for one in found:
+    for one in grasps:
         if one.rate <= 0.0 or one.angle < math.pi / 2:
             wrong = (f"update_rate is {one.rate:g} Hz; give a positive one" if one.rate <= 0.0 else
-                     f"forces_angle_tolerance is {math.degrees(one.angle):g} degrees; forces are "
-                     "opposed from 90 degrees on, so nothing is grasped, as in Gazebo")
-            warnings.append(f"{_WHERE}: {wrong}; left out")
+                     f"forces_angle_tolerance is {math.degrees(one.angle):g} degrees; opposing "
+                     "forces need at least 90 degrees, so nothing can be grasped, as in Gazebo")
+            warnings.append(f"{_WHERE}: {wrong}; the plug-in is ignored")
             continue
         arms: dict[str, GraspArm] = {}
         for arm in one.arms:
-            problem, arm = _checked(arm, links, warnings)
+            problem, arm = _check_arm(arm, links, warnings)
             if arm.name in arms:
-                problem = "there is an arm of this name already"
+                problem = "another arm has this name"
             if problem:
-                warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}': {problem}; left out")
+                warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}': {problem}; it is ignored")
             else:
                 arms[arm.name] = arm
         if arms:
             whole.append(replace(one, arms=tuple(arms.values())))
         else:
-            warnings.append(f"{_WHERE}: it has no <arm> whose links exist; left out")
+            warnings.append(f"{_WHERE}: it has no <arm> whose links exist; it is ignored")
     return whole
 
 
-def _checked(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
+def _check_arm(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
              ) -> tuple[str, GraspArm]:
-    """Why an arm cannot grasp, empty where it can; the arm with the fingers that exist."""
+    """Return why an arm cannot grasp ('' if it can), and the arm without missing fingers."""
     for finger in arm.fingers:
         if finger not in links:
             warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}': gripper_link "
-                            f"'{shorten(finger)}' does not exist; it is left out")
+                            f"'{shorten(finger)}' does not exist; it is ignored")
     fingers = tuple(one for one in arm.fingers if one in links)
     arm = replace(arm, fingers=fingers)
     if not arm.name or not arm.palm or not fingers:

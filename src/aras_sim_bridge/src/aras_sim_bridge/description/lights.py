@@ -1,44 +1,59 @@
-"""The lights of a world, and what is around them: see Simulation.set_light and rendering/lamps."""
+"""Readers and checks of a world's lights and scene settings."""
 
 from __future__ import annotations
 
 import math
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.types import SHADOWS, Light, Rgba, Surroundings
+from aras_sim_bridge.description.types import SHADOWS, Light, Rgba, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, WorldError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import direction, number, numbers, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_bool,
+    parse_direction,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
 
-_DIRECTED = ("origin_xyz", "origin_rpy", "direction")
-_STRENGTHS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
+_DIRECTION_FIELDS = ("origin_xyz", "origin_rpy", "direction")
+_STRENGTH_FIELDS = ("diffuse", "specular", "attenuation_constant", "attenuation_linear",
               "attenuation_quadratic", "attenuation_range", "spot_inner", "spot_outer",
               "spot_falloff")  # fmt: skip
 
 
-def checked_light(light: Light) -> Light:
-    """Return the light; WorldError naming the number that no light has."""
+def check_light(light: Light) -> Light:
+    """Return the light if it is valid.
+
+    Raises:
+        WorldError: a setting is not finite, negative, or otherwise impossible for a light.
+    """
     if not light.name:
-        raise WorldError("a light needs a name that is not empty")
+        raise WorldError("a light has no name; give it one")
     where = f"light '{light.name}'"
-    for what in (*_DIRECTED, *_STRENGTHS):
+    for what in (*_DIRECTION_FIELDS, *_STRENGTH_FIELDS):
         value = getattr(light, what)
         values = value if isinstance(value, tuple) else (value,)
         if not all(math.isfinite(number) for number in values):
             raise WorldError(f"{where}: {what} {value} is not finite")
-        if what in _STRENGTHS and min(values) < 0.0:
+        if what in _STRENGTH_FIELDS and min(values) < 0.0:
             raise WorldError(f"{where}: {what} {value} must not be negative")
     if math.hypot(*light.direction) < 1e-9:
-        raise WorldError(f"{where}: its direction is zero; a light shines somewhere")
-    for begin, end in light.shines or ():
+        raise WorldError(f"{where}: its direction is zero; give it a direction in which it shines")
+    for begin, end in light.lit_intervals or ():
         if not 0.0 <= begin < end:
-            raise WorldError(f"{where}: shines from {begin:g} to {end:g} s, must rise from 0 on")
+            raise WorldError(f"{where}: lit interval from {begin:g} to {end:g} s; it must start at "
+                             "0 s or later and end after its start")
     return light
 
 
 def read_light(element: Element, pose: Pose) -> Light:
-    """The `<light>` of an SDF world that stands at `pose`; DescriptionError naming what is wrong
-    with it."""
+    """Read a `<light>` of an SDF world, whose pose in the world is `pose`.
+
+    Raises:
+        DescriptionError: an element has an invalid value.
+    """
     where = f"light '{element.get('name')}'"
     kind = element.get("type") or "point"
     if kind not in ("directional", "point", "spot"):
@@ -46,59 +61,63 @@ def read_light(element: Element, pose: Pose) -> Light:
                                "point or spot")
     fade, spot = element.find("attenuation"), element.find("spot")
 
-    def rgba(tag: str, default: Rgba) -> Rgba:
-        return _rgba(element, tag, where, default)
+    def read_rgba(tag: str, default: Rgba) -> Rgba:
+        return _read_rgba(element, tag, where, default)
 
     return Light(
         element.get("name"), kind, pose.xyz, pose.rpy,
-        rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), rgba("specular", (0.1, 0.1, 0.1, 1.0)),
-        direction(text_of(element, "direction"), f"{where}: direction", (0.0, 0.0, -1.0)),
-        number(text_of(fade, "constant"), f"{where}: attenuation constant", 1.0),
-        number(text_of(fade, "linear"), f"{where}: attenuation linear", 1.0),
-        number(text_of(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),
-        number(text_of(fade, "range"), f"{where}: attenuation range", 10.0),
-        number(text_of(spot, "inner_angle"), f"{where}: spot inner_angle", 0.6),
-        number(text_of(spot, "outer_angle"), f"{where}: spot outer_angle", 1.0),
-        number(text_of(spot, "falloff"), f"{where}: spot falloff", 1.0),
-        truth(text_of(element, "cast_shadows"), f"{where}: cast_shadows", False),
-        _times(text_of(element, "aras:shines"), f"{where}: aras:shines"))
+        read_rgba("diffuse", (1.0, 1.0, 1.0, 1.0)), read_rgba("specular", (0.1, 0.1, 0.1, 1.0)),
+        parse_direction(find_text(element, "direction"), f"{where}: direction", (0.0, 0.0, -1.0)),
+        parse_number(find_text(fade, "constant"), f"{where}: attenuation constant", 1.0),
+        parse_number(find_text(fade, "linear"), f"{where}: attenuation linear", 1.0),
+        parse_number(find_text(fade, "quadratic"), f"{where}: attenuation quadratic", 0.0),
+        parse_number(find_text(fade, "range"), f"{where}: attenuation range", 10.0),
+        parse_number(find_text(spot, "inner_angle"), f"{where}: spot inner_angle", 0.6),
+        parse_number(find_text(spot, "outer_angle"), f"{where}: spot outer_angle", 1.0),
+        parse_number(find_text(spot, "falloff"), f"{where}: spot falloff", 1.0),
+        parse_bool(find_text(element, "cast_shadows"), f"{where}: cast_shadows", False),
+        _read_intervals(find_text(element, "aras:shines"), f"{where}: aras:shines"))
 
 
-def read_scene(scene: Element | None) -> Surroundings:
-    """A world's `<scene>`; DescriptionError naming what is wrong with it.
+def read_scene(scene: Element | None) -> SceneSettings:
+    """Read a world's `<scene>`.
 
-    `<shadows>` does not count: saved worlds have it on, and pictures without shadows are those that
-    the original's thresholds are for. `<aras:shadows>` does.
+    Shadows are set by `<aras:shadows>`. `<shadows>` is ignored: saved Gazebo worlds switch it on,
+    but the thresholds of the original image processing are made for images without shadows.
+
+    Raises:
+        DescriptionError: an element has an invalid value.
     """
-    plain = Surroundings()
+    plain = SceneSettings()
     if scene is None:
         return plain
-    shadows = text_of(scene, "aras:shadows") or plain.shadows
+    shadows = find_text(scene, "aras:shadows") or plain.shadows
     if shadows not in SHADOWS:
         raise DescriptionError(f"scene: aras:shadows '{shorten(shadows)}' is unknown; use "
                                f"{', '.join(SHADOWS)}")
-    return Surroundings(_rgba(scene, "ambient", "scene", plain.ambient),
-                        _rgba(scene, "background", "scene", plain.background),
+    return SceneSettings(_read_rgba(scene, "ambient", "scene", plain.ambient),
+                        _read_rgba(scene, "background", "scene", plain.background),
                         scene.find("sky") is not None, shadows)
 
 
-def _times(text: str | None, where: str) -> tuple[tuple[float, float], ...] | None:
+def _read_intervals(text: str | None, where: str) -> tuple[tuple[float, float], ...] | None:
     if text is None:
         return None
     count = len(text.split())
-    values = numbers(text, count + count % 2, where)
+    values = parse_numbers(text, count + count % 2, where)
     pairs = tuple(zip(values[::2], values[1::2], strict=True))
     for begin, end in pairs:
         if not 0.0 <= begin < end:
-            raise DescriptionError(f"{where}: from {begin:g} to {end:g} s, must rise from 0 on")
+            raise DescriptionError(f"{where}: interval from {begin:g} to {end:g} s; it must start "
+                                   "at 0 s or later and end after its start")
     return pairs
 
 
-def _rgba(element: Element, tag: str, where: str, default: Rgba) -> Rgba:
-    text = text_of(element, tag)
+def _read_rgba(element: Element, tag: str, where: str, default: Rgba) -> Rgba:
+    text = find_text(element, tag)
     if text is None:
         return default
-    values = numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
+    values = parse_numbers(text if len(text.split()) != 3 else f"{text} 1", 4, f"{where}: {tag}")
     if min(values) < 0.0:
         raise DescriptionError(f"{where}: {tag} {text} must not be negative")
     return values

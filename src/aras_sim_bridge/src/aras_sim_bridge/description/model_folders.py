@@ -1,7 +1,7 @@
-"""Gazebo's model folders: `<include>`s, and models in models, as plain elements of one document.
+"""Expansion of Gazebo's `<include>`s and nested models into plain elements of one document.
 
-A folder holds model.config, which names the SDF file. packages.find_model says where folders are
-looked for; the two that every world has, ground_plane and sun, need none.
+A model folder holds model.config, which names the SDF file. packages.find_model searches for the
+folders. The models ground_plane and sun, which most worlds include, are built in.
 """
 
 from __future__ import annotations
@@ -13,14 +13,14 @@ from pathlib import Path
 from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description import sdf_dialects, sdf_frames, served
+from aras_sim_bridge.description import sdf_dialects, sdf_frames, supported_elements
 from aras_sim_bridge.description.packages import MODEL_PATH, OWN_MODELS, find_model
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import find_text, parse_bool, parse_number, shorten
 
-CONFIG = "model.config"
+CONFIG_FILE = "model.config"
 
 _BUILT_IN = {
     "sun": """<light name="sun" type="directional"><pose>0 0 10 0 0 0</pose>
@@ -38,17 +38,20 @@ _BUILT_IN = {
 }
 
 
-def folder_of(uri: str, base: str | None) -> str:
-    """The folder that an `<include>`'s URI names; `base` is what relative paths are relative to.
+def find_folder(uri: str, base: str | None) -> str:
+    """Return the folder that an `<include>`'s URI names.
+
+    Args:
+        base: folder to which relative paths are relative.
 
     Raises:
-        DescriptionError: another scheme, or no such folder.
+        DescriptionError: the scheme is not supported, or the folder does not exist.
     """
     if not uri:
         raise DescriptionError("it has no <uri>")
     scheme, separator, rest = uri.partition("://")
     if separator and scheme not in ("model", "file"):
-        raise DescriptionError(f"the scheme {scheme}:// is not served; download the model into "
+        raise DescriptionError(f"the scheme {scheme}:// is not supported; download the model into "
                                f"{OWN_MODELS} and write model://<its folder>")
     if scheme == "model" and separator:
         name, _, inside = rest.strip("/").partition("/")
@@ -56,7 +59,7 @@ def folder_of(uri: str, base: str | None) -> str:
         path = os.path.normpath(os.path.join(found or "", inside))
         if found is None or not os.path.isdir(path) or os.path.commonpath([path, found]) != found:
             raise DescriptionError(f"no folder of that name is in {MODEL_PATH}, {OWN_MODELS}, or "
-                                   "what packages export as gazebo_model_path")
+                                   "the folders that packages export as gazebo_model_path")
         return path
     path = rest if separator else uri
     if not os.path.isabs(path) and base is not None:
@@ -67,18 +70,18 @@ def folder_of(uri: str, base: str | None) -> str:
 
 
 def read_model(folder: str, warnings: list[str]) -> Element:
-    """The model or light that a folder's SDF file holds; mesh files named from that folder on.
+    """Read the model or light of a model folder; its mesh paths become absolute.
 
     Raises:
-        DescriptionError: no model.config, no SDF file in it, or no model in that.
+        DescriptionError: model.config, its SDF file, or a model in that file is missing.
     """
-    config = _parsed(Path(folder) / CONFIG)
-    names = [((node.text or "").strip(), number(node.get("version"), CONFIG, 0.0))
+    config = _parse(Path(folder) / CONFIG_FILE)
+    names = [((node.text or "").strip(), parse_number(node.get("version"), CONFIG_FILE, 0.0))
              for node in config.findall("sdf")]
     if not names:
-        raise DescriptionError(f"{folder}/{CONFIG} names no <sdf> file")
+        raise DescriptionError(f"{folder}/{CONFIG_FILE} names no <sdf> file")
     file = Path(folder) / max(names, key=lambda pair: pair[1])[0]
-    root = _parsed(file)
+    root = _parse(file)
     scope = root if root.find("world") is None else root.find("world")
     found = next((child for child in scope if child.tag in ("model", "light")), None)
     if found is None:
@@ -91,61 +94,63 @@ def read_model(folder: str, warnings: list[str]) -> Element:
     return found
 
 
-def _parsed(file: Path) -> Element:
+def _parse(file: Path) -> Element:
     try:
         return safe_xml.parse(file.read_text(encoding="utf-8"), str(file))
     except (OSError, UnicodeDecodeError) as error:
         raise DescriptionError(f"{file} cannot be read: {error}") from None
 
 
-def expanded(scope: Element, warnings: list[str], base: str | None = None,
+def expand(scope: Element, warnings: list[str], base: str | None = None,
              chain: tuple[str, ...] = ()) -> Iterator[Element]:
-    """The elements of a world or model, `<include>`s as what they name, models without models in
-    them.
+    """Return the elements of a world or model with includes resolved and nested models flattened.
 
-    An include that cannot be served is left out, with a sentence in `warnings`. chain: the folders
-    that are being read, for includes that come back to themselves.
+    An include that cannot be resolved is omitted, with a sentence in `warnings`.
+
+    Args:
+        base: folder to which relative paths are relative.
+        chain: folders that are being read, to detect recursive includes.
     """
     for child in scope:
         if child.tag == "include":
-            uri = text_of(child, "uri") or ""
+            uri = find_text(child, "uri") or ""
             try:
-                yield _included(child, uri, warnings, base, chain)
+                yield _include(child, uri, warnings, base, chain)
             except DescriptionError as error:
-                warnings.append(f"<include> of '{shorten(uri)}' is left out: {error}")
+                warnings.append(f"<include> of '{shorten(uri)}' is ignored: {error}")
         elif child.tag == "model":
             try:
-                yield _flat(child, warnings, base, chain)
+                yield _flatten(child, warnings, base, chain)
             except DescriptionError as error:
-                warnings.append(f"model '{shorten(child.get('name') or '')}' is left out: {error}")
+                warnings.append(f"model '{shorten(child.get('name') or '')}' is ignored: {error}")
         elif child.tag == "population":
             whole = Element(child.tag, child.attrib)
-            whole.extend(expanded(child, warnings, base, chain))
+            whole.extend(expand(child, warnings, base, chain))
             yield whole
         else:
             yield child
 
 
-def _included(include: Element, uri: str, warnings: list[str], base: str | None,
+def _include(include: Element, uri: str, warnings: list[str], base: str | None,
               chain: tuple[str, ...]) -> Element:
     name = uri.strip().removeprefix("model://").strip("/")
     if name in _BUILT_IN:
         found, folder = ElementTree.fromstring(_BUILT_IN[name]), None
     else:
-        folder = os.path.realpath(folder_of(uri.strip(), base))
+        folder = os.path.realpath(find_folder(uri.strip(), base))
         if folder in chain:
             round_trip = [os.path.basename(one) for one in (*chain[chain.index(folder):], folder)]
             raise DescriptionError(f"it includes itself: {' → '.join(round_trip)}")
         found = read_model(folder, warnings)
-    name = text_of(include, "name") or found.get("name") or ""
+    name = find_text(include, "name") or found.get("name") or ""
     found.set("name", name)
     where = f"<include> of '{shorten(name)}'"
-    warnings += served.unserved(include, "include", where)
-    if truth(include.get("merge"), f"{where}: merge", False):
-        warnings.append(f"{where}: merge is not served; its links have the model's name before "
-                        "theirs")
-    if text_of(include, "placement_frame"):
-        found.set("placement_frame", text_of(include, "placement_frame"))
+    warnings += supported_elements.describe_ignored_elements(include, "include", where)
+    if parse_bool(include.get("merge"), f"{where}: merge", False):
+        warnings.append(f"{where}: merge is not supported; the names of its links start with the "
+                        "model's name")
+    if find_text(include, "placement_frame"):
+        found.set("placement_frame", find_text(include, "placement_frame"))
     found.extend(include.findall("plugin"))
     for tag in ("pose", "static"):
         given = include.find(tag)
@@ -155,28 +160,28 @@ def _included(include: Element, uri: str, warnings: list[str], base: str | None,
             found.append(given)
     if found.tag == "light" or folder is None:
         return found
-    return _flat(found, warnings, folder, (*chain, folder))
+    return _flatten(found, warnings, folder, (*chain, folder))
 
 
-def _flat(model: Element, warnings: list[str], base: str | None,
+def _flatten(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
-    """The model with the links and joints of those in it as its own, named inner::link."""
+    """Return a model that includes the elements of its nested models, with names inner::link."""
     if model.find("model") is None and model.find("include") is None:
-        sdf_frames.resolve(model, warnings)
+        sdf_frames.resolve_poses(model, warnings)
         return model
     whole = Element("model", model.attrib)
-    whole.extend(expanded(model, warnings, base, chain))
-    sdf_frames.resolve(whole, warnings)
+    whole.extend(expand(model, warnings, base, chain))
+    sdf_frames.resolve_poses(whole, warnings)
     flat = Element("model", whole.attrib)
     for child in whole:
         if child.tag != "model":
             flat.append(child)
             continue
         inner = child.get("name") or ""
-        at = _pose(child, f"model '{shorten(inner)}'")
+        at = _read_pose(child, f"model '{shorten(inner)}'")
         for part in copy.deepcopy(child):
             if part.tag in ("link", "frame"):
-                pose = at @ _pose(part, f"model '{shorten(inner)}'")
+                pose = at @ _read_pose(part, f"model '{shorten(inner)}'")
                 for old in part.findall("pose"):
                     part.remove(old)
                 ElementTree.SubElement(part, "pose").text = " ".join(
@@ -196,5 +201,5 @@ def _flat(model: Element, warnings: list[str], base: str | None,
     return flat
 
 
-def _pose(element: Element, where: str) -> Pose:
-    return safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
+def _read_pose(element: Element, where: str) -> Pose:
+    return safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")

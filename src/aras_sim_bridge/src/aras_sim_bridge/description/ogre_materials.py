@@ -1,6 +1,6 @@
-"""OGRE's material scripts: the colour and the picture that a `<script>` of an SDF visual names.
+"""Reader of OGRE material scripts, which give an SDF visual its colour and texture.
 
-Of a script the first pass counts: its diffuse and ambient colours and its first texture.
+Only the first pass of a script is used: its diffuse and ambient colours and its first texture.
 """
 
 from __future__ import annotations
@@ -14,101 +14,110 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description.types import Rgba
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.picture_files import picture_size
-from aras_visual_servo_base.safe_xml import shorten, text_of
+from aras_visual_servo_base.image_files import read_image_size
+from aras_visual_servo_base.safe_xml import find_text, shorten
 
-Locate = Callable[[str, str], str]  # a URI and who names it -> a path, of what may not be there
+Locate = Callable[[str, str], str]  # (URI, element that names it) -> path, which may not exist
 
-_LARGEST = 1_000_000  # bytes of a script
+_LARGEST_FILE = 1_000_000  # bytes of a script
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
-_GAZEBO_S_OWN = "file://media/"
+_GAZEBO_MEDIA = "file://media/"
 
 
 @dataclass(frozen=True)
-class Look:
-    """colour: None where the script gives none. texture: path of a picture, '' for none."""
+class Appearance:
+    """Colour and texture of a visual.
+
+    Attributes:
+        colour: None if the script sets none.
+        texture: path of an image file, '' for none.
+    """
 
     colour: Rgba | None = None
     texture: str = ""
 
 
-def look(visual: Element, where: str, locate: Locate, warnings: list[str]) -> Look | None:
-    """What a visual's script makes it look like; None without a script, or one of Gazebo's own.
+def read_appearance(
+    visual: Element, where: str, locate: Locate, warnings: list[str]
+) -> Appearance | None:
+    """Read the colour and texture that a visual's material script sets.
 
-    What cannot be read is a sentence in `warnings`.
+    Returns:
+        None without a script or for one of Gazebo's built-in materials. Parts that cannot be read
+        add a sentence to `warnings`.
     """
     script = visual.find("material/script")
-    name = text_of(script, "name")
+    name = find_text(script, "name")
     uris = [] if script is None else [(uri.text or "").strip() for uri in script.findall("uri")]
-    places = []
+    paths = []
     for uri in uris:
-        if not uri.startswith(_GAZEBO_S_OWN):
+        if not uri.startswith(_GAZEBO_MEDIA):
             try:
-                places.append(Path(locate(uri, where)))
+                paths.append(Path(locate(uri, where)))
             except DescriptionError as error:
-                warnings.append(f"{error}; its material is left out")
-    scripts: dict[str, tuple[str, Look]] = {}
-    for place in places:
-        for file in sorted(place.glob("*.material")) if place.is_dir() else [place]:
-            scripts |= _read(file, warnings)
+                warnings.append(f"{error}; its material is ignored")
+    scripts: dict[str, tuple[str, Appearance]] = {}
+    for path in paths:
+        for file in sorted(path.glob("*.material")) if path.is_dir() else [path]:
+            scripts |= _read_scripts(file, warnings)
     if name not in scripts:
         return None
-    found = _inherited(name, scripts)
+    found = _resolve_inheritance(name, scripts)
     if not found.texture:
         return found
-    inside = [place if place.is_dir() else place.parent for place in places]
-    folders = [folder for place in inside for folder in (place, place.parent / "textures")]
-    picture = next((f / found.texture for f in folders if (f / found.texture).is_file()), None)
+    inside = [path if path.is_dir() else path.parent for path in paths]
+    folders = [folder for path in inside for folder in (path, path.parent / "textures")]
+    image = next((f / found.texture for f in folders if (f / found.texture).is_file()), None)
     try:
-        if picture is None:
-            raise DescriptionError("there is no such file beside its script")
-        if picture_size(picture) is None:
-            raise DescriptionError("it is no picture that can be read")
+        if image is None:
+            raise DescriptionError("the file is not in the folder of its script")
+        if read_image_size(image) is None:
+            raise DescriptionError("the file is not a readable image")
     except DescriptionError as error:
         warnings.append(f"{where}: texture '{shorten(found.texture)}' of material "
-                        f"'{shorten(name)}' is left out: {error}")
+                        f"'{shorten(name)}' is ignored: {error}")
         return replace(found, texture="")
-    return replace(found, texture=str(picture))
+    return replace(found, texture=str(image))
 
 
-def _inherited(name: str, scripts: dict[str, tuple[str, Look]]) -> Look:
-    """A material with what it takes over from those that it stands on."""
-    colour, texture, seen = None, "", set()
-    while name in scripts and name not in seen:
-        seen.add(name)
+def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
+    """Return a material's appearance, with missing values taken from its parent materials."""
+    colour, texture, visited = None, "", set()
+    while name in scripts and name not in visited:
+        visited.add(name)
         name, own = scripts[name]
         colour, texture = colour or own.colour, texture or own.texture
-    return Look(colour, texture)
+    return Appearance(colour, texture)
 
 
-def _read(file: Path, warnings: list[str]) -> dict[str, tuple[str, Look]]:
+def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appearance]]:
     try:
         state = file.stat()
-        if state.st_size > _LARGEST:
-            raise OSError(f"it has more than {_LARGEST} bytes")
-        return _parsed(str(file), state.st_mtime_ns)
+        if state.st_size > _LARGEST_FILE:
+            raise OSError(f"it has more than {_LARGEST_FILE} bytes")
+        return _parse(str(file), state.st_mtime_ns)
     except OSError as error:
         warnings.append(f"material script {file} cannot be read: {error}")
         return {}
 
 
 @lru_cache(maxsize=256)
-def _parsed(path: str, _changed_ns: int) -> dict[str, tuple[str, Look]]:
-    """Name -> the material that it stands on ('' for none), and its own look."""
+def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
+    """Return the parent material ('' for none) and the appearance of each material, by name."""
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
-    found: dict[str, tuple[str, Look]] = {}
+    found: dict[str, tuple[str, Appearance]] = {}
     name, ambient = "", None
     for line in re.sub(r"([{}])", r"\n\1\n", text).splitlines():
         key, *words = line.split() or [""]
         if key == "material" and words:
             name, _, parent = (part.strip() for part in " ".join(words).partition(":"))
             name, parent, ambient = name.strip('"'), parent.strip('"'), None
-            found[name] = (parent, Look())
+            found[name] = (parent, Appearance())
         elif name and key in ("ambient", "diffuse", "texture") and words:
             parent, own = found[name]
             if key == "texture":
                 own = replace(own, texture=own.texture or words[0].strip('"'))
-            elif (colour := _colour(words)) is not None:
+            elif (colour := _parse_colour(words)) is not None:
                 if key == "diffuse" and own.colour in (None, ambient):
                     own = replace(own, colour=colour)
                 elif key == "ambient" and own.colour is None:
@@ -117,10 +126,10 @@ def _parsed(path: str, _changed_ns: int) -> dict[str, tuple[str, Look]]:
     return found
 
 
-def _colour(words: list[str]) -> Rgba | None:
-    """Three numbers or four; None for others, such as vertexcolour."""
+def _parse_colour(texts: list[str]) -> Rgba | None:
+    """Return a colour of three or four numbers; None for other values, such as vertexcolour."""
     try:
-        values = [min(max(float(word), 0.0), 1.0) for word in words[:4]]
+        values = [min(max(float(word), 0.0), 1.0) for word in texts[:4]]
     except ValueError:
         return None
     return tuple([*values, 1.0][:4]) if len(values) >= 3 else None

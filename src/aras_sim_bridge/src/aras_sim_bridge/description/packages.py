@@ -1,6 +1,6 @@
-"""Find ROS packages and Gazebo's model folders, and resolve URIs of meshes in them.
+"""Search for ROS packages and Gazebo model folders, and resolution of mesh URIs in them.
 
-No path leaves its package.
+A resolved path is always inside its package.
 """
 
 import os
@@ -8,7 +8,7 @@ import re
 from collections.abc import Callable, Iterator
 from functools import lru_cache
 
-from aras_sim_bridge.errors import DescriptionError, LeftOutError
+from aras_sim_bridge.errors import DescriptionError, UnsupportedPartError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.safe_xml import shorten
 
@@ -19,31 +19,31 @@ OWN_MODELS = "~/.gazebo/models"
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
 _SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
 _LARGEST_DEPTH = 6
-_found: dict[tuple[str, str, str], str] = {}  # directory by name and search paths
+_cache: dict[tuple[str, str, str], str] = {}  # directory by name and search paths
 
 
-def find(name: str) -> str:
-    """Directory of the ROS package `name`.
+def find_package(name: str) -> str:
+    """Return the directory of the ROS package `name`.
 
-    Looks where ROS tools look: `ROS_PACKAGE_PATH` (crawled as rospack does), then the share
-    directories of `CMAKE_PREFIX_PATH` and `/usr/share`, where Debian puts its packages.
+    The search order is that of the ROS tools: `ROS_PACKAGE_PATH` (crawled as by rospack), then the
+    share directories of `CMAKE_PREFIX_PATH`, then `/usr/share`, where Debian packages are.
 
     Raises:
-        DescriptionError: malformed name, or no such package in this environment.
+        DescriptionError: the name is malformed, or the package is not found.
     """
     if not _PACKAGE_NAME.match(name):
         raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
     paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
-    found = _found.get((name, *paths))
+    found = _cache.get((name, *paths))
     if found is None or not os.path.isdir(found):
-        # What is not there is looked for again the next time: it may be built by then.
+        # Missing packages are not cached: a package may be built in the meantime.
         found = _search(name, *paths)
     if found is None:
-        raise LeftOutError(
-            f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that holds it "
+        raise UnsupportedPartError(
+            f"package '{name}' is not in ROS_PACKAGE_PATH: source the workspace that contains it "
             "(. devel/setup.bash) or install it, then try again"
         )
-    _found[name, *paths] = found
+    _cache[name, *paths] = found
     return found
 
 
@@ -61,9 +61,9 @@ def _search(name: str, package_path: str, prefix_path: str) -> str | None:
 
 
 def find_model(name: str) -> str | None:
-    """The folder of a model of Gazebo's, None where no path has one of that name.
+    """Return the folder of a Gazebo model, or None if it is not found.
 
-    Looks in GAZEBO_MODEL_PATH and ~/.gazebo/models, then where packages say that they have models
+    The search covers GAZEBO_MODEL_PATH, ~/.gazebo/models, and then the folders that packages export
     (`<export><gazebo_ros gazebo_model_path="${prefix}/.."/>` in package.xml).
     """
     if name in ("", ".", "..") or "/" in name or "\0" in name:
@@ -72,18 +72,18 @@ def find_model(name: str) -> str | None:
     for root in (*filter(None, named), os.path.expanduser(OWN_MODELS)):
         if os.path.isdir(os.path.join(root, name)):
             return os.path.join(root, name)
-    for root in _exported_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")):
+    for root in _find_model_paths(os.environ.get("ROS_PACKAGE_PATH", "")):
         if os.path.isdir(os.path.join(root, name)):
             return os.path.join(root, name)
     return None
 
 
 @lru_cache(maxsize=8)
-def _exported_model_paths(package_path: str) -> tuple[str, ...]:
-    """The folders of models that the packages of a ROS_PACKAGE_PATH export."""
+def _find_model_paths(package_path: str) -> tuple[str, ...]:
+    """Return the model folders that the packages of a ROS_PACKAGE_PATH export."""
     found: dict[str, None] = {}
     for root in filter(None, package_path.split(os.pathsep)):
-        for directory in _packages(root):
+        for directory in _list_packages(root):
             try:
                 with open(os.path.join(directory, "package.xml"), encoding="utf-8") as file:
                     text = file.read(65536)
@@ -99,12 +99,14 @@ def _exported_model_paths(package_path: str) -> tuple[str, ...]:
 
 
 def _crawl(name: str, root: str) -> str | None:
-    """First directory below `root` that holds a package called `name`."""
-    return next((found for found in _packages(root) if _declared_name(found) == name), None)
+    """Return the first directory below `root` that contains a package called `name`."""
+    return next(
+        (found for found in _list_packages(root) if _read_package_name(found) == name), None
+    )
 
 
-def _packages(root: str) -> Iterator[str]:
-    """Directories of packages below `root`, breadth first."""
+def _list_packages(root: str) -> Iterator[str]:
+    """Yield the directories of packages below `root`, breadth first."""
     level = [root]
     for _ in range(_LARGEST_DEPTH):
         deeper: list[str] = []
@@ -127,7 +129,7 @@ def _packages(root: str) -> Iterator[str]:
         level = deeper
 
 
-def _declared_name(directory: str) -> str:
+def _read_package_name(directory: str) -> str:
     try:
         with open(os.path.join(directory, "package.xml"), encoding="utf-8") as file:
             match = re.search(r"<name>\s*([^<\s]+)\s*</name>", file.read(65536))
@@ -139,51 +141,58 @@ def _declared_name(directory: str) -> str:
 def resolve_uri(
     uri: str,
     where: str,
-    resolve_package: ResolvePackage = find,
+    resolve_package: ResolvePackage = find_package,
     base_directory: str | None = None,
 ) -> str:
-    """Absolute path of an existing mesh file; arguments and faults as `located`'s, and a file that
-    is missing, or a folder, pipe or device."""
-    path = located(uri, where, resolve_package, base_directory)
+    """Return the absolute path of an existing mesh file.
+
+    The arguments are those of `locate`.
+
+    Raises:
+        UnsupportedPartError: `locate` fails, or the path is missing or not a regular file.
+    """
+    path = locate(uri, where, resolve_package, base_directory)
     if not os.path.isfile(path):
         kind = "is no regular file" if os.path.exists(path) else "does not exist"
-        raise LeftOutError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
+        raise UnsupportedPartError(f"{where}: mesh file {path} (from '{shorten(uri, 200)}') {kind}")
     return path
 
 
-def located(
+def locate(
     uri: str,
     where: str,
-    resolve_package: ResolvePackage = find,
+    resolve_package: ResolvePackage = find_package,
     base_directory: str | None = None,
     what: str = "mesh",
 ) -> str:
-    """Absolute path that a URI names, whether there is something or not.
+    """Return the absolute path that a URI names; the path may not exist.
 
     Args:
-        uri: `package://pkg/path`, `model://name/path` in one of Gazebo's model folders or (what
-            Gazebo makes of the former) in a package, `file:///path`, an absolute path, or one
-            relative to `base_directory`.
-        where: who names it, for the message ("link 'J1', visual 1").
-        resolve_package: package name -> directory.
-        base_directory: what relative paths are relative to; None refuses them.
-        what: what it is, for the message.
+        uri: `package://pkg/path`, `model://name/path` (in a Gazebo model folder or, because Gazebo
+            converts package:// to model://, in a package), `file:///path`, an absolute path, or a
+            path relative to `base_directory`.
+        where: element that names the URI, for messages ("link 'J1', visual 1").
+        resolve_package: returns the directory of a package.
+        base_directory: folder to which relative paths are relative; None rejects relative paths.
+        what: kind of the file, for messages.
 
     Raises:
-        LeftOutError: unknown scheme or package, or a path that climbs out.
+        UnsupportedPartError: the scheme or package is unknown, or the path leaves its package.
     """
     text = uri.strip()
     shown = text if len(text) <= 200 else text[:200] + "…"
     if not text or "\0" in text:
-        raise LeftOutError(f"{where}: the {what} file name is empty or holds a NUL character")
+        raise UnsupportedPartError(
+            f"{where}: the {what} file name is empty or contains a NUL character"
+        )
     scheme, separator, rest = text.partition("://")
     if not separator:
         path = text
         if not os.path.isabs(path):
             if base_directory is None:
-                raise LeftOutError(
-                    f"{where}: {what} '{shown}' is a relative path and the description came as "
-                    "text; write package://<package>/<path> or an absolute path"
+                raise UnsupportedPartError(
+                    f"{where}: {what} '{shown}' is a relative path, but the description was not "
+                    "read from a file; write package://<package>/<path> or an absolute path"
                 )
             path = os.path.join(base_directory, path)
     elif scheme in ("package", "model"):
@@ -192,17 +201,17 @@ def located(
         try:
             root = os.path.normpath(folder or resolve_package(package))
         except DescriptionError as error:
-            raise LeftOutError(f"{where}: {what} '{shown}': {error}") from None
+            raise UnsupportedPartError(f"{where}: {what} '{shown}': {error}") from None
         path = os.path.normpath(os.path.join(root, inside.lstrip("/")))
         if os.path.commonpath([root, path]) != root:
-            raise LeftOutError(
-                f"{where}: {what} '{shown}' climbs out of package '{package}'; "
+            raise UnsupportedPartError(
+                f"{where}: {what} '{shown}' is outside of package '{package}'; "
                 "keep the file inside the package"
             )
     elif scheme == "file":
         path = "/" + rest.lstrip("/")
     else:
-        raise LeftOutError(
+        raise UnsupportedPartError(
             f"{where}: {what} '{shown}' has the unknown scheme '{scheme}://'; "
             "use package://, file:// or an absolute path"
         )

@@ -1,4 +1,4 @@
-"""`<population>`: many copies of one model in a region of a world."""
+"""Expansion of SDF's `<population>`: many copies of one model in a region of a world."""
 
 from __future__ import annotations
 
@@ -13,27 +13,36 @@ import numpy as np
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import integer, number, numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_integer,
+    parse_number,
+    parse_numbers,
+    shorten,
+)
 from aras_visual_servo_base.urdf import ZERO
 
-LARGEST = 1000  # copies; each is a body of its own
+LARGEST_POPULATION = 1000  # copies; each copy is simulated as a separate body
 _LINES = ("linear-x", "linear-y", "linear-z")
 
 
-def members(population: Element, warnings: list[str]) -> list[Element]:
-    """The copies, named <model>_clone_0 and so on, upright where Gazebo puts them; none, with a
-    sentence in `warnings`, where it cannot be served.
+def place_copies(population: Element, warnings: list[str]) -> list[Element]:
+    """Return the copies of a population's model, named <model>_clone_0 and so on.
 
-    Positions by chance depend on the population's name alone, not on Gazebo's.
+    The copies are upright and arranged as in Gazebo. Random positions depend only on the
+    population's name and differ from Gazebo's.
+
+    Returns:
+        No copies, with a sentence in `warnings`, if the population is not supported.
     """
     where = f"<population> '{shorten(population.get('name') or '')}'"
     try:
         model = population.find("model")
         if model is None:
             raise DescriptionError(f"{where}: it has no <model>")
-        places = _places(population, where)
+        places = _compute_positions(population, where)
     except DescriptionError as error:
-        warnings.append(f"{error}; left out")
+        warnings.append(f"{error}; ignored")
         return []
     found = []
     for i, place in enumerate(places):
@@ -46,23 +55,23 @@ def members(population: Element, warnings: list[str]) -> list[Element]:
     return found
 
 
-def _places(population: Element, where: str) -> list[Vector3]:
-    """World positions of the copies, m."""
-    pose = safe_xml.pose(text_of(population, "pose"), f"{where}: pose")
+def _compute_positions(population: Element, where: str) -> list[Vector3]:
+    """Return the positions of the copies in the world, m."""
+    pose = safe_xml.parse_pose(find_text(population, "pose"), f"{where}: pose")
     node = population.find("distribution")
-    kind = text_of(node, "type") or "random"
+    kind = find_text(node, "type") or "random"
     if kind == "grid":
-        rows = _count(text_of(node, "rows"), f"{where}: rows")
-        columns = _count(text_of(node, "cols"), f"{where}: cols", LARGEST // rows)
-        step = numbers(text_of(node, "step"), 3, f"{where}: step", (0.5, 0.5, 0.0))
+        rows = _read_count(find_text(node, "rows"), f"{where}: rows")
+        columns = _read_count(find_text(node, "cols"), f"{where}: cols", LARGEST_POPULATION // rows)
+        step = parse_numbers(find_text(node, "step"), 3, f"{where}: step", (0.5, 0.5, 0.0))
         inside = [(j * step[0], i * step[1], 0.0) for i in range(rows) for j in range(columns)]
         corner = ((columns - 1) * step[0] / 2, (rows - 1) * step[1] / 2, 0.0)
     else:
-        count = _count(text_of(population, "model_count"), f"{where}: model_count")
+        count = _read_count(find_text(population, "model_count"), f"{where}: model_count")
         random = np.random.default_rng(zlib.crc32((population.get("name") or "").encode()))
         box, cylinder = population.find("box"), population.find("cylinder")
         if box is not None and kind in ("random", *_LINES):
-            size = numbers(text_of(box, "size"), 3, f"{where}: size")
+            size = parse_numbers(find_text(box, "size"), 3, f"{where}: size")
             if min(size) <= 0.0:
                 raise DescriptionError(f"{where}: size {size} must be positive")
             corner = tuple(side / 2 for side in size)
@@ -73,25 +82,25 @@ def _places(population: Element, where: str) -> list[Vector3]:
                 inside = [tuple(size[axis] * i / count if k == axis else corner[k]
                                 for k in range(3)) for i in range(count)]
         elif cylinder is not None and kind == "random":
-            radius = number(text_of(cylinder, "radius"), f"{where}: radius")
-            length = number(text_of(cylinder, "length"), f"{where}: length")
+            radius = parse_number(find_text(cylinder, "radius"), f"{where}: radius")
+            length = parse_number(find_text(cylinder, "length"), f"{where}: length")
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            out = radius * share  # denser in the middle, as Gazebo's
+            out = radius * share  # denser in the middle, as in Gazebo
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
-            corner = ZERO  # its base stands at the pose
+            corner = ZERO  # the base of the cylinder is at the pose
         else:
-            raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is served in no such "
-                                   "region; use grid, random or linear-x, -y, -z in a box")
-    # As Gazebo: the region's corner is moved in the world's axes, what is in it by the pose.
+            raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
+                                   "this region; use grid, random or linear-x, -y, -z in a box")
+    # As in Gazebo, the corner is subtracted in world axes, and positions are rotated by the pose.
     moved = Pose(tuple(a - b for a, b in zip(pose.xyz, corner, strict=True)), pose.quat)
     return [moved.apply(tuple(one)) for one in inside]
 
 
-def _count(text: str | None, where: str, most: int = LARGEST) -> int:
-    value = integer(text, where, 1)
+def _read_count(text: str | None, where: str, most: int = LARGEST_POPULATION) -> int:
+    value = parse_integer(text, where, 1)
     if not 1 <= value <= most:
         raise DescriptionError(f"{where} is {value}; 1 to {most} are possible")
     return value

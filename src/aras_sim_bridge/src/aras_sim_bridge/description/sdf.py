@@ -1,10 +1,10 @@
-"""SDF text -> models and lights.
+"""Reader of SDF text: models and lights.
 
-Of SDF this takes boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
-fixed, revolute, prismatic, universal and screw joints, in trees, closed chains, or without any;
-cameras and other sensors; lights, includes, models in models, and a world's `<state>`. What is not
-served is left out with a warning that names it: an element (see served.py), or a whole model of a
-world.
+Supported are boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
+fixed, revolute, prismatic, universal and screw joints in trees and closed chains; free links;
+cameras and other sensors; lights, includes, nested models, and a world's `<state>`. Everything else
+is ignored with a warning that names it: an element (see supported_elements.py), or a whole model of
+a world.
 """
 
 import copy
@@ -16,14 +16,14 @@ from aras_sim_bridge.description import (
     packages,
     plugins,
     population,
-    served,
+    supported_elements,
     world_joints,
 )
 from aras_sim_bridge.description.lights import read_light
 from aras_sim_bridge.description.sdf_dialects import unify
 from aras_sim_bridge.description.sdf_frames import Frames
 from aras_sim_bridge.description.sdf_model import read_model
-from aras_sim_bridge.description.sdf_poses import name_of, pose_of
+from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.description.types import Light, LinkAttacher, RobotDescription
 from aras_sim_bridge.description.world_state import WorldState
 from aras_sim_bridge.errors import DescriptionError
@@ -33,9 +33,14 @@ from aras_visual_servo_base.safe_xml import shorten
 
 @dataclass(frozen=True)
 class SdfContent:
-    """models: in file order. lights: in file order. warnings: what was passed over, a sentence
-    each. time_ns: simulated time of a world's `<state>`. link_attacher: whether its plug-in is in
-    the world."""
+    """Content of an SDF document.
+
+    Attributes:
+        models, lights: in file order.
+        warnings: one sentence for each part that was ignored.
+        time_ns: simulated time of the world's `<state>`.
+        link_attacher: whether the world has the plug-in gazebo_ros_link_attacher.
+    """
 
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = ()
@@ -45,52 +50,54 @@ class SdfContent:
 
 
 def parse_sdf(xml: str | Element, base_directory: str | None = None) -> RobotDescription:
-    """The one model of an SDF text, or of what safe_xml.parse made of it.
+    """Read an SDF document that contains exactly one model.
 
-    The model's own pose is in `initial_pose`; its root link's pose is worked into that link.
+    The model's pose is stored in `initial_pose`. The frame of the root link becomes the model's
+    frame.
 
     Args:
-        xml: the document.
-        base_directory: what relative mesh paths are relative to; None refuses them.
+        xml: the document, or the element that `safe_xml.parse` returned for it.
+        base_directory: folder to which relative mesh paths are relative; None rejects them.
 
     Raises:
-        DescriptionError: naming the element, what is wrong with it and how to fix it.
+        DescriptionError: an element is invalid; the message names the element, the problem and how
+            to fix it.
     """
     content = read_sdf(xml, base_directory=base_directory)
     if len(content.models) != 1 or content.lights:
         left_out = "".join(f"; {warning}" for warning in content.warnings)
         raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "
-                               f"lights; give one model at a time{left_out}")
+                               f"lights; it must contain exactly one model{left_out}")
     model = content.models[0]
     return replace(model, warnings=(*content.warnings, *model.warnings))
 
 
 def read_sdf(
     xml: str | Element,
-    resolve_package: packages.ResolvePackage = packages.find,
+    resolve_package: packages.ResolvePackage = packages.find_package,
     base_directory: str | None = None,
 ) -> SdfContent:
-    """All models and lights of an SDF text, a `<world>` around them or not.
+    """Read all models and lights of an SDF text, with or without a `<world>` around them.
 
-    What a world includes comes from Gazebo's model folders (see model_folders.py), and where its
-    `<state>` has models and lights is where they stand.
+    Includes are looked up in Gazebo's model folders (see model_folders.py). A world's `<state>`
+    overrides the poses of its models and lights.
 
     Raises:
-        DescriptionError: as `parse_sdf`; a model or light of a `<world>` that cannot be read is
-            left out instead, with a sentence in `warnings`.
+        DescriptionError: see `parse_sdf`. In a `<world>`, an invalid model or light is ignored
+            instead, with a sentence in `warnings`.
     """
-    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # it is rewritten below
+    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # rewritten below
     if root.tag not in ("sdf", "gazebo"):
         raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>")
     worlds = root.findall("world")
     if len(worlds) > 1:
-        raise DescriptionError(f"SDF: {len(worlds)} worlds; one is simulated")
+        raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated")
     scope = worlds[0] if worlds else root
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)
 
     def locate(uri: str, where: str) -> str:
-        return packages.located(uri, where, resolve_package, base_directory, "material")
+        return packages.locate(uri, where, resolve_package, base_directory, "material")
 
     models, lights = [], []
     warnings: list[str] = []
@@ -99,39 +106,39 @@ def read_sdf(
     state = WorldState(scope.find("state"))
     inserted = Element("insertions")
     inserted.extend(state.insertions)
-    elements = [*model_folders.expanded(scope, warnings, base_directory),
-                *model_folders.expanded(inserted, warnings, base_directory)]
+    elements = [*model_folders.expand(scope, warnings, base_directory),
+                *model_folders.expand(inserted, warnings, base_directory)]
     elements = [one for element in elements for one in (
-        population.members(element, warnings) if element.tag == "population" else (element,))]
-    elements = world_joints.bolted(elements, warnings)
-    around = Element(scope.tag)
-    around.extend(elements)
-    warnings += served.unserved(around, "world", "SDF")
-    frames = Frames(around)
-    warnings += frames.unplaced()
-    taken: set[tuple[str, str | None]] = set()
+        population.place_copies(element, warnings) if element.tag == "population" else (element,))]
+    elements = world_joints.bolt_models(elements, warnings)
+    expanded = Element(scope.tag)
+    expanded.extend(elements)
+    warnings += supported_elements.describe_ignored_elements(expanded, "world", "SDF")
+    frames = Frames(expanded)
+    warnings += frames.list_errors()
+    used_names: set[tuple[str, str | None]] = set()
     for element in elements:
         if element.get("name") in state.deleted or element.tag not in ("model", "light"):
             continue
         try:
-            if (element.tag, element.get("name")) in taken:
+            if (element.tag, element.get("name")) in used_names:
                 name = shorten(element.get("name") or "")
                 raise DescriptionError(f"two {element.tag}s are named '{name}'; rename one")
             if element.tag == "model":
                 models.append(read_model(element, resolve, locate, frames))
             else:
-                where = f"light '{name_of(element, 'SDF')}'"
-                warnings += served.unserved(element, "light", where)
-                lights.append(read_light(element, pose_of(element, where, frames)))
-            taken.add((element.tag, element.get("name")))
+                where = f"light '{read_name(element, 'SDF')}'"
+                warnings += supported_elements.describe_ignored_elements(element, "light", where)
+                lights.append(read_light(element, read_pose(element, where, frames)))
+            used_names.add((element.tag, element.get("name")))
         except DescriptionError as error:
             if not worlds:
                 raise
             name = shorten(element.get("name") or "")
-            warnings.append(f"{element.tag} '{name}' is left out: {error}")
-    models, lights = state.placed(models, lights, warnings)
+            warnings.append(f"{element.tag} '{name}' is ignored: {error}")
+    models, lights = state.place(models, lights, warnings)
     if not models and not lights and not worlds:
-        raise DescriptionError("SDF: there is no <model> and no <light> in it")
+        raise DescriptionError("SDF: it contains no <model> and no <light>")
     return SdfContent(tuple(models), tuple(lights), tuple(warnings), state.time_ns,
                       link_attacher)
 

@@ -1,8 +1,8 @@
-"""Frames of SDF: poses that are given by a link, a joint, a frame or a model, each in the frame of
-the element around it, as the readers after this want them.
+"""Resolution of SDF frames: poses relative to links, joints, frames and models.
 
-See http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to what it is
-`attached_to`, a pose is in the frame that it is `relative_to`.
+After the resolution every pose is relative to the parent element. See
+http://sdformat.org/tutorials?tut=pose_frame_semantics: a frame is fixed to the element that it is
+`attached_to`, and a pose is expressed in the frame that it is `relative_to`.
 """
 
 from __future__ import annotations
@@ -15,15 +15,18 @@ from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
 
 WORLD_FRAME = "world"
 _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
 
 
 class Frames(Mapping[str, Pose]):
-    """The frames of a model or a world by name, in that of the model or the world; the order in
-    the file does not count. One that does not exist, or is relative to itself, raises KeyError."""
+    """Poses of a model's or world's frames by name, relative to the model or world.
+
+    The order of the frames in the file does not matter. A missing frame, or one that is relative
+    to itself, raises KeyError.
+    """
 
     def __init__(self, scope: Element) -> None:
         root = MODEL_FRAME if scope.tag == "model" else WORLD_FRAME
@@ -31,24 +34,24 @@ class Frames(Mapping[str, Pose]):
         self._root = root
         self._nodes: dict[str, Element] = {}
         self._inner: dict[str, str] = {}
-        for name, node, owner in _named(scope):
+        for name, node, owner in _list_frames(scope):
             if self._nodes.setdefault(name, node) is node and owner:
                 self._inner[name] = owner
-        self._found: dict[str, Pose] = dict.fromkeys(self._roots, Pose())
+        self._cache: dict[str, Pose] = dict.fromkeys(self._roots, Pose())
 
     def __getitem__(self, name: str) -> Pose:
-        if name not in self._found:
+        if name not in self._cache:
             node = self._nodes[name]
-            self._found[name] = None  # what comes back to it meanwhile is relative to itself
+            self._cache[name] = None  # marks the frame as in progress, to detect cycles
             try:
-                at = self[self.base(name)] @ _own_pose(node)
+                at = self[self.base_frame(name)] @ _read_pose(node)
             except BaseException:
-                del self._found[name]
+                del self._cache[name]
                 raise
-            self._found[name] = at
-        if self._found[name] is None:
+            self._cache[name] = at
+        if self._cache[name] is None:
             raise KeyError(name)
-        return self._found[name]
+        return self._cache[name]
 
     def __iter__(self) -> Iterator[str]:
         return iter((*self._roots, *self._nodes))
@@ -56,42 +59,46 @@ class Frames(Mapping[str, Pose]):
     def __len__(self) -> int:
         return len(self._roots) + len(self._nodes)
 
-    def base(self, name: str) -> str:
-        """The frame in which the pose of a named element is given."""
+    def base_frame(self, name: str) -> str:
+        """Return the frame in which the pose of a named element is expressed."""
         node, owner = self._nodes[name], self._inner.get(name, "")
-        frame = _frame_of(node) or self._default(node)
+        frame = _read_frame(node) or self._find_default_base(node)
         return (owner or self._root) if frame in ("", self._root) else frame
 
-    def _default(self, node: Element) -> str:
+    def _find_default_base(self, node: Element) -> str:
         if node.tag == "joint":
-            return text_of(node, "child") or ""
+            return find_text(node, "child") or ""
         return node.get("attached_to") or "" if node.tag == "frame" else ""
 
-    def link_of(self, name: str) -> str:
-        """The link that a frame is fixed to; the name itself where it is no frame."""
-        seen: list[str] = []
-        while name not in seen and name in self._nodes and self._nodes[name].tag == "frame":
-            seen.append(name)
+    def find_link(self, name: str) -> str:
+        """Return the link that a frame is fixed to; other names are returned unchanged."""
+        visited: list[str] = []
+        while name not in visited and name in self._nodes and self._nodes[name].tag == "frame":
+            visited.append(name)
             on, owner = self._nodes[name].get("attached_to"), self._inner.get(name)
             if on:
                 name = f"{owner}::{on}" if owner else on
         return name
 
-    def kind(self, name: str) -> str:
-        """The tag of a named element, '' for the model or the world themselves."""
+    def find_kind(self, name: str) -> str:
+        """Return the tag of a named element, '' for the model or the world."""
         return self._nodes[name].tag if name in self._nodes else ""
 
-    def unplaced(self) -> list[str]:
-        """A sentence on each `<frame>` that has no place."""
-        return [f"frame '{shorten(name)}' is left out: '{shorten(self.base(name))}' is no link, "
-                "joint, frame or model there, or depends on this frame itself"
-                for name, node in self._nodes.items()
-                if node.tag == "frame" and name not in self._inner and not is_placed(self, name)]
+    def list_errors(self) -> list[str]:
+        """Return one sentence for each `<frame>` whose pose is undefined."""
+        return [
+            f"frame '{shorten(name)}' is ignored: '{shorten(self.base_frame(name))}' is no link, "
+            "joint, frame or model of its parent, or it depends on this frame"
+            for name, node in self._nodes.items()
+            if node.tag == "frame" and name not in self._inner and not has_pose(self, name)
+        ]
 
 
-def _named(scope: Element) -> Iterator[tuple[str, Element, str]]:
-    """Name, element and model around it of what has a frame; what is in models has their names
-    before its own."""
+def _list_frames(scope: Element) -> Iterator[tuple[str, Element, str]]:
+    """Yield the name, element and enclosing model of each element that has a frame.
+
+    Elements of nested models have names of the form model::name.
+    """
     for node in scope:
         name = node.get("name") or ""
         if node.tag in ("link", "joint", "frame", "model") and name:
@@ -102,17 +109,17 @@ def _named(scope: Element) -> Iterator[tuple[str, Element, str]]:
                     yield f"{name}::{inner.get('name')}", inner, name
 
 
-def _frame_of(node: Element) -> str:
+def _read_frame(node: Element) -> str:
     pose = node.find("pose")
     return "" if pose is None else pose.get("relative_to") or pose.get("frame") or ""
 
 
-def _own_pose(node: Element) -> Pose:
+def _read_pose(node: Element) -> Pose:
     where = f"{node.tag} '{shorten(node.get('name') or '')}': pose"
-    return safe_xml.pose(text_of(node, "pose"), where)
+    return safe_xml.parse_pose(find_text(node, "pose"), where)
 
 
-def _put(node: Element, pose: Pose, frame: str = "") -> None:
+def _set_pose(node: Element, pose: Pose, frame: str = "") -> None:
     for old in node.findall("pose"):
         node.remove(old)
     written = ElementTree.SubElement(node, "pose")
@@ -121,65 +128,67 @@ def _put(node: Element, pose: Pose, frame: str = "") -> None:
         written.set("relative_to", frame)
 
 
-def resolve(model: Element, warnings: list[str]) -> None:
-    """Rewrite the poses in a model, in place: those of links, frames and models in the model's
-    frame, a joint's in its child's, those of what is in a link in the link's.
+def resolve_poses(model: Element, warnings: list[str]) -> None:
+    """Rewrite the poses in a model in place, without references to other frames.
 
-    The models in it are rewritten already. What is given by a frame that does not exist stays as it
-    is, for its reader to name. A joint between frames is one between the links that these are
-    fixed to; an axis that is given in a joint's or a frame's is given in the model's.
+    Poses of links, frames and nested models become relative to the model, that of a joint to its
+    child, and those of a link's elements to the link. Joints between frames become joints between
+    the links that the frames are fixed to. Axes given in the frame of a joint, frame or nested
+    model are converted to the model's frame. A pose whose frame does not exist is unchanged, so
+    that the reader of its element reports it. Nested models must have been rewritten before.
     """
     frames = Frames(model)
     where = f"model '{shorten(model.get('name') or '')}'"
-    warnings += (f"{where}: {text}" for text in frames.unplaced())
-    places = {name: frames[name] for name in frames if is_placed(frames, name)}
-    links = {name: frames.link_of(name) for name in places}
+    warnings += (f"{where}: {text}" for text in frames.list_errors())
+    frame_poses = {name: frames[name] for name in frames if has_pose(frames, name)}
+    links = {name: frames.find_link(name) for name in frame_poses}
     for node in model:
         name = node.get("name") or ""
-        if name not in places:
+        if name not in frame_poses:
             continue
-        at, frame = places[name], _frame_of(node)
+        at, frame = frame_poses[name], _read_frame(node)
         if node.tag == "joint":
-            _resolve_joint(node, at, frames, places, links)
+            _resolve_joint(node, at, frames, frame_poses, links)
         elif node.tag == "frame":
-            _put(node, at, MODEL_FRAME)
+            _set_pose(node, at, MODEL_FRAME)
             if links[name] != name:
                 node.set("attached_to", links[name])
-        elif node.tag in ("link", "model") and frame in places and frames.kind(frame):
-            _put(node, at)
+        elif node.tag in ("link", "model") and frame in frame_poses and frames.find_kind(frame):
+            _set_pose(node, at)
         for part in node if node.tag == "link" else ():
-            frame = _frame_of(part)
-            if part.tag in _INSIDE_LINK and (frame == MODEL_FRAME or frames.kind(frame)
-                                             ) and frame in places:
-                _put(part, at.inverse() @ places[frame] @ _own_pose(part))
+            frame = _read_frame(part)
+            if part.tag in _INSIDE_LINK and (frame == MODEL_FRAME or frames.find_kind(frame)
+                                             ) and frame in frame_poses:
+                _set_pose(part, at.inverse() @ frame_poses[frame] @ _read_pose(part))
     placement = model.get("placement_frame")
-    if placement in places:
+    if placement in frame_poses:
         del model.attrib["placement_frame"]
-        _put(model, _own_pose(model) @ places[placement].inverse(), _frame_of(model))
+        _set_pose(model, _read_pose(model) @ frame_poses[placement].inverse(), _read_frame(model))
 
 
-def is_placed(frames: Frames, name: str) -> bool:
-    """Whether a frame has a place; one whose pose is wrong has none, which its reader names."""
+def has_pose(frames: Frames, name: str) -> bool:
+    """Return whether a frame's pose is defined; its reader reports an invalid pose."""
     try:
         return name in frames
     except DescriptionError:
         return False
 
 
-def _resolve_joint(joint: Element, at: Pose, frames: Frames, places: Mapping[str, Pose],
+def _resolve_joint(joint: Element, at: Pose, frames: Frames, frame_poses: Mapping[str, Pose],
                    links: Mapping[str, str]) -> None:
-    child, moved = text_of(joint, "child") or "", bool(_frame_of(joint))
+    child, moved = find_text(joint, "child") or "", bool(_read_frame(joint))
     for end in (joint.find("parent"), joint.find("child")):
         name = "" if end is None else (end.text or "").strip()
-        if frames.kind(name) == "frame" and name in links:
+        if frames.find_kind(name) == "frame" and name in links:
             end.text, moved = links[name], True
     child = links.get(child, child)
-    if moved and child in places:
-        _put(joint, places[child].inverse() @ at)
+    if moved and child in frame_poses:
+        _set_pose(joint, frame_poses[child].inverse() @ at)
     for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
         frame = axis.get("expressed_in") or ""
-        if frame in places and frames.kind(frame) in ("joint", "frame", "model"):
-            there = Pose((0.0, 0.0, 0.0), places[frame].quat)
-            vector = there.apply(numbers(axis.text, 3, f"joint '{joint.get('name')}': axis"))
+        if frame in frame_poses and frames.find_kind(frame) in ("joint", "frame", "model"):
+            rotation = Pose((0.0, 0.0, 0.0), frame_poses[frame].quat)
+            where = f"joint '{joint.get('name')}': axis"
+            vector = rotation.apply(parse_numbers(axis.text, 3, where))
             axis.text = " ".join(map(repr, vector))
             axis.set("expressed_in", MODEL_FRAME)

@@ -1,111 +1,122 @@
-"""The `<joint>`s of SDF: one with several axes, or with a thread, is several in a row."""
+"""Reader of SDF's `<joint>`s; joints with two axes or a thread become two joints in series."""
 
 from collections.abc import Mapping
 from dataclasses import replace
 from xml.etree.ElementTree import Element
 
-from aras_sim_bridge.description.assembly import WORLD, PlacedJoint
+from aras_sim_bridge.description.assembly import WORLD, JointInModel
 from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
-from aras_sim_bridge.description.sdf_poses import name_of, pose_of
+from aras_sim_bridge.description.sdf_poses import read_name, read_pose
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import direction, number, shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import (
+    find_text,
+    parse_bool,
+    parse_direction,
+    parse_number,
+    shorten,
+)
 from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic
 
 _SINGLE = ("revolute", "continuous", "prismatic", "fixed")
-_CROSSED = ("universal", "revolute2")
-JOINT_KINDS = (*_SINGLE, *_CROSSED, "screw")
-ENDLESS = 1e16  # as SDF writes that a joint has no limit
+_TWO_AXIS_KINDS = ("universal", "revolute2")
+JOINT_KINDS = (*_SINGLE, *_TWO_AXIS_KINDS, "screw")
+NO_LIMIT = 1e16  # SDF's value for a joint without limit
 
 
-def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list[PlacedJoint]:
-    """Read a `<joint>` between links that are at `poses` in the model, or the world and one.
+def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list[JointInModel]:
+    """Read a `<joint>` between two links of a model, or between the world and a link.
 
-    A universal joint <name> is a revolute one about its `<axis>`, which moves a link <name>_cross
-    without mass, and <name>_2 about its `<axis2>`; so is a revolute2. A screw is a revolute joint,
-    which moves <name>_nut, and a prismatic one, <name>_thread, that follows it: as in Gazebo the
-    child moves by -1/thread_pitch m a rad.
+    A universal or revolute2 joint <name> becomes a revolute joint about its `<axis>`, a massless
+    link <name>_cross, and a revolute joint <name>_2 about its `<axis2>`. A screw becomes a revolute
+    joint, a massless link <name>_nut, and a prismatic joint <name>_thread that follows the
+    rotation: as in Gazebo the child moves by -1/thread_pitch metres per rad.
+
+    Args:
+        poses: poses of the links in the model.
 
     Raises:
-        DescriptionError: naming the joint, what is wrong with it and how to fix it.
+        DescriptionError: the joint is invalid; the message names it, the problem and how to fix it.
     """
-    name = name_of(element, model)
+    name = read_name(element, model)
     where = f"{model}, joint '{name}'"
     kind = element.get("type") or ""
     if kind not in JOINT_KINDS:
         raise DescriptionError(f"{where}: joint type '{shorten(kind)}' is not supported; use "
                                f"{', '.join(JOINT_KINDS)}")
-    parent, child = text_of(element, "parent") or "", text_of(element, "child") or ""
+    parent, child = find_text(element, "parent") or "", find_text(element, "child") or ""
     for end, known in ((parent, {*poses, WORLD}), (child, poses)):
         if end not in known:
             raise DescriptionError(f"{where}: link '{shorten(end)}' does not exist")
-    own = pose_of(element, where)
-    pose = poses[child] if own == Pose() else poses[child] @ own
-    cut = truth(text_of(element, "physics/simbody/must_be_loop_joint"), f"{where}: "
+    offset = read_pose(element, where)
+    pose = poses[child] if offset == Pose() else poses[child] @ offset
+    cut = parse_bool(find_text(element, "physics/simbody/must_be_loop_joint"), f"{where}: "
                 "must_be_loop_joint", False)
     if kind == "fixed":
-        return [PlacedJoint(Joint(name, kind, parent, child), pose)]
+        return [JointInModel(Joint(name, kind, parent, child), pose)]
     if kind in _SINGLE:
-        joint = _about(element, "axis", Joint(name, kind, parent, child), pose, poses, where)
-        return [PlacedJoint(joint, pose, cut)]
+        joint = _set_axis(element, "axis", Joint(name, kind, parent, child), pose, poses, where)
+        return [JointInModel(joint, pose, cut)]
     between = f"{name}_{'nut' if kind == 'screw' else 'cross'}"
-    first = _about(element, "axis", Joint(name, "revolute", parent, between), pose, poses, where)
+    first = _set_axis(element, "axis", Joint(name, "revolute", parent, between), pose, poses, where)
     if kind == "screw":
-        pitch = number(text_of(element, "thread_pitch"), f"{where}: thread_pitch", 1.0)
+        pitch = parse_number(find_text(element, "thread_pitch"), f"{where}: thread_pitch", 1.0)
         if pitch == 0.0:
             raise DescriptionError(f"{where}: thread_pitch is 0 rad/m; a screw needs a thread")
         second = Joint(f"{name}_thread", "prismatic", between, child, axis=first.axis,
-                       limits=JointLimits(-ENDLESS, ENDLESS, ENDLESS, ENDLESS),
+                       limits=JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT),
                        mimic=Mimic(name, -1.0 / pitch, 0.0))
     else:
-        second = _about(element, "axis2", Joint(f"{name}_2", "revolute", between, child), pose,
+        second = _set_axis(element, "axis2", Joint(f"{name}_2", "revolute", between, child), pose,
                         poses, f"{where}: axis2")
         if abs(sum(a * b for a, b in zip(first.axis, second.axis, strict=True))) > 0.999:
-            raise DescriptionError(f"{where}: its two axes are the same; give <axis2> another one")
-    return [PlacedJoint(first, pose, False, between), PlacedJoint(second, pose, cut)]
+            raise DescriptionError(f"{where}: its two axes are parallel; change <axis2>")
+    return [JointInModel(first, pose, False, between), JointInModel(second, pose, cut)]
 
 
-def _about(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mapping[str, Pose],
+def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mapping[str, Pose],
            where: str) -> Joint:
     """Return the joint, whose frame is at `pose`, with the axis, limits and dynamics of `tag`."""
     axis = element.find(tag)
     kind = joint.kind
-    along = direction(text_of(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
+    along = parse_direction(find_text(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
     frame = "" if axis is None or axis.find("xyz") is None else axis.find("xyz").get("expressed_in")
     if frame:
         known = {MODEL_FRAME: Pose(), WORLD: Pose(), **poses}
         if frame not in known:
             raise DescriptionError(f"{where}: <xyz expressed_in='{shorten(frame)}'> names no link; "
                                    "give the axis in the joint's frame")
-        turn = Pose((0.0, 0.0, 0.0), (pose.inverse() @ known[frame]).quat)
-        along = turn.apply(along)
+        rotation = Pose((0.0, 0.0, 0.0), (pose.inverse() @ known[frame]).quat)
+        along = rotation.apply(along)
     limit = None if axis is None else axis.find("limit")
     dynamics = None if axis is None else axis.find("dynamics")
-    lower = _bound(limit, "lower", f"{where}: lower", -ENDLESS)
-    upper = _bound(limit, "upper", f"{where}: upper", ENDLESS)
+    lower = _read_bound(limit, "lower", f"{where}: lower", -NO_LIMIT)
+    upper = _read_bound(limit, "upper", f"{where}: upper", NO_LIMIT)
     if lower > upper:
         raise DescriptionError(f"{where}: lower {lower} is above upper {upper}")
     free = kind == "continuous" or kind == "revolute" and lower <= -1e15 and upper >= 1e15
-    effort = _bound(limit, "effort", f"{where}: effort", ENDLESS)
-    velocity = _bound(limit, "velocity", f"{where}: velocity", ENDLESS)
+    effort = _read_bound(limit, "effort", f"{where}: effort", NO_LIMIT)
+    velocity = _read_bound(limit, "velocity", f"{where}: velocity", NO_LIMIT)
     limits = JointLimits(None if free else lower, None if free else upper,
-                         effort if effort >= 0.0 else ENDLESS,  # SDF: -1 is no limit
-                         velocity if velocity >= 0.0 else ENDLESS)
-    damping = number(text_of(dynamics, "damping"), f"{where}: damping", 0.0)
-    friction = number(text_of(dynamics, "friction"), f"{where}: friction", 0.0)
+                         effort if effort >= 0.0 else NO_LIMIT,  # SDF: -1 is no limit
+                         velocity if velocity >= 0.0 else NO_LIMIT)
+    damping = parse_number(find_text(dynamics, "damping"), f"{where}: damping", 0.0)
+    friction = parse_number(find_text(dynamics, "friction"), f"{where}: friction", 0.0)
     if damping < 0.0 or friction < 0.0:
         raise DescriptionError(f"{where}: damping {damping} and friction {friction} must be ≥ 0")
-    stiffness = number(text_of(dynamics, "spring_stiffness"), f"{where}: spring_stiffness", 0.0)
+    stiffness = parse_number(
+        find_text(dynamics, "spring_stiffness"), f"{where}: spring_stiffness", 0.0
+    )
     if stiffness < 0.0:
         raise DescriptionError(f"{where}: spring_stiffness is {stiffness}; it must not be negative")
-    rest = number(text_of(dynamics, "spring_reference"), f"{where}: spring_reference", 0.0)
+    rest = parse_number(find_text(dynamics, "spring_reference"), f"{where}: spring_reference", 0.0)
     return replace(joint, kind="continuous" if free else kind, axis=along, limits=limits,
                    damping=damping, friction=friction, stiffness=stiffness, rest=rest)
 
 
-def _bound(limit: Element | None, tag: str, where: str, default: float) -> float:
-    """A limit; SDF's words for none are the default with its sign."""
-    text = text_of(limit, tag)
+def _read_bound(limit: Element | None, tag: str, where: str, default: float) -> float:
+    """Read a limit; inf and -inf become ±NO_LIMIT."""
+    text = find_text(limit, tag)
     if text and text.lower().lstrip("+-") in ("inf", "infinity"):
-        return -ENDLESS if text.startswith("-") else ENDLESS
-    return number(text, where, default)
+        return -NO_LIMIT if text.startswith("-") else NO_LIMIT
+    return parse_number(text, where, default)

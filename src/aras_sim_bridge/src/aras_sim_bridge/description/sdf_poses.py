@@ -1,4 +1,4 @@
-"""The name and the pose of an element of SDF."""
+"""Readers of the name and the pose of an SDF element."""
 
 from collections.abc import Mapping
 from types import MappingProxyType
@@ -8,22 +8,25 @@ from aras_sim_bridge.description.sdf_dialects import MODEL_FRAME
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_base.safe_xml import shorten, text_of
+from aras_visual_servo_base.safe_xml import find_text, shorten
 
-_HERE = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
+_IDENTITY_FRAMES = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
 
 
-def name_of(element: Element, where: str) -> str:
-    """The name that an element needs to have."""
+def read_name(element: Element, where: str) -> str:
+    """Return the name of an element, which must have one."""
     name = element.get("name")
     if not name or len(name) > 256:
         raise DescriptionError(f"{where}: a <{element.tag}> needs a name of 1 to 256 characters")
     return name
 
 
-def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) -> Pose:
-    """The pose of an element; frames: those by which it may be given, in that of the element
-    around it."""
+def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTITY_FRAMES) -> Pose:
+    """Return the pose of an element relative to its parent element.
+
+    Args:
+        frames: poses, relative to the parent element, of the frames that the pose may refer to.
+    """
     node = element.find("pose")
     if node is None:
         return Pose()
@@ -31,6 +34,6 @@ def pose_of(element: Element, where: str, frames: Mapping[str, Pose] = _HERE) ->
     if frame not in frames:
         raise DescriptionError(
             f"{where}: <pose relative_to='{shorten(frame)}'> names no link, joint, frame or model "
-            "there; correct the name, or give the pose in the frame of the element around it"
+            "there; correct the name, or give the pose relative to the parent element"
         )
-    return frames[frame] @ safe_xml.pose(text_of(element, "pose"), f"{where}: pose")
+    return frames[frame] @ safe_xml.parse_pose(find_text(element, "pose"), f"{where}: pose")

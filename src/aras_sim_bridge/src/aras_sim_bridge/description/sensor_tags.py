@@ -1,4 +1,4 @@
-"""Sensors of motion and forces in URDF and SDF: their elements, and their plug-ins' settings."""
+"""Readers of the motion and force sensors in URDF and SDF and of their plug-ins."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -12,8 +12,8 @@ from aras_sim_bridge.description.types import (
     SensorDescription,
 )
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.safe_xml import number, numbers, shorten, text_of
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.safe_xml import find_text, parse_number, parse_numbers, shorten
 from aras_visual_servo_base.urdf import CAMERA_KINDS, Joint
 
 WORLDS = ("world", "/world", "map", "/map")
@@ -23,187 +23,218 @@ _CHANNELS = {
 }
 
 
-def of_link(element: Element, link: str, cameras: list[CameraDescription],
-            sensors: list[SensorDescription], asked: list[plugins.Plugin], warnings: list[str]
-            ) -> None:
-    """Add what the `<sensor>` elements of a link are.
+def read_link_sensors(
+    element: Element,
+    link: str,
+    cameras: list[CameraDescription],
+    sensors: list[SensorDescription],
+    plugin_sensors: list[plugins.Plugin],
+    warnings: list[str],
+) -> None:
+    """Read the `<sensor>` elements of a link into the given lists.
 
-    sensors: gets those that are whole. asked: gets those that `of_model` has to look at.
+    Args:
+        cameras, sensors: receive the cameras and the complete sensors.
+        plugin_sensors: receives sensors that `check_model_sensors` has to check.
 
     Raises:
-        DescriptionError: an element that is no number, or a rate or noise that is negative.
+        DescriptionError: an element is not a number, or a rate or noise is negative.
     """
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
         if kind in CAMERA_KINDS:
-            cameras += camera_tags.cameras(sensor, link, warnings)
+            cameras += camera_tags.read_cameras(sensor, link, warnings)
         elif kind == "imu":
-            sensors += _imus(sensor, link, warnings)
+            sensors += _read_imus(sensor, link, warnings)
         elif kind == "contact":
-            asked += _bumpers(sensor, link, warnings)
+            plugin_sensors += _read_bumpers(sensor, link, warnings)
         else:
-            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is not known; ignored")
+            warnings.append(f"link '{link}': sensor type '{shorten(kind)}' is unknown; ignored")
 
 
-def _imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
-    """What the plug-ins of an IMU's `<sensor>` on `link` tell.
+def _read_imus(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
+    """Read the plug-ins of an IMU's `<sensor>` on `link`.
 
     Raises:
-        DescriptionError: an element that is no number, or a rate or noise that is negative.
+        DescriptionError: an element is not a number, or a rate or noise is negative.
     """
-    where = _where(sensor, f"link '{link}'")
-    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
-    rate = _rate(sensor, where)
+    where = _describe_place(sensor, f"link '{link}'")
+    at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    rate = _read_rate(sensor, where)
     found = []
     for made in plugins.read(sensor, where, (SensorDescription,), warnings):
         if made.kind != "imu":
-            warnings.append(f"{where}: this plug-in belongs into <gazebo> or <model>; left out")
+            warnings.append(f"{where}: this plug-in must be in <gazebo> or <model>; ignored")
         elif not made.frame:
-            warnings.append(f"{where}: its plug-in has no <frameName>; left out")
+            warnings.append(f"{where}: its plug-in has no <frameName>; ignored")
         else:
             found.append(replace(made, link=link, pose=(at[:3], at[3:]), sample_rate=rate,
-                                 channels=_channels(sensor, "imu", where)))
+                                 channels=_read_channels(sensor, "imu", where)))
     return found
 
 
-def _bumpers(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
-    """What the plug-ins of a contact `<sensor>` on `link` tell, of the collisions that it names."""
-    where = _where(sensor, f"link '{link}'")
+def _read_bumpers(sensor: Element, link: str, warnings: list[str]) -> list[SensorDescription]:
+    """Read the plug-ins and collision names of a contact `<sensor>` on `link`."""
+    where = _describe_place(sensor, f"link '{link}'")
     names = tuple((node.text or node.get("name") or "").strip()
                   for node in sensor.findall("contact/collision"))
-    return [replace(made, link=link, rate=_rate(sensor, where), collisions=names)
+    return [replace(made, link=link, rate=_read_rate(sensor, where), collisions=names)
             for made in plugins.read(sensor, where, (SensorDescription,), warnings)]
 
 
-def _rate(sensor: Element, where: str) -> float:
-    rate = number(text_of(sensor, "update_rate") or sensor.get("update_rate"),
+def _read_rate(sensor: Element, where: str) -> float:
+    rate = parse_number(find_text(sensor, "update_rate") or sensor.get("update_rate"),
                   f"{where}: update_rate", 0.0)
     if rate < 0.0:
         raise DescriptionError(f"{where}: update_rate is {rate} Hz; it must not be negative")
     return rate
 
 
-def of_model(found: list[SensorDescription], links: Mapping[str, Link],
-             joints: Mapping[str, Joint], gauges: Mapping[str, Element], warnings: list[str]
-             ) -> list[SensorDescription]:
-    """The sensors that a model's own plug-ins ask for, without those that measure nothing.
+def check_model_sensors(
+    sensors: list[SensorDescription],
+    links: Mapping[str, Link],
+    joints: Mapping[str, Joint],
+    force_torque_tags: Mapping[str, Element],
+    warnings: list[str],
+) -> list[SensorDescription]:
+    """Return the sensors of a model's plug-ins, without those that cannot measure anything.
 
-    gauges: the force/torque `<sensor>` of each joint that has one.
+    Args:
+        force_torque_tags: the force/torque `<sensor>` of each joint that has one.
 
     Raises:
-        DescriptionError: an element of such a sensor that is no number.
+        DescriptionError: an element of such a sensor is not a number.
     """
-    kept = []
-    for made in found:
+    checked = []
+    for made in sensors:
         for name in made.joints:
-            if name not in joints or not joints[name].moves:
+            if name not in joints or not joints[name].is_movable:
                 warnings.append(f"plug-in of a {made.kind} sensor: joint '{shorten(name)}' does "
-                                "not exist or does not move; it is left out")
+                                "not exist or does not move; it is ignored")
         made = replace(made, joints=tuple(
-            name for name in made.joints if name in joints and joints[name].moves))
-        problem = _problem(made, links, joints)
-        warnings += _missing_collisions(made, links)
+            name for name in made.joints if name in joints and joints[name].is_movable))
+        problem = _find_problem(made, links, joints)
+        warnings += _find_missing_collisions(made, links)
         if problem:
-            warnings.append(f"plug-in of a {made.kind} sensor: {problem}; left out")
+            warnings.append(f"plug-in of a {made.kind} sensor: {problem}; ignored")
             continue
         if made.kind == "wrench":
-            child, own = joints[made.joint].child, f"{made.joint}_frame"
-            if child == own and own in joints:  # the frame of a joint with a <pose>, see sdf.py
-                child = joints[own].child
+            child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
+            if child == frame_link and frame_link in joints:  # massless link of assembly.py
+                child = joints[frame_link].child
             made = replace(made, link=child)
-            if made.joint in gauges:
-                made = _gauged(made, gauges[made.joint], warnings)
-        kept.append(made)
-    return kept
+            if made.joint in force_torque_tags:
+                made = _apply_force_torque_tag(made, force_torque_tags[made.joint], warnings)
+        checked.append(made)
+    return checked
 
 
-def of_joint(element: Element, joint: str, gauges: dict[str, Element], warnings: list[str]
-             ) -> list[SensorDescription]:
+def read_joint_sensors(
+    element: Element, joint: str, force_torque_tags: dict[str, Element], warnings: list[str]
+) -> list[SensorDescription]:
     """Read the plug-ins in the force/torque `<sensor>`s of a joint; they need no <jointName>.
 
-    gauges: gets the sensor of this joint.
+    Args:
+        force_torque_tags: receives the sensor element of this joint.
     """
     found = []
     for sensor in element.findall("sensor"):
         kind = sensor.get("type") or ""
         if kind != "force_torque":
-            warnings.append(f"joint '{joint}': sensor type '{shorten(kind)}' is not served on a "
-                            "joint; left out")
+            warnings.append(f"joint '{joint}': sensor type '{shorten(kind)}' is not supported on a "
+                            "joint; ignored")
             continue
-        gauges[joint] = sensor
-        where = _where(sensor, f"joint '{joint}'")
+        force_torque_tags[joint] = sensor
+        where = _describe_place(sensor, f"joint '{joint}'")
         found += (replace(made, joint=made.joint or joint)
                   for made in plugins.read(sensor, where, (SensorDescription,), warnings))
     return found
 
 
-def _where(sensor: Element, owner: str) -> str:
+def _describe_place(sensor: Element, owner: str) -> str:
     return f"sensor '{shorten(sensor.get('name') or '')}' on {owner}"
 
 
-def _problem(made: SensorDescription, links: Mapping[str, Link], joints: Mapping[str, Joint]
-             ) -> str:
-    """Why a sensor measures nothing; empty where it does."""
-    if made.kind == "imu":
-        return "it belongs into a <sensor type='imu'>"
-    if not made.topic:
+def _find_problem(
+    description: SensorDescription, links: Mapping[str, Link], joints: Mapping[str, Joint]
+) -> str:
+    """Return why a sensor cannot measure anything; '' if it can."""
+    if description.kind == "imu":
+        return "it must be inside a <sensor type='imu'>"
+    if not description.topic:
         return "it has no <topicName>"
-    if made.kind == "joint_states":
-        return "" if made.joints else "it has no <jointName> of a joint that moves"
-    if made.kind == "contact":
-        return "" if made.collisions else (
-            "it names no <collision> in a <contact>, or stands in no <sensor type='contact'>")
-    if made.kind == "wrench":
-        return "" if made.joint in joints else f"joint '{shorten(made.joint)}' does not exist"
-    if made.link not in links:
-        return f"link '{shorten(made.link)}' does not exist"
-    if made.kind == "pose" and made.frame not in (*WORLDS, *links):
-        return f"frame '{shorten(made.frame)}' is neither the world nor a link"
+    if description.kind == "joint_states":
+        return "" if description.joints else "it has no <jointName> of a joint that moves"
+    if description.kind == "contact":
+        return "" if description.collisions else (
+            "it names no <collision> in a <contact>, or is not in a <sensor type='contact'>")
+    if description.kind == "wrench":
+        return (
+            ""
+            if description.joint in joints
+            else f"joint '{shorten(description.joint)}' does not exist"
+        )
+    if description.link not in links:
+        return f"link '{shorten(description.link)}' does not exist"
+    if description.kind == "pose" and description.frame not in (*WORLDS, *links):
+        return f"frame '{shorten(description.frame)}' is neither the world nor a link"
     return ""
 
 
-def _missing_collisions(made: SensorDescription, links: Mapping[str, Link]) -> list[str]:
-    """Sentences on collisions that a contact sensor names and that do not exist; as Gazebo's it
-    has its topic all the same."""
+def _find_missing_collisions(
+    description: SensorDescription, links: Mapping[str, Link]
+) -> list[str]:
+    """Return a sentence for each missing collision that a contact sensor names.
+
+    As in Gazebo, the sensor still publishes on its topic.
+    """
     known = [one.name for link in links.values() for one in link.collisions]
-    return [f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist; "
-            f"{nearest(name, known)}; of it no contact is reported"
-            for name in made.collisions if not any(same(name, one) for one in known)]
+    return [
+        f"plug-in of a contact sensor: collision '{shorten(name)}' does not exist; "
+        f"{suggest(name, known)}; the sensor reports no contacts of it"
+        for name in description.collisions
+        if not any(is_same_collision(name, one) for one in known)
+    ]
 
 
-def same(name: str, collision: str) -> bool:
-    """Whether a name means a collision; Gazebo puts the link before it that a fixed one is lumped
-    into, and "_collision" behind the name that a URDF gives it."""
-    own = name.rpartition("_fixed_joint_lump__")[2]
-    return own in (collision, f"{collision}_collision")
+def is_same_collision(name: str, collision: str) -> bool:
+    """Return whether `name` in a contact sensor refers to `collision`.
+
+    When Gazebo lumps a fixed link into its parent, it adds the parent's name before the collision's
+    name. It also appends "_collision" to the names of URDF collisions.
+    """
+    collision_name = name.rpartition("_fixed_joint_lump__")[2]
+    return collision_name in (collision, f"{collision}_collision")
 
 
-def _gauged(made: SensorDescription, sensor: Element, warnings: list[str]) -> SensorDescription:
-    where = _where(sensor, f"joint '{made.joint}'")
+def _apply_force_torque_tag(
+    description: SensorDescription, sensor: Element, warnings: list[str]
+) -> SensorDescription:
+    where = _describe_place(sensor, f"joint '{description.joint}'")
     node = sensor.find("force_torque")
-    words = {"frame": ("child", "parent", "sensor"),
+    options = {"frame": ("child", "parent", "sensor"),
              "measure_direction": ("child_to_parent", "parent_to_child")}
     chosen = {}
-    for tag, known in words.items():
-        chosen[tag] = text_of(node, tag) or known[0]
+    for tag, known in options.items():
+        chosen[tag] = find_text(node, tag) or known[0]
         if chosen[tag] not in known:
             warnings.append(f"{where}: {tag} '{shorten(chosen[tag])}' is unknown; {known[0]} is "
-                            "taken")
+                            "used")
             chosen[tag] = known[0]
-    at = numbers(text_of(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
+    at = parse_numbers(find_text(sensor, "pose"), 6, f"{where}: pose", (0.0,) * 6)
     return replace(
-        made, pose=(at[:3], at[3:]), measured_in=chosen["frame"],
+        description, pose=(at[:3], at[3:]), wrench_frame=chosen["frame"],
         on_child=chosen["measure_direction"] == "parent_to_child",
-        channels=_channels(sensor, "force_torque", where))
+        channels=_read_channels(sensor, "force_torque", where))
 
 
-def _channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
-    """Noise of the three axes of each of the two quantities; () where none is asked for."""
+def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
+    """Read the noise of the three axes of both quantities; () if all noise is zero."""
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":
             noise = sensor.find(f"{kind}/{quantity}/{axis}/noise")
-            values = [number(text_of(noise, tag), f"{where}: {quantity} {axis} {tag}", 0.0)
+            values = [parse_number(find_text(noise, tag), f"{where}: {quantity} {axis} {tag}", 0.0)
                       for tag in ("mean", "stddev", "bias_mean", "bias_stddev")]
             if values[1] < 0.0 or values[3] < 0.0:
                 raise DescriptionError(f"{where}: noise of {quantity} {axis}: a standard "

@@ -1,4 +1,4 @@
-"""Every shape of a description as triangles: what cameras draw and what meshes collide with."""
+"""Triangle meshes of all shapes of a description, for rendering and mesh collisions."""
 
 from __future__ import annotations
 
@@ -10,42 +10,42 @@ from aras_sim_bridge.description.types import Geometry, RobotDescription, Vector
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.meshes import files as mesh_files
 from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
-from aras_visual_servo_base.poses import quaternion_to, rotate
+from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
-_HUGE = 50.0  # m
-ARC, SECTORS = 8, 32  # edges of a quarter of a turn from pole to equator, and around the axis
+_LARGEST_MESH = 50.0  # m
+ARC, SECTORS = 8, 32  # edges from pole to equator, and around the axis of revolution
 
 
-def triangles(geometry: Geometry) -> tuple[Mesh, ...]:
-    """The shape in its own frame, m: one mesh, or one for each part of a mesh file.
+def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
+    """Return the triangle meshes (m) of a shape in its own frame: several for some mesh files.
 
     Raises:
-        DescriptionError: a mesh file that cannot be used.
+        DescriptionError: the mesh file cannot be used.
     """
     if geometry.kind == "mesh":
         scale = np.array(geometry.scale)
-        return tuple(part.transformed(np.eye(4), scale) for part in mesh_files.read(
+        return tuple(part.transform(np.eye(4), scale) for part in mesh_files.read(
             geometry.filename))
-    return _made(geometry.kind, tuple(geometry.size), geometry.radius, geometry.length,
+    return _make_mesh(geometry.kind, tuple(geometry.size), geometry.radius, geometry.length,
                  tuple(geometry.normal))
 
 
 @lru_cache(maxsize=32)  # a sphere takes 150 kB
-def _made(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
+def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
-    """Of a shape that no file describes: the same in every world of this process."""
+    """Return the mesh of a geometric primitive; cached for all worlds of this process."""
     makers = {
-        "box": lambda: _box(np.array(size)),
-        "sphere": lambda: _sphere(radius),
-        "cylinder": lambda: _cylinder(radius, length),
-        "capsule": lambda: _capsule(radius, length),
-        "plane": lambda: _plane(normal, size[:2]),
+        "box": lambda: _make_box(np.array(size)),
+        "sphere": lambda: _make_sphere(radius),
+        "cylinder": lambda: _make_cylinder(radius, length),
+        "capsule": lambda: _make_capsule(radius, length),
+        "plane": lambda: _make_plane(normal, size[:2]),
     }
     return (makers[kind](),)
 
 
-def _box(extents: np.ndarray) -> Mesh:
-    """Axis-aligned box of full side lengths `extents` (3,), m."""
+def _make_box(extents: np.ndarray) -> Mesh:
+    """Return an axis-aligned box with the side lengths `extents` (3,), m."""
     corners = np.array([[x, y, z] for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)])
     corners = corners * extents
     quads = [(0, 1, 3, 2), (4, 6, 7, 5), (0, 4, 5, 1), (2, 3, 7, 6), (0, 2, 6, 4), (1, 5, 7, 3)]
@@ -53,27 +53,27 @@ def _box(extents: np.ndarray) -> Mesh:
     return from_corners(np.array(tris))
 
 
-def _sphere(radius: float) -> Mesh:
-    """Sphere of latitude rings and longitude sectors."""
-    return _revolved([(radius * np.sin(t), -radius * np.cos(t)) for t in
+def _make_sphere(radius: float) -> Mesh:
+    """Return a sphere of latitude rings and longitude sectors."""
+    return _revolve([(radius * np.sin(t), -radius * np.cos(t)) for t in
                       np.linspace(0.0, np.pi, 2 * ARC + 1)])
 
 
-def _cylinder(radius: float, length: float) -> Mesh:
-    """Cylinder along z, centred."""
+def _make_cylinder(radius: float, length: float) -> Mesh:
+    """Return a cylinder along z, centred at the origin."""
     h = length / 2.0
-    return _revolved([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
+    return _revolve([(0.0, -h), (radius, -h), (radius, h), (0.0, h)])
 
 
-def _capsule(radius: float, length: float) -> Mesh:
-    """Capsule along z: a cylinder of `length` with half spheres at its ends."""
+def _make_capsule(radius: float, length: float) -> Mesh:
+    """Return a capsule along z: a cylinder of `length` with half spheres at its ends."""
     arc = np.linspace(0.0, np.pi / 2, ARC + 1)
     low = [(radius * np.sin(t), -length / 2 - radius * np.cos(t)) for t in arc]
-    return _revolved(low + [(r, -z) for r, z in reversed(low)])
+    return _revolve(low + [(r, -z) for r, z in reversed(low)])
 
 
-def _revolved(profile: list[tuple[float, float]]) -> Mesh:
-    """Surface of the (radius, z) profile, bottom to top, turned about z."""
+def _revolve(profile: list[tuple[float, float]]) -> Mesh:
+    """Return the surface of revolution about z of a (radius, z) profile from bottom to top."""
     angle = np.linspace(0.0, 2 * np.pi, SECTORS + 1)
     ring = np.stack([np.cos(angle), np.sin(angle)], axis=1)
     ring[-1] = ring[0]
@@ -85,24 +85,25 @@ def _revolved(profile: list[tuple[float, float]]) -> Mesh:
     return from_corners(np.array(tris))
 
 
-def _plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
-    """Rectangle about the origin; 100 m wide, as Gazebo's ground, where no size is given."""
-    tilt = quaternion_to(normal)
+def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
+    """Return a rectangle about the origin; without a size it is 100 m wide, as Gazebo's ground."""
+    tilt = quaternion_from_z_to(normal)
     wide, deep = (0.5 * (side or 100.0) for side in size)
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
                         for a, b in ((-1, -1), (1, -1), (1, 1), (-1, 1))])
     return from_corners(corners[[[0, 1, 2], [0, 2, 3]]])
 
 
-def read_all(description: RobotDescription, model: str) -> list[str]:
-    """Read every mesh file of a description; `model` is its name for messages.
+def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
+    """Read every mesh file of a description; `model` is its name in messages.
 
     Returns:
-        A sentence on each file that is probably in millimetres: of something that moves, beyond
-        50 m and without a scale.
+        A sentence for each file that is probably in millimetres: one of a non-static model, larger
+        than 50 m and without a scale.
 
     Raises:
-        DescriptionError: naming model, link and file, what is wrong with it and how to fix it.
+        DescriptionError: a mesh file is invalid; the message names model, link and file, the
+            problem and how to fix it.
     """
     huge: dict[str, str] = {}
     for link in description.links.values():
@@ -114,7 +115,7 @@ def read_all(description: RobotDescription, model: str) -> list[str]:
                         meshes = mesh_files.read(file)
                         size = max((float(np.ptp(mesh.positions, axis=0).max())
                                     for mesh in meshes if len(mesh.positions)), default=0.0)
-                        if size > _HUGE and not description.static and (
+                        if size > _LARGEST_MESH and not description.static and (
                                 shape.geometry.scale == (1.0, 1.0, 1.0)):
                             huge[file] = (
                                 f"model '{model}', link '{link.name}', {kind}: {file} is {size:.4g}"

@@ -1,4 +1,4 @@
-"""The dataclasses of a robot description. SI units, radians; rotations as rpy, as in URDF."""
+"""Dataclasses of a robot description, in SI units and radians, with rotations as rpy as in URDF."""
 
 from __future__ import annotations
 
@@ -9,16 +9,21 @@ from types import MappingProxyType
 
 from aras_visual_servo_base.poses import Pose, Vector3
 from aras_visual_servo_base.settings import parameter
-from aras_visual_servo_base.urdf import ZERO, Joint, Placed
+from aras_visual_servo_base.urdf import ZERO, FramedElement, Joint
 from aras_visual_servo_base.urdf import Rgba as Rgba
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """A shape. `kind` is box, cylinder, sphere, capsule, mesh or plane.
+    """A shape.
 
-    size: full extents of a box (m). radius, length: of cylinder, sphere and capsule (axis along z).
-    filename: absolute path of a mesh; scale: its factors. normal: of a plane.
+    Attributes:
+        kind: box, cylinder, sphere, capsule, mesh or plane.
+        size: side lengths of a box, m.
+        radius, length: of a cylinder, sphere or capsule along z, m.
+        filename: absolute path of a mesh file.
+        scale: scale factors of a mesh.
+        normal: normal of a plane.
     """
 
     kind: str
@@ -31,9 +36,12 @@ class Geometry:
 
 
 @dataclass(frozen=True)
-class Visual(Placed):
-    """What a camera sees of a link. Its colour is the link's: `RobotDescription.colours`.
-    texture: path of a picture that a material script puts on it, '' for none."""
+class Visual(FramedElement):
+    """A visible shape of a link, whose colour is in `RobotDescription.colours`.
+
+    Attributes:
+        texture: path of the image from its material script, '' for none.
+    """
 
     name: str
     origin_xyz: Vector3
@@ -43,8 +51,8 @@ class Visual(Placed):
 
 
 @dataclass(frozen=True)
-class Collision(Placed):
-    """What touches."""
+class Collision(FramedElement):
+    """A shape for collision detection."""
 
     name: str
     origin_xyz: Vector3
@@ -53,10 +61,12 @@ class Collision(Placed):
 
 
 @dataclass(frozen=True)
-class Inertial(Placed):
-    """Mass (kg), centre of mass frame in the link frame, inertia about it (kg m²).
+class Inertial(FramedElement):
+    """Mass (kg), centre of mass frame in the link frame, and inertia tensor (kg m²).
 
-    inertia: (ixx, ixy, ixz, iyy, iyz, izz) in the axes of the inertial frame.
+    Attributes:
+        inertia: (ixx, ixy, ixz, iyy, iyz, izz) about the centre of mass, in the axes of the
+            inertial frame.
     """
 
     mass: float
@@ -67,10 +77,14 @@ class Inertial(Placed):
 
 @dataclass(frozen=True)
 class Link:
-    """A rigid body. gravity and kinematic come from `<gazebo reference>` (`<gravity>`,
-    `<turnGravityOff>`, `<kinematic>`); mu is its Coulomb contact friction.
+    """A rigid body.
 
-    bounce: coefficient of restitution, and the m/s below which it does not act; None: not given.
+    Attributes:
+        gravity, kinematic: from `<gazebo reference>` (`<gravity>`, `<turnGravityOff>`,
+            `<kinematic>`).
+        mu: Coulomb friction coefficient of contacts.
+        bounce: coefficient of restitution, and the speed (m/s) below which contacts do not bounce;
+            None if not given.
     """
 
     name: str
@@ -85,8 +99,12 @@ class Link:
 
 @dataclass(frozen=True)
 class Transmission:
-    """One `<transmission>` as written: several joints or interfaces give several entries in the
-    tuples; `joint` and `interface` are the first ones ('' where there is none)."""
+    """One `<transmission>` of a URDF, unchecked.
+
+    Attributes:
+        joints, interfaces: all joints and hardware interfaces of the transmission.
+        joint, interface: the first of each, '' if there is none.
+    """
 
     name: str
     type: str
@@ -99,7 +117,7 @@ class Transmission:
 
 @dataclass(frozen=True)
 class ControlPlugin:
-    """`<plugin filename="libgazebo_ros_control.so">`; None where the element is absent."""
+    """`<plugin filename="libgazebo_ros_control.so">`; absent elements are None."""
 
     robot_namespace: str | None = None
     control_period: float | None = None
@@ -108,7 +126,7 @@ class ControlPlugin:
 
 @dataclass(frozen=True)
 class Noise:
-    """Per pixel noise of a camera, in units of full scale (1.0 = 255)."""
+    """Noise of each pixel of a camera, in units of full scale (1.0 = 255)."""
 
     kind: str = "none"
     mean: float = 0.0
@@ -117,8 +135,13 @@ class Noise:
 
 @dataclass(frozen=True)
 class LensDescription:
-    """`<lens>`: of a wideanglecamera its projection; of others `<intrinsics>` (fx, fy, cx, cy), px,
-    the principal point from the image's corner, or None."""
+    """`<lens>` of a camera.
+
+    Attributes:
+        kind, scale_to_hfov, cutoff_angle: projection of a wideanglecamera; the angle is in rad.
+        intrinsics: (fx, fy, cx, cy) of other cameras in px, with the principal point measured from
+            the image corner, or None.
+    """
 
     kind: str = "gnomonical"
     scale_to_hfov: bool = True
@@ -128,11 +151,13 @@ class LensDescription:
 
 @dataclass(frozen=True)
 class DepthTopics:
-    """How a depth camera delivers depth, below its name.
+    """Depth output of a depth camera.
 
-    image, info, points: topics; points '' for no point clouds.
-    nearest, farthest: m; depths that are not between them are NaN, and 0 in millimetres.
-    millimetres: 16UC1 in place of 32FC1. rows: whether a cloud has the picture's rows, or one.
+    Attributes:
+        image, info, points: topics below the camera's name; points '' for no point clouds.
+        nearest, farthest: m; depths outside this range are NaN, or 0 in millimetre images.
+        millimetres: whether depth images are 16UC1 instead of 32FC1.
+        rows: whether a point cloud has the rows of the image instead of a single row.
     """
 
     image: str = "depth/image_raw"
@@ -146,8 +171,13 @@ class DepthTopics:
 
 @dataclass(frozen=True)
 class CameraPlugin:
-    """A camera's plug-in, with the defaults of `libgazebo_ros_camera.so`; distortion is
-    (k1, k2, k3, t1, t2). trigger_topic: '' for a camera that streams. depth: of depth cameras."""
+    """Camera plug-in with the default values of `libgazebo_ros_camera.so`.
+
+    Attributes:
+        distortion: (k1, k2, k3, t1, t2).
+        trigger_topic: '' for a camera that publishes continuously.
+        depth: depth output of a depth camera.
+    """
 
     robot_namespace: str = ""
     camera_name: str = ""
@@ -167,11 +197,15 @@ class CameraPlugin:
 
 @dataclass(frozen=True)
 class CameraDescription:
-    """A camera sensor on a link. pose: (xyz, rpy) in the link, looking along its +x, z up.
+    """A camera sensor on a link.
 
-    kind: camera, depth or wideanglecamera. distortion: the sensor's (k1, k2, k3, p1, p2), None
-    without a `<distortion>` element; distortion_center in image fractions.
-    shutter: cameras of one model with the same one expose together; '' for a camera by itself.
+    Attributes:
+        pose: (xyz, rpy) in the link; the camera looks along its +x axis, with z up.
+        kind: camera, depth or wideanglecamera.
+        distortion: (k1, k2, k3, p1, p2) of the sensor, None without a `<distortion>` element.
+        distortion_center: in fractions of the image size.
+        shutter: cameras of one model with the same name here expose simultaneously; '' for a
+            camera that is not synchronised.
     """
 
     name: str
@@ -195,8 +229,10 @@ class CameraDescription:
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Gaussian noise of one number that a sensor tells, in its unit; the bias is drawn once, its
-    sign by chance."""
+    """Gaussian noise of one sensor channel, in its unit.
+
+    The bias is drawn once, with a random sign.
+    """
 
     mean: float = 0.0
     stddev: float = 0.0
@@ -206,22 +242,27 @@ class ChannelNoise:
 
 @dataclass(frozen=True)
 class SensorDescription:
-    """A sensor of motion or forces, as its plug-in and its `<sensor>` ask for it.
+    """A motion or force sensor, from its plug-in and its `<sensor>`.
 
-    kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so), wrench or contact.
-    namespace: None is the model's name. frame: '' is that of the link. rate: readings a second of
-    simulated time, 0 for one a step.
-    link: what a pose and IMUs are of, the child of a wrench's joint; pose: (xyz, rpy) of an IMU in
-    it, of a wrench's sensor in the joint.
-    offset: (xyz, rpy) added to what is told. noise: stddev of all channels.
-    sample_rate: Hz; an IMU's acceleration is the mean over such a period, 0 for a step.
-    from_start: whether an IMU's orientation is told from that at its start.
-    channels: three of turning and three of moving of an IMU, three forces and three torques of a
-    wrench, or none.
-    collisions: names of the collisions whose contacts are told.
-    joints: whose states are published.
-    joint: what a wrench is of. measured_in: child, parent or sensor; on_child: whether the wrench
-    is what the parent does to the child, or the other way round.
+    Attributes:
+        kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so), wrench, contact or
+            joint_states.
+        namespace: namespace of the topic; None for the model's name.
+        frame: frame of the messages; '' for that of the link.
+        rate: messages per second of simulated time, 0 for one in each physics step.
+        link: link that a pose sensor or IMU measures, or the child of a wrench sensor's joint.
+        pose: (xyz, rpy) of an IMU in its link, or of a wrench sensor in its joint.
+        offset: (xyz, rpy) added to the measurement.
+        noise: standard deviation of all channels.
+        sample_rate: Hz; an IMU reports its mean acceleration over one such period, 0 for one step.
+        from_start: whether an IMU's orientation is relative to its initial orientation.
+        channels: noise of an IMU's three angular velocities and three accelerations, or of a
+            wrench's three forces and three torques; () for none.
+        collisions: names of the collisions whose contacts are reported.
+        joints: joints whose states are published.
+        joint: joint whose wrench is measured.
+        wrench_frame: frame of the wrench: child, parent or sensor.
+        on_child: whether the wrench acts from the parent on the child instead of the reverse.
     """
 
     kind: str
@@ -238,14 +279,14 @@ class SensorDescription:
     channels: tuple[ChannelNoise, ...] = ()
     collisions: tuple[str, ...] = ()
     joint: str = ""
-    measured_in: str = "child"
+    wrench_frame: str = "child"
     on_child: bool = False
     joints: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
 class GraspArm:
-    """A gripper: what it grasps is held by the link `palm`; `fingers` are the links that touch."""
+    """A gripper: `fingers` are the links that touch an object, which is then fixed to `palm`."""
 
     name: str
     palm: str
@@ -254,10 +295,15 @@ class GraspArm:
 
 @dataclass(frozen=True)
 class GraspDescription:
-    """libgazebo_grasp_fix.so. angle: rad, from which on two forces are opposed. rate: Hz of
-    simulated time, of its counts. most, threshold: the greatest count, and the one beyond which a
-    thing is held. release_tolerance: m, that a finger may move from where it touched. collides:
-    whether what is held touches anything."""
+    """Settings of libgazebo_grasp_fix.so.
+
+    Attributes:
+        angle: smallest angle between two opposing forces, rad.
+        rate: contact checks per second of simulated time.
+        most, threshold: largest contact count, and the count above which an object is grasped.
+        release_tolerance: distance that a finger may move from its contact before release, m.
+        collides: whether a grasped object still collides.
+    """
 
     arms: tuple[GraspArm, ...]
     angle: float
@@ -270,21 +316,30 @@ class GraspDescription:
 
 @dataclass(frozen=True)
 class LinkAttacher:
-    """libgazebo_ros_link_attacher.so of a world."""
+    """The world plug-in libgazebo_ros_link_attacher.so."""
 
 
-def within(times: tuple[tuple[float, float], ...] | None, time: float) -> bool:
-    """Whether what comes and goes at given times, s, is there at `time`: after its coming, up to
-    its going. None: it always is."""
-    return times is None or any(begin < time <= end for begin, end in times)
+def is_present(intervals: tuple[tuple[float, float], ...] | None, time: float) -> bool:
+    """Return whether an object is present at `time`: within one of the intervals (begin, end], s.
+
+    None means that the object is always present.
+    """
+    return intervals is None or any(begin < time <= end for begin, end in intervals)
 
 
 @dataclass(frozen=True)
-class Light(Placed):
-    """A light of an SDF world. kind: directional, point or spot. direction: from the light,
-    in the world, of a spot in its own frame. attenuation: by the distance in m, none beyond
-    attenuation_range. spot_inner, spot_outer: whole angles of a spot's cones, rad. shines: from
-    when and until when, s of simulated time, as often as it comes; None: always."""
+class Light(FramedElement):
+    """A light of an SDF world.
+
+    Attributes:
+        kind: directional, point or spot.
+        direction: from the light, in the world frame; for a spot in its own frame.
+        attenuation_constant, attenuation_linear, attenuation_quadratic: polynomial in the distance
+            in m; beyond attenuation_range the light has no effect.
+        spot_inner, spot_outer: full opening angles of a spot's cones, rad.
+        lit_intervals: (begin, end) of each interval in which the light is on, s of simulated time;
+            None for always.
+    """
 
     name: str
     kind: str = "directional"
@@ -301,18 +356,24 @@ class Light(Placed):
     spot_outer: float = 1.0
     spot_falloff: float = 1.0
     cast_shadows: bool = False
-    shines: tuple[tuple[float, float], ...] | None = None
+    lit_intervals: tuple[tuple[float, float], ...] | None = None
 
 
-# Gazebo's models/sun.
+# The sun of Gazebo's model folder models/sun.
 SUN = Light("sun", "directional", direction=(-0.5, 0.1, -0.9))
 SHADOWS = ("none", "hard", "soft")
 
 
 @dataclass(frozen=True)
-class Surroundings:
-    """A world's `<scene>`: ambient light, what is seen where nothing is (a colour, or a sky), and
-    shadows in pictures: none, hard or soft."""
+class SceneSettings:
+    """A world's `<scene>`.
+
+    Attributes:
+        ambient: ambient light.
+        background: colour of the background.
+        sky: whether a sky is drawn instead of the background colour.
+        shadows: shadows in camera images: none, hard or soft.
+    """
 
     ambient: Rgba = (0.4, 0.4, 0.4, 1.0)
     background: Rgba = (0.7, 0.7, 0.7, 1.0)
@@ -322,9 +383,9 @@ class Surroundings:
 
 @dataclass(frozen=True)
 class LoopJoint:
-    """A joint that closes a chain of a tree: its frame in both of the links that it joins.
+    """A joint that closes a kinematic chain, and its frame in both of its links.
 
-    The joint's own `origin_*` mean nothing.
+    The joint's own `origin_*` fields are not used.
     """
 
     joint: Joint
@@ -334,16 +395,18 @@ class LoopJoint:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A whole model. Mappings keep file order and are read-only.
+    """A whole model. Mappings have file order and are read-only.
 
-    colours: link -> rgba that cameras see: that of its Gazebo material ('Gazebo/Black'), or in SDF
-    that of its visuals; a link without one is drawn white.
-    static: the model never moves (`<gazebo><static>true`). warnings: what was repaired or ignored
-    while reading, one sentence each, for the caller to log.
-    initial_pose: (xyz, rpy) written in the file (SDF only). initial_joints: rad or m at which a
-    world's <state> has joints.
-    loops: joints that close chains of the tree. parts: what of the model no joint holds to it, each
-    a tree of its own that stands at its `initial_pose` in the model.
+    Attributes:
+        colours: rgba of each link in camera images, from its Gazebo material ('Gazebo/Black') or
+            its SDF visuals; a link without an entry is drawn white.
+        static: whether the model never moves (`<gazebo><static>true`).
+        warnings: one sentence for each part that was repaired or ignored, for the caller to log.
+        initial_pose: (xyz, rpy) in the file (SDF only).
+        initial_joints: positions (rad or m) of the joints in a world's `<state>`.
+        loops: joints that close chains of the tree.
+        parts: further trees of the model, which no joint connects to the first tree; the
+            `initial_pose` of each is relative to the model.
     """
 
     name: str
@@ -363,6 +426,6 @@ class RobotDescription:
     loops: tuple[LoopJoint, ...] = ()
     parts: tuple[RobotDescription, ...] = ()
 
-    def moving_joints(self) -> tuple[str, ...]:
-        """Names of the joints with a degree of freedom, in file order."""
-        return tuple(name for name, joint in self.joints.items() if joint.moves)
+    def list_moving_joints(self) -> tuple[str, ...]:
+        """Return the names of the joints with a degree of freedom, in file order."""
+        return tuple(name for name, joint in self.joints.items() if joint.is_movable)

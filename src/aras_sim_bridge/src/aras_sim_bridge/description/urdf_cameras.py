@@ -1,4 +1,4 @@
-"""The cameras of a URDF, without what its links weigh, show and touch."""
+"""Reader of only the cameras of a URDF."""
 
 import copy
 from collections.abc import Iterator
@@ -12,23 +12,23 @@ from aras_visual_servo_base.urdf import CAMERA_KINDS
 
 
 def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
-    """The cameras of a URDF, the first of each name, without anything else that it describes.
+    """Read only the cameras of a URDF; of equal names the first one is returned.
 
     Raises:
-        DescriptionError: the text is no XML, or an element of a camera is wrong.
+        DescriptionError: the text is not XML, or an element of a camera is invalid.
     """
     cameras: dict[str, CameraDescription] = {}
-    for link, sensor in _sensors(safe_xml.parse(xml, "URDF")):
+    for link, sensor in _list_sensors(safe_xml.parse(xml, "URDF")):
         if sensor.get("type") in CAMERA_KINDS:
             sensor = copy.deepcopy(sensor)
             unify(sensor, [])
-            for camera in camera_tags.cameras(sensor, link, []):
+            for camera in camera_tags.read_cameras(sensor, link, []):
                 cameras.setdefault(camera.name, camera)
     return tuple(cameras.values())
 
 
-def _sensors(robot: Element) -> Iterator[tuple[str, Element]]:
-    """The sensors of the `<gazebo>` tags, each with the name of its link."""
+def _list_sensors(robot: Element) -> Iterator[tuple[str, Element]]:
+    """Yield the sensors in the `<gazebo>` tags, each with the name of its link."""
     links = {link.get("name") for link in robot.findall("link")}
     for block in robot.findall("gazebo"):
         reference = block.get("reference")

@@ -1,4 +1,4 @@
-"""An SDF world file: gravity, physics step and pace, models and lights."""
+"""Reader of SDF world files: gravity, physics step and real-time rate, models and lights."""
 
 from __future__ import annotations
 
@@ -11,24 +11,29 @@ from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.description import Light, RobotDescription, packages, read_sdf
 from aras_sim_bridge.description.lights import read_scene
-from aras_sim_bridge.description.types import SUN, Surroundings
+from aras_sim_bridge.description.types import SUN, SceneSettings
 from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
-MOST_ALIKE = 3  # warnings that differ only in the part of the world that they are about
-# Where a warning applies, before what it says.
+MOST_SIMILAR_WARNINGS = 3  # similar warnings, about different parts, that are all printed
+# The prefix of a warning that says which part it is about, and the rest.
 _PART = re.compile(r"((?:model '[^']*'|link '[^']*'|visual '[^']*'|collision '[^']*')[,:] )+(.*)")
 
 
 @dataclass(frozen=True)
 class WorldFile:
-    """time_step: s. gravity: m/s². update_rate: steps per second of wall time; 0: free.
+    """Content of a world file; missing numbers have Gazebo's defaults.
 
-    models, lights: what stands in the file, in its order. scene: what is around.
-    ground_plane: whether Gazebo's is to be added, because no file was given. Absent numbers are
-    Gazebo's defaults. warnings: what the file asks for in vain, one sentence each. time_ns:
-    simulated time at which it begins. link_attacher: whether the plug-in of this name is in it.
+    Attributes:
+        time_step: s.
+        gravity: m/s².
+        update_rate: physics steps per second of wall time; 0 for as fast as possible.
+        models, lights: in file order.
+        ground_plane: whether to add Gazebo's ground plane, because no file was given.
+        warnings: one sentence for each part of the file that is ignored.
+        time_ns: simulated time at the start.
+        link_attacher: whether the world has the plug-in gazebo_ros_link_attacher.
     """
 
     time_step: float = 0.001
@@ -36,7 +41,7 @@ class WorldFile:
     update_rate: float = 1000.0
     models: tuple[RobotDescription, ...] = ()
     lights: tuple[Light, ...] = (SUN,)
-    scene: Surroundings = Surroundings()
+    scene: SceneSettings = SceneSettings()
     ground_plane: bool = True
     warnings: tuple[str, ...] = ()
     time_ns: int = 0
@@ -44,19 +49,19 @@ class WorldFile:
 
 
 def load_world(
-    path: str | Path, resolve_package: packages.ResolvePackage = packages.find
+    path: str | Path, resolve_package: packages.ResolvePackage = packages.find_package
 ) -> WorldFile:
     """Read an SDF world file: gravity, physics step, models, lights and scene.
 
-    `SimulationConfig` takes its numbers and lights, `populate` puts its models into a simulation.
+    `SimulationConfig` uses the numbers and lights; `populate` spawns the models in a simulation.
 
     Args:
         path: of the file; an empty path gives Gazebo's defaults.
-        resolve_package: the directory of a package, by its name.
+        resolve_package: returns the directory of a package.
 
     Raises:
-        DescriptionError: no such file, not SDF, something in it that cannot be built, or a number
-            that is none.
+        DescriptionError: the file is missing, is not SDF, or has an element or number that is
+            invalid.
     """
     if not path:
         return WorldFile()
@@ -68,7 +73,7 @@ def load_world(
     root = safe_xml.parse(text, where)
     world = root.find("world") if root.tag in ("sdf", "gazebo") else None
     if world is None:
-        raise DescriptionError(f"{where}: there is no <sdf><world> in it")
+        raise DescriptionError(f"{where}: it contains no <sdf><world>")
     try:
         content = read_sdf(root, resolve_package, os.path.dirname(os.path.abspath(path)))
         scene = read_scene(world.find("scene"))
@@ -77,40 +82,43 @@ def load_world(
     physics = world.find("physics")
     defaults = WorldFile()
 
-    def number(tag: str, default: float) -> float:
-        text = None if physics is None else safe_xml.text_of(physics, tag)
-        return safe_xml.number(text, f"{where}: <{tag}>", default)
+    def read_number(tag: str, default: float) -> float:
+        text = None if physics is None else safe_xml.find_text(physics, tag)
+        return safe_xml.parse_number(text, f"{where}: <{tag}>", default)
 
-    def vector(element: Element | None, tag: str, default: Vector3) -> Vector3:
-        text = None if element is None else safe_xml.text_of(element, tag)
-        return default if text is None else safe_xml.numbers(text, 3, f"{where}: <{tag}>")
+    def read_vector(element: Element | None, tag: str, default: Vector3) -> Vector3:
+        text = None if element is None else safe_xml.find_text(element, tag)
+        return default if text is None else safe_xml.parse_numbers(text, 3, f"{where}: <{tag}>")
 
     warnings = [text if text.startswith(f"model '{m.name}'") else f"model '{m.name}': {text}"
                 for m in content.models for text in m.warnings]
     return WorldFile(
-        time_step=number("max_step_size", defaults.time_step),
-        gravity=vector(world, "gravity", vector(physics, "gravity", defaults.gravity)),
-        update_rate=number("real_time_update_rate", defaults.update_rate),
+        time_step=read_number("max_step_size", defaults.time_step),
+        gravity=read_vector(world, "gravity", read_vector(physics, "gravity", defaults.gravity)),
+        update_rate=read_number("real_time_update_rate", defaults.update_rate),
         models=content.models,
         lights=content.lights,
         scene=scene,
         ground_plane=False,
-        warnings=(*content.warnings, *_grouped(warnings)),
+        warnings=(*content.warnings, *_group_warnings(warnings)),
         time_ns=content.time_ns,
         link_attacher=content.link_attacher,
     )
 
 
-def _grouped(warnings: Sequence[str]) -> list[str]:
-    """One sentence for what more than MOST_ALIKE parts of models have in common, such as a missing
-    mesh: that of the first part, with the number of the others."""
+def _group_warnings(warnings: Sequence[str]) -> list[str]:
+    """Merge similar warnings, such as those of a missing mesh that many links use.
+
+    If more than MOST_SIMILAR_WARNINGS warnings differ only in the part of the model, the first is
+    returned with the number of the others.
+    """
     groups: dict[str, list[str]] = {}
     for warning in warnings:
         found = _PART.match(warning)
         groups.setdefault(found[2] if found else warning, []).append(warning)
     found = []
     for same in groups.values():
-        many = len(same) > MOST_ALIKE
+        many = len(same) > MOST_SIMILAR_WARNINGS
         found += [f"{same[0]} (and in {len(same) - 1} more places)"] if many else same
     return found
 
@@ -121,11 +129,12 @@ def populate(spawn: Callable[..., object], world: WorldFile,
 
     Args:
         spawn: `Simulation.spawn`, or a function with the same arguments.
-        world: as `load_world` returned it.
-        warn: called with one sentence for each model that cannot be simulated, which is left out.
+        world: the result of `load_world`.
+        warn: called with one sentence for each model that cannot be simulated; such models are not
+            spawned.
 
     Raises:
-        SimError: a model cannot be simulated, and there is no `warn`.
+        SimError: a model cannot be simulated, and `warn` is None.
     """
     for model in world.models:
         try:
@@ -134,4 +143,4 @@ def populate(spawn: Callable[..., object], world: WorldFile,
         except SimError as error:
             if warn is None:
                 raise SimError(f"model '{model.name}' of the world file: {error}") from None
-            warn(f"model '{model.name}' is left out: {error}")
+            warn(f"model '{model.name}' is ignored: {error}")

@@ -1,4 +1,4 @@
-"""Fixed `<joint>`s of a world: what they join to the world, or to what stands, is bolted down."""
+"""Fixed `<joint>`s of a world, which fix models to the world or to static models."""
 
 import copy
 from collections.abc import Iterable
@@ -6,14 +6,17 @@ from xml.etree import ElementTree
 from xml.etree.ElementTree import Element
 
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.safe_xml import shorten, text_of, truth
+from aras_visual_servo_base.safe_xml import find_text, parse_bool, shorten
 
 WORLD = "world"
 
 
-def bolted(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
-    """The elements of a world without its joints; a model that a joint holds where it is has a
-    fixed joint to the world instead. Each joint that is not served is a sentence in `warnings`."""
+def bolt_models(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
+    """Return the elements of a world without its joints.
+
+    A model that such a joint fixes in place gets a fixed joint to the world instead. Unsupported
+    joints add a sentence to `warnings`.
+    """
     elements = list(elements)
     models = {one.get("name"): one for one in elements if one.tag == "model"}
     for joint in elements:
@@ -22,34 +25,34 @@ def bolted(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
                 _bolt(joint, models)
             except DescriptionError as error:
                 name = shorten(joint.get("name") or "")
-                warnings.append(f"SDF: <joint> '{name}' of the world is left out: {error}")
+                warnings.append(f"SDF: <joint> '{name}' of the world is ignored: {error}")
     return [models[one.get("name")] if one.tag == "model" else one
             for one in elements if one.tag != "joint"]
 
 
 def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
     if joint.get("type") != "fixed":
-        raise DescriptionError("only fixed ones are served between models")
-    ends = [_end(text_of(joint, tag) or "", models) for tag in ("child", "parent")]
-    loose = [(name, link) for name, link in ends if not _stands(models.get(name), link)]
+        raise DescriptionError("between models only fixed joints are supported")
+    ends = [_find_link(find_text(joint, tag) or "", models) for tag in ("child", "parent")]
+    loose = [(name, link) for name, link in ends if not _is_fixed(models.get(name), link)]
     if len(loose) == 2:
-        raise DescriptionError("both its ends may move; write them as models in one model, joined "
-                               "there")
+        raise DescriptionError("both its ends may move; put both models into one model and join "
+                               "them there")
     for name, link in loose:
         joints = models[name].findall("joint")
         if joint.get("name") in (None, "", *(one.get("name") for one in joints)):
-            raise DescriptionError("it needs a name that no joint of its model has")
-        if any(text_of(one, "child") == link for one in joints):
-            raise DescriptionError(f"link '{shorten(link)}' hangs on another joint; join the "
+            raise DescriptionError("it needs a name that no other joint of its model has")
+        if any(find_text(one, "child") == link for one in joints):
+            raise DescriptionError(f"link '{shorten(link)}' is the child of another joint; use the "
                                    f"root link of '{shorten(name)}'")
-        models[name] = copy.copy(models[name])  # the caller keeps its own
+        models[name] = copy.copy(models[name])  # the caller's element stays unchanged
         bolt = ElementTree.SubElement(models[name], "joint", joint.attrib)
         for tag, text in (("parent", WORLD), ("child", link)):
             ElementTree.SubElement(bolt, tag).text = text
 
 
-def _end(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
-    """Names of the model and the link that are meant; a model's name alone is its first link."""
+def _find_link(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
+    """Return the names of a model and its link; a model name alone stands for its first link."""
     name, _, link = text.partition("::")
     if name == WORLD:
         return name, ""
@@ -60,8 +63,8 @@ def _end(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
     return name, link
 
 
-def _stands(model: Element | None, link: str) -> bool:
-    """Whether a link never moves; no model is the world."""
-    return model is None or truth(text_of(model, "static"), "static", False) or any(
-        text_of(one, "parent") == WORLD and text_of(one, "child") == link
+def _is_fixed(model: Element | None, link: str) -> bool:
+    """Return whether a link never moves; None for the model means the world."""
+    return model is None or parse_bool(find_text(model, "static"), "static", False) or any(
+        find_text(one, "parent") == WORLD and find_text(one, "child") == link
         for one in model.findall("joint[@type='fixed']"))

@@ -1,4 +1,4 @@
-"""`<state>`: what Gazebo's window writes of a running world when it saves it."""
+"""The `<state>` of a world, in which Gazebo saves the current poses of a running simulation."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aras_sim_bridge.description.types import Geometry, Light, Link, RobotDescri
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
-from aras_visual_servo_base.safe_xml import numbers, shorten, text_of
+from aras_visual_servo_base.safe_xml import find_text, parse_numbers, shorten
 
 Item = TypeVar("Item", RobotDescription, Light)
 
@@ -21,10 +21,12 @@ _UNSCALED = (1.0, 1.0, 1.0)
 
 
 class WorldState:
-    """A world's `<state>`; None is that of a world without one.
+    """The `<state>` of a world; None for a world without one.
 
-    time_ns: simulated time at which it was saved. insertions: models and lights that came while it
-    ran. deleted: names of what went.
+    Attributes:
+        time_ns: simulated time at which the world was saved.
+        insertions: models and lights that were added while the simulation ran.
+        deleted: names of models and lights that were removed.
     """
 
     def __init__(self, state: Element | None) -> None:
@@ -37,108 +39,128 @@ class WorldState:
         self.insertions = [child for node in state.findall("insertions") for child in node]
         self.deleted = {(name.text or "").strip() for node in state.findall("deletions")
                         for name in node.findall("name")}
-        seconds, nanoseconds = numbers(text_of(state, "sim_time"), 2, "<state>: sim_time", (0, 0))
+        seconds, nanoseconds = parse_numbers(
+            find_text(state, "sim_time"), 2, "<state>: sim_time", (0, 0)
+        )
         self.time_ns = max(int(seconds) * _NS_PER_S + int(nanoseconds), 0)
 
-    def placed(self, models: list[RobotDescription], lights: list[Light], warnings: list[str]
+    def place(self, models: list[RobotDescription], lights: list[Light], warnings: list[str]
                ) -> tuple[list[RobotDescription], list[Light]]:
-        """Models and lights where the state has them; a sentence in `warnings` for what it says
-        in vain."""
-        states = {kind: self._named(kind) for kind in ("model", "light")}
+        """Return models and lights with the poses of the state.
+
+        Entries without a matching model or light add a sentence to `warnings`.
+        """
+        states = {kind: self._list_states(kind) for kind in ("model", "light")}
         known = {"model": {m.name for m in models}, "light": {one.name for one in lights}}
         for kind, found in states.items():
-            lost = sorted(found.keys() - known[kind] - self.deleted)
-            if lost:
+            missing = sorted(found.keys() - known[kind] - self.deleted)
+            if missing:
                 warnings.append(f"<state> places {kind}s that do not exist: "
-                                f"{', '.join(map(shorten, lost))}; ignored")
-        def placed(kind: str, one: Item, place: Callable[[Item, Element], Item]) -> Item:
+                                f"{', '.join(map(shorten, missing))}; ignored")
+        def place_item(kind: str, one: Item, apply_state: Callable[[Item, Element], Item]) -> Item:
             state = states[kind].get(one.name)
             try:
-                return one if state is None else place(one, state)
+                return one if state is None else apply_state(one, state)
             except DescriptionError as error:
-                warnings.append(f"{error}; that state is left out")
+                warnings.append(f"{error}; this part of the state is ignored")
                 return one
 
         moving: list[str] = []
-        models = [placed("model", model, lambda m, state: _placed_model(m, state, moving, warnings))
-                  for model in models]
+        models = [
+            place_item("model", model, lambda m, state: _place_model(m, state, moving, warnings))
+            for model in models
+        ]
         if moving:
-            warnings.append(f"<state> has {', '.join(moving)} in motion; all begins at rest")
-        return models, [placed("light", light, _placed_light) for light in lights]
+            warnings.append(f"<state> has {', '.join(moving)} in motion; all models start at rest")
+        return models, [place_item("light", light, _place_light) for light in lights]
 
-    def _named(self, kind: str) -> dict[str, Element]:
+    def _list_states(self, kind: str) -> dict[str, Element]:
         nodes = [] if self._state is None else self._state.findall(kind)
         return {node.get("name") or "": node for node in nodes}
 
 
-def _pose(element: Element, where: str) -> Pose | None:
-    text = text_of(element, "pose")
-    return None if text is None else safe_xml.pose(text, f"<state>: {where}: pose")
+def _read_pose(element: Element, where: str) -> Pose | None:
+    text = find_text(element, "pose")
+    return None if text is None else safe_xml.parse_pose(text, f"<state>: {where}: pose")
 
 
-def _links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element]]:
-    """Names and elements of a model's links and, as inner::link, of those of the models in it."""
+def _list_links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element]]:
+    """Yield names and elements of a model's links; those of nested models are named inner::link."""
     for node in state.findall("link"):
         yield prefix + (node.get("name") or ""), node
     for inner in state.findall("model"):
-        yield from _links(inner, f"{prefix}{inner.get('name')}::")
+        yield from _list_links(inner, f"{prefix}{inner.get('name')}::")
 
 
-def _moves(state: Element) -> bool:
-    """Whether a link is faster than what is left of a body at rest: 1 cm/s or 0.01 rad/s."""
-    speeds = (numbers(text_of(node, "velocity"), 6, f"<state>: link '{name}': velocity", (0.0,))
-              for name, node in _links(state))
+def _is_moving(state: Element) -> bool:
+    """Return whether a link is faster than the residual motion of a body at rest.
+
+    The threshold is 1 cm/s or 0.01 rad/s.
+    """
+    speeds = (
+        parse_numbers(find_text(node, "velocity"), 6, f"<state>: link '{name}': velocity", (0.0,))
+        for name, node in _list_links(state)
+    )
     return any(max(map(abs, speed)) > 0.01 for speed in speeds)
 
 
-def _placed_light(light: Light, state: Element) -> Light:
-    pose = _pose(state, f"light '{light.name}'")
-    return light if pose is None else light.at(pose)
+def _place_light(light: Light, state: Element) -> Light:
+    pose = _read_pose(state, f"light '{light.name}'")
+    return light if pose is None else light.with_pose(pose)
 
 
-def _placed_model(model: RobotDescription, state: Element, moving: list[str],
+def _place_model(model: RobotDescription, state: Element, moving: list[str],
                   warnings: list[str]) -> RobotDescription:
-    """moving: gets the model's name where it is saved in motion."""
-    if _moves(state):
+    """Return a model in its saved state; if it was moving, its name is added to `moving`."""
+    if _is_moving(state):
         moving.append(model.name)
     where = f"model '{model.name}'"
-    pose = _pose(state, where) or Pose.from_rpy(*model.initial_pose)
-    scale = numbers(text_of(state, "scale"), 3, f"<state>: {where}: scale", _UNSCALED)
-    links = {name: _pose(node, f"{where}, link '{name}'") for name, node in _links(state)}
+    pose = _read_pose(state, where) or Pose.from_rpy(*model.initial_pose)
+    scale = parse_numbers(find_text(state, "scale"), 3, f"<state>: {where}: scale", _UNSCALED)
+    links = {name: _read_pose(node, f"{where}, link '{name}'") for name, node in _list_links(state)}
     bodies = (model, *model.parts)
-    lost = sorted(links.keys() - {name for body in bodies for name in body.links})
-    if lost:
+    missing = sorted(links.keys() - {name for body in bodies for name in body.links})
+    if missing:
         warnings.append(f"<state> places links of {where} that do not exist: "
-                        f"{', '.join(map(shorten, lost))}; ignored")
+                        f"{', '.join(map(shorten, missing))}; ignored")
     if min(scale) <= 0.0:
         warnings.append(f"<state>: {where}: scale {scale} is not positive; ignored")
         scale = _UNSCALED
     if scale != _UNSCALED:
-        bodies = tuple(replace(body, links={
-            name: _scaled(link, scale) for name, link in body.links.items()}) for body in bodies)
-    joints = _joint_positions(model, {**links, model.root: pose})
+        bodies = tuple(
+            replace(
+                body, links={name: _scale_link(link, scale) for name, link in body.links.items()}
+            )
+            for body in bodies
+        )
+    joints = _compute_joint_positions(model, {**links, model.root: pose})
     parts = []
     for part in bodies[1:]:
         at = links.get(part.root) or pose @ Pose.from_rpy(*part.initial_pose)
-        joints |= _joint_positions(part, {**links, part.root: at})
-        own = pose.inverse() @ at
-        parts.append(replace(part, initial_pose=(own.xyz, own.rpy)))
+        joints |= _compute_joint_positions(part, {**links, part.root: at})
+        part_pose = pose.inverse() @ at
+        parts.append(replace(part, initial_pose=(part_pose.xyz, part_pose.rpy)))
     return replace(bodies[0], initial_pose=(pose.xyz, pose.rpy), initial_joints=joints,
                    parts=tuple(parts))
 
 
-def _joint_positions(model: RobotDescription, links: dict[str, Pose | None]) -> dict[str, float]:
-    """rad or m of the joints whose two links have a pose in the world."""
+def _compute_joint_positions(
+    model: RobotDescription, links: dict[str, Pose | None]
+) -> dict[str, float]:
+    """Return the positions (rad or m) of the joints for which both link poses are known.
+
+    `links` holds poses in the world; poses across fixed joints are added.
+    """
     for joint in model.joints.values():
         if joint.kind == "fixed" and links.get(joint.child) is None and links.get(joint.parent):
             links[joint.child] = links[joint.parent] @ joint.pose
-    for joint in reversed(model.joints.values()):  # a joint's own frame stands on its child
+    for joint in reversed(model.joints.values()):  # from children to parents
         if joint.kind == "fixed" and links.get(joint.parent) is None and links.get(joint.child):
             links[joint.parent] = links[joint.child] @ joint.pose.inverse()
     positions = {}
     for joint in model.joints.values():
         parent, child = links.get(joint.parent), links.get(joint.child)
-        if not joint.moves or parent is None or child is None:
+        if not joint.is_movable or parent is None or child is None:
             continue
         moved = (parent @ joint.pose).inverse() @ child
         if joint.kind == "prismatic":
@@ -151,18 +173,22 @@ def _joint_positions(model: RobotDescription, links: dict[str, Pose | None]) -> 
     return positions
 
 
-def _scaled(link: Link, scale: Vector3) -> Link:
-    """The link's shapes larger, in place, as Gazebo scales; its mass stays."""
+def _scale_link(link: Link, scale: Vector3) -> Link:
+    """Return the link with its shapes scaled as in Gazebo; poses and mass are unchanged."""
     return replace(
         link,
-        visuals=tuple(replace(one, geometry=_larger(one.geometry, scale)) for one in link.visuals),
-        collisions=tuple(replace(one, geometry=_larger(one.geometry, scale))
-                         for one in link.collisions))
+        visuals=tuple(
+            replace(one, geometry=_scale_shape(one.geometry, scale)) for one in link.visuals
+        ),
+        collisions=tuple(
+            replace(one, geometry=_scale_shape(one.geometry, scale)) for one in link.collisions
+        ),
+    )
 
 
-def _larger(shape: Geometry, scale: Vector3) -> Geometry:
-    def times(sizes: Vector3) -> Vector3:
+def _scale_shape(shape: Geometry, scale: Vector3) -> Geometry:
+    def scale_sizes(sizes: Vector3) -> Vector3:
         return tuple(a * b for a, b in zip(sizes, scale, strict=True))
 
-    return replace(shape, size=times(shape.size), scale=times(shape.scale),
+    return replace(shape, size=scale_sizes(shape.size), scale=scale_sizes(shape.scale),
                    radius=shape.radius * scale[0], length=shape.length * scale[2])

@@ -1,19 +1,23 @@
-"""The renderer: pictures of what a World holds.
+"""Renderer of the camera images, depth images and segmentations of a World.
 
-How a picture is made. A picture is cut into tiles of 8 x 8 px, each seen as
-through a pinhole of its own (tiles): a pinhole camera's tiles are exact, a lens's are made small
-enough to be. The triangles of the scene lie in clusters (triangles); a link out of view, or a
-cluster that is turned away, out of view or behind what covers its tiles is left out by one look,
-the others' triangles are sorted into the tiles that they touch (binning). In a tile that one
-triangle covers nothing more is to be done; in the others the corners of each pixel are asked which
-triangle is nearest (sampling). Where they differ without the shading being the cause, or something
-of another colour touches the pixel before that, an edge runs through it (finding), and its colour
-is worked out from the areas that its triangles cover (edges, areas, crowd); the others are lit as
-their corners say (shading). Depth and segmentation are those of the centres (measuring). All of it
-runs on the processor and needs no graphics driver, whose limits and whose rounding differ. The
-servo's view takes 0.4 of the time that OpenGL took on Mesa's software rasteriser (at 640 x 480
-0.75); a room full of edges and 40 000 triangles, with every edge worked out, take 2.7 to 3.0 times
-as long (tests/benchmarks/render.py).
+An image is rendered in these steps:
+
+1. The image is divided into tiles of 8 x 8 px, each with its own pinhole model (tiles.py). This is
+   exact for a pinhole camera; for a lens the tiles are made small enough.
+2. The triangles of the scene are grouped into clusters (triangles.py). Links and clusters that are
+   out of view, hidden or turned away from the camera are skipped as a whole; the triangles of the
+   others are sorted into the tiles that they touch (binning.py).
+3. In tiles with several triangles, the nearest triangle at each pixel corner is found
+   (sampling.py).
+4. A pixel has an edge if its corners show different surfaces, or if a surface of another colour
+   reaches into it (edge_detection.py). Its colour follows from the exact areas of its triangles
+   (edges.py, areas.py, dense_coverage.py). All other pixels are shaded at a corner (shading.py).
+5. Depth and segmentation are taken at the pixel centres (depth_and_labels.py).
+
+The renderer runs on the CPU. It needs no graphics driver, so the limits and rounding errors of
+drivers do not matter. The image of the visual servo takes 0.4 of the time of OpenGL with Mesa's
+software rasteriser (0.75 at 640 x 480). A room with 40 000 triangles and many edges, all computed
+exactly, takes 2.7 to 3.0 times as long (tests/benchmarks/render.py).
 """
 
 from __future__ import annotations
@@ -28,32 +32,36 @@ from ..errors import RenderingError
 if TYPE_CHECKING:
     from ..world import World
     from .renderer import Renderer
-    from .view import Sun, View
+    from .view import Lighting, View
 
-__all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Sun", "View", "create_renderer"]
+__all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Lighting", "View", "create_renderer"]
 
-# All mean the one renderer: 'opengl' and 'tiny' are what launch files of earlier versions ask for.
+# All names select the same renderer; launch files of earlier versions use 'opengl' and 'tiny'.
 RENDERERS = ("auto", "exact", "tiny", "opengl")
-# How light becomes grey levels: see Sun.
+# Conversions from light to grey levels, see Lighting.
 EXPOSURES = ("unclipped", "gazebo")
 
-# Memory for what is prepared for views that come again, bytes: 20 cameras of 1920 x 1200.
-KEPT = 1 << 28
+# Bytes for cached data of views: enough for 20 cameras of 1920 x 1200 px.
+CACHE_BYTES = 1 << 28
 
 
 def create_renderer(
-    name: str, world: World, light: Sun | None = None, kept: int = KEPT
+    name: str, world: World, light: Lighting | None = None, cache_bytes: int = CACHE_BYTES
 ) -> Renderer:
-    """The renderer of a World, by one of RENDERERS; RenderingError for an unknown name.
+    """Create the renderer of a World; RenderingError for an unknown name.
 
-    kept: memory for what is prepared for views that come again, bytes.
+    Args:
+        name: one of RENDERERS.
+        world: world to draw.
+        light: lighting; None for Gazebo's defaults.
+        cache_bytes: memory for cached data of views, bytes.
     """
     if name not in RENDERERS:
-        raise RenderingError(f"there is no renderer '{name}'; there are {', '.join(RENDERERS)}")
+        raise RenderingError(f"there is no renderer '{name}'; use one of {', '.join(RENDERERS)}")
     from .renderer import Renderer
-    from .view import Sun
+    from .view import Lighting
 
-    return Renderer(world, light or Sun(), kept)
+    return Renderer(world, light or Lighting(), cache_bytes)
 
 
-__getattr__, __dir__ = lazy_exports(__name__, {"Sun": ".view", "View": ".view"})
+__getattr__, __dir__ = lazy_exports(__name__, {"Lighting": ".view", "View": ".view"})

@@ -1,38 +1,41 @@
-"""Areas that convex polygons cover of a pixel, a square of side 1 around 0."""
+"""Areas of a pixel that convex polygons cover; the pixel is a unit square around 0."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Pixels with more triangles than this have what hides what from samples: the effort to cut each
-# by each grows with the square of their number.
-CROWD = 4
-# Relative difference in distance below which two triangles lie in one plane.
-TOUCHING = 1e-8
-# Room for the corners of a piece, and for pieces.
+# Largest number of triangles in a pixel for which hidden areas are cut off exactly, because the
+# cost grows with the square of their number. Visibility in denser pixels is sampled.
+DENSE = 4
+# Relative difference in distance below which two triangles count as coplanar.
+COPLANAR_TOLERANCE = 1e-8
+# Capacity: corners of a polygon, and number of polygons.
 CORNERS, PIECES = 24, 64
-# A triangle's lines, seen from a pixel's centre, are a + b x + c y: those that cross the pixel, up
-# to so many, and in row PLANE one over its distance.
+# Lines of a triangle, a + b x + c y relative to the pixel centre: up to LINES edges that cross the
+# pixel, and the inverse distance of the plane in row PLANE.
 LINES, PLANE = 5, 5
 
 
-@inlined
-def half_plane(a, b, c):
-    """The area in which a + b x + c y is positive; b and c are not both 0."""
+@jit_inline
+def half_plane_area(a, b, c):
+    """Return the area of the pixel where a + b x + c y > 0; b and c must not both be 0."""
     p, q = abs(b), abs(c)
     p, q = max(p, q), min(p, q)
-    q = max(q, 1e-7 * p)  # from there on upright: exact to 1e-7
+    q = max(q, 1e-7 * p)  # avoids a division by 0; the area is exact to 1e-7
     s = a + 0.5 * (p + q)
     s0, s1, s2, s3 = max(s, 0.0), max(s - p, 0.0), max(s - q, 0.0), max(s - p - q, 0.0)
     return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)
 
 
-@inlined
-def _cut(shape, p, count, a, b, c, kept, rest):
-    """Cut the convex polygon shape[p] (count corners) by the line a + b x + c y = 0: what is above
-    becomes shape[kept], what is below shape[rest]; the numbers of their corners."""
+@jit_inline
+def _cut(shape, p, count, a, b, c, above, below):
+    """Split the convex polygon shape[p] (count corners) along the line a + b x + c y = 0.
+
+    The part where the value is not negative is written to shape[above], the other to shape[below].
+    Returns the numbers of their corners.
+    """
     n_kept = n_rest = 0
     x, y = shape[p, count - 1, 0], shape[p, count - 1, 1]
     at = a + b * x + c * y
@@ -42,23 +45,23 @@ def _cut(shape, p, count, a, b, c, kept, rest):
         if (at < 0.0) != (at2 < 0.0):
             share = at / (at - at2)
             xc, yc = x + share * (x2 - x), y + share * (y2 - y)
-            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = xc, yc
-            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = xc, yc
+            shape[above, n_kept, 0], shape[above, n_kept, 1] = xc, yc
+            shape[below, n_rest, 0], shape[below, n_rest, 1] = xc, yc
             n_kept += 1
             n_rest += 1
         if at2 < 0.0:
-            shape[rest, n_rest, 0], shape[rest, n_rest, 1] = x2, y2
+            shape[below, n_rest, 0], shape[below, n_rest, 1] = x2, y2
             n_rest += 1
         else:
-            shape[kept, n_kept, 0], shape[kept, n_kept, 1] = x2, y2
+            shape[above, n_kept, 0], shape[above, n_kept, 1] = x2, y2
             n_kept += 1
         x, y, at = x2, y2, at2
     return n_kept, n_rest
 
 
-@inlined
-def area(polygon, p, count):
-    """Area of the convex polygon p, either way round."""
+@jit_inline
+def polygon_area(polygon, p, count):
+    """Return the area of the convex polygon p, for either orientation."""
     total = 0.0
     x, y = polygon[p, 0, 0], polygon[p, 0, 1]
     for n in range(2, count):
@@ -67,10 +70,13 @@ def area(polygon, p, count):
     return abs(total) / 2.0
 
 
-@compiled("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
-def inner(shape, goal, line, n, lines, spare):
-    """Put the part of the pixel above the lines line[n, :lines] into shape[goal]; the number of its
-    corners, 0 where there is none. spare: the first of two rows to work with."""
+@jit("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
+def clip_pixel(shape, goal, line, n, lines, spare):
+    """Clip the pixel to the positive side of the lines line[n, :lines] and store it in shape[goal].
+
+    `spare` is the first of two rows of work space. Returns the number of corners, 0 if the result
+    is empty.
+    """
     for i in range(4):
         shape[goal, i, 0] = 0.5 if i == 1 or i == 2 else -0.5
         shape[goal, i, 1] = 0.5 if i > 1 else -0.5
@@ -103,13 +109,13 @@ def inner(shape, goal, line, n, lines, spare):
 
 
 
-@compiled("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
-def visible(shape, sizes, i, count, line, lines):
-    """The area of polygon i that none of the first `count` polygons hides.
+@jit("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
+def visible_area(shape, sizes, i, count, line, lines):
+    """Return the area of polygon i that none of the first `count` polygons hides.
 
-    line, lines: of each.
+    `line` and `lines` are the lines of all polygons and their numbers.
     """
-    first, spare = CROWD, CROWD + PIECES
+    first, spare = DENSE, DENSE + PIECES
     end = first + 1
     sizes[first] = sizes[i]
     for n in range(sizes[i]):
@@ -117,21 +123,21 @@ def visible(shape, sizes, i, count, line, lines):
     for j in range(count):
         if j == i or sizes[j] == 0:
             continue
-        # Where is j nearer than i?
+        # Value of a + b x + c y: positive where j is nearer than i.
         a = line[j, PLANE, 0] - line[i, PLANE, 0]
         b, c = line[j, PLANE, 1] - line[i, PLANE, 1], line[j, PLANE, 2] - line[i, PLANE, 2]
         low, high = np.inf, -np.inf
         for n in range(sizes[i]):
             at = a + b * shape[i, n, 0] + c * shape[i, n, 1]
             low, high = min(low, at), max(high, at)
-        touching = TOUCHING * abs(line[i, PLANE, 0])
+        touching = COPLANAR_TOLERANCE * abs(line[i, PLANE, 0])
         if high <= touching and (low < -touching or j > i):
             continue
         crossing = low < -touching
         now, last = first, end
         while now < last:
-            # Beside j if one of its lines has all of the piece below.
-            beside = False
+            # The piece is outside j if it is on the negative side of one of j's lines.
+            outside = False
             for n in range(lines[j]):
                 above = False
                 for m in range(sizes[now]):
@@ -140,9 +146,9 @@ def visible(shape, sizes, i, count, line, lines):
                         above = True
                         break
                 if not above:
-                    beside = True
+                    outside = True
                     break
-            if beside:
+            if outside:
                 now += 1
                 continue
             size, source = sizes[now], now
@@ -154,14 +160,14 @@ def visible(shape, sizes, i, count, line, lines):
                 goal = spare + n % 2
                 size, below = _cut(shape, source, size, an, bn, cn, goal, end)
                 source = goal
-                # What finds no room is lost; there is room for far more than any pixel needed.
+                # Pieces beyond the capacity are dropped; no pixel has come near it.
                 if below > 2 and end < first + PIECES - 1:
                     sizes[end] = below
                     end += 1
                 if size < 3:
                     break
-            # The piece is gone: the last of those not looked at yet takes its place, and the last
-            # of all takes that one's.
+            # Remove the hidden piece: the last unchecked piece replaces it, and the last of all
+            # pieces replaces that one.
             last -= 1
             end -= 1
             for move in range(2):
@@ -173,13 +179,13 @@ def visible(shape, sizes, i, count, line, lines):
                         shape[goal, m, 1] = shape[other, m, 1]
     total = 0.0
     for n in range(first, end):
-        total += area(shape, n, sizes[n])
+        total += polygon_area(shape, n, sizes[n])
     return total
 
 
-@inlined
-def mean(shape, p, count, middle, n):
-    """Put the mean of polygon p's corners into middle[n]."""
+@jit_inline
+def polygon_mean(shape, p, count, middle, n):
+    """Write the mean of polygon p's corners to middle[n]."""
     x = y = 0.0
     for k in range(count):
         x += shape[p, k, 0]
@@ -188,10 +194,12 @@ def mean(shape, p, count, middle, n):
     middle[n, 0], middle[n, 1] = share * x, share * y
 
 
-@inlined
-def crossing_lines(line, lines, k, x, y, own, n):
-    """Put what of triangle k's lines crosses the pixel at x, y into own[n], from the pixel's
-    centre; how many lines those are."""
+@jit_inline
+def find_crossing_lines(line, lines, k, x, y, own, n):
+    """Write the lines of triangle k that cross the pixel at x, y to own[n]; return their number.
+
+    The lines are relative to the pixel centre.
+    """
     crossing = 0
     for i in range(lines[k]):
         b, c = line[k, i, 1], line[k, i, 2]

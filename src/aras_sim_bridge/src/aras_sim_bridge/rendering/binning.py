@@ -1,9 +1,10 @@
-"""Which triangles may be seen in which tiles.
+"""Binning: sorting the triangles that may be visible into the tiles of the image.
 
-A triangle is seen along the rays r that are positive sums of its corners p0, p1, p2. With
-s0 = p1 x p2 / det, s1 = p2 x p0 / det, s2 = p0 x p1 / det and det = p0 . (p1 x p2), the shares are
-s_k . r, for rays in any direction: nothing is projected and nothing need be cut off at the eye.
-The sum of the shares is one over the distance, in lengths of r, at which r meets its plane.
+A triangle with corners p0, p1, p2 is hit by the rays r that are positive combinations of the
+corners. With s0 = p1 x p2 / det, s1 = p2 x p0 / det, s2 = p0 x p1 / det and det = p0 . (p1 x p2),
+the coefficients are s_k . r for rays in any direction: nothing is projected, and nothing must be
+clipped behind the camera. The sum of the coefficients is the inverse of the distance at which r
+meets the plane of the triangle, in lengths of r.
 """
 
 from __future__ import annotations
@@ -12,26 +13,39 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, lowest_bit
+from aras_visual_servo_base.compiled import jit, lowest_bit
 
-from .cones import LANES, beside, nearer, off, outside, touching, within
-from .grouping import CLUSTER
+from .clustering import CLUSTER_SIZE
+from .cones import (
+    VECTOR_WIDTH,
+    compare_depth,
+    find_touching,
+    is_box_outside,
+    is_cone_disjoint,
+    is_outside,
+    is_within,
+)
 from .tiles import Tiles
 from .triangles import Triangles
 
 
 @dataclass(frozen=True)
-class Seen:
-    """The triangles that turn their front to the eye and touch tiles.
+class VisibleTriangles:
+    """Triangles that face the camera and touch tiles.
 
-    triangle: (N,) in Triangles. corner: (N, 3, 3), p0, p1, p2 in the optical frame,
-        m. side: (N, 3, 3), s0, s1, s2 likewise, 1/m.
-    light: (N, 3) at the corners. cut: (N,) bool, whether it reaches beyond near or far.
-    opaque: (N,) bool.
-    cover: (tiles,) one that covers the whole tile and hides what is not listed, or -1, counted by
-        its place here, as all are.
-    start: (tiles + 1,) where the further triangles of each tile begin in member (P,), from the
-        lowest number up; full: (P,) bool, whether it covers the whole tile.
+    Attributes:
+        triangle: (N,) index in Triangles; below, a triangle is identified by its index in this
+            array.
+        corner: (N, 3, 3) corners p0, p1, p2 in the optical frame, m.
+        side: (N, 3, 3) vectors s0, s1, s2 in the optical frame, 1/m.
+        light: (N, 3) light at the corners.
+        cut: (N,) bool, whether the triangle crosses the near or far clip distance.
+        opaque: (N,) bool.
+        cover: (tiles,) triangle that covers the whole tile and hides all triangles that are not
+            listed for the tile, or -1.
+        start: (tiles + 1,) start of each tile's list of other triangles in `member`.
+        member: (P,) lists of triangles, in ascending order.
+        full: (P,) bool, whether the triangle covers the whole tile.
     """
 
     triangle: np.ndarray
@@ -46,29 +60,40 @@ class Seen:
     full: np.ndarray
 
 
-class Binning:
-    """Finds what views of the same triangles show; its arrays are used again for the next view."""
+class TileBinning:
+    """Finds the visible triangles of views of one scene; the arrays are reused between views."""
 
     def __init__(self, triangles: Triangles) -> None:
-        self._g = triangles
+        self._triangles = triangles
         count = len(triangles.corners)
         self._triangle = np.empty(count, np.int64)
         self._cut, self._opaque = np.empty(count, np.bool_), np.empty(count, np.bool_)
         self._corner, self._side = np.empty((count, 3, 3)), np.empty((count, 3, 3))
         self._light, self._plane, self._length2 = (np.empty((count, 3)) for _ in range(3))
-        self._room = 4096
+        self._capacity = 4096
 
-    def seen(self, tiles: Tiles, optical_T_link: np.ndarray, sun: np.ndarray, light: np.ndarray,
-             near: float, far: float) -> Seen:
-        """What tiles show of links at poses (rows, 4, 4).
+    def find_visible(
+        self,
+        tiles: Tiles,
+        optical_T_link: np.ndarray,
+        sun: np.ndarray,
+        light: np.ndarray,
+        near: float,
+        far: float,
+    ) -> VisibleTriangles:
+        """Return the visible triangles of each tile.
 
-        sun: (rows, 3) unit vectors towards it, link frames. light: (2,) ambient, diffuse.
-        near, far: clip distances along the tiles' axes, m.
+        Args:
+            tiles: tiles of the image.
+            optical_T_link: (rows, 4, 4) poses of the links.
+            sun: (rows, 3) unit vectors towards the sun in the link frames.
+            light: (2,) ambient and diffuse light.
+            near, far: clip distances along the axes of the tiles, m.
         """
-        g, c = self._g, self._g.clusters
+        g, c = self._triangles, self._triangles.clusters
         while True:
-            tile = np.empty(self._room, np.int64)
-            member, full = np.empty(self._room, np.int64), np.empty(self._room, np.bool_)
+            tile = np.empty(self._capacity, np.int64)
+            member, full = np.empty(self._capacity, np.int64), np.empty(self._capacity, np.bool_)
             cover = np.full(len(tiles.nodes), -1)
             count, pairs = _bin(
                 optical_T_link, sun, light, c.first, c.count, c.row, c.centre, c.half, c.radius,
@@ -77,17 +102,26 @@ class Binning:
                 near * tiles.widest, far, self._triangle, self._corner, self._side, self._light,
                 self._cut, self._opaque, self._plane, self._length2, cover, tile, member, full,
             )
-            if pairs <= self._room:
+            if pairs <= self._capacity:
                 break
-            self._room = 2 * pairs
-        shown = tiles.rows * tiles.columns
-        start, member, full = _by_tile(tile, member, full, pairs, shown)
-        return Seen(self._triangle[:count], self._corner[:count], self._side[:count],
-                    self._light[:count], self._cut[:count], self._opaque[:count], cover[:shown],
-                    start, member, full)
+            self._capacity = 2 * pairs
+        tile_count = tiles.rows * tiles.columns
+        start, member, full = _sort_by_tile(tile, member, full, pairs, tile_count)
+        return VisibleTriangles(
+            self._triangle[:count],
+            self._corner[:count],
+            self._side[:count],
+            self._light[:count],
+            self._cut[:count],
+            self._opaque[:count],
+            cover[:tile_count],
+            start,
+            member,
+            full,
+        )
 
 
-@compiled("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
+@jit("f8[:,:,::1], f8[:,::1], f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], "
           "f8[::1], f8[:,::1], f8[::1], f8[::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
           "f8[:,:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[:,::1], f8[:,:,::1], f8, f8, "
           "i8[::1], f8[:,:,::1], f8[:,:,::1], f8[:,::1], b1[::1], b1[::1], f8[:,::1], f8[:,::1], "
@@ -96,36 +130,45 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
          row_centre, row_half, corners, normals, plane, nodes, levels, children, near, far,
          out_triangle, out_corner, out_side, out_light, out_cut, out_opaque, planes, length2, cover,
          out_tile, out_member, out_full):
-    """See Seen; numbers of triangles and of pairs (tile, member), of which as many are stored as
-    there is room for.
+    """Compute the fields of VisibleTriangles; return the numbers of triangles and of pairs.
 
-    planes: room for those of the triangles, plane . x = 1; length2: for the squared lengths of
-    their sides. cover: -1 for each node. What covers one goes no further down: it is noted there,
-    and hides what is behind.
+    A pair is a triangle and a tile that it touches.
+    Pairs beyond the capacity of the output are counted but not stored.
+
+    Args:
+        planes: work space for the planes of the triangles, plane . x = 1.
+        length2: work space for the squared lengths of `side`.
+        cover: -1 for each node of the tile tree. A triangle that covers a node is stored there, not
+            in its children, and hides the triangles behind it.
     """
-    seen = pairs = 0
+    visible = pairs = 0
     top = len(levels) - 1
     root = levels[top, 0]
     one = np.int64(1)
     p = np.empty((3, 3))
-    # The eye in each link's frame; and is the link off the picture?
-    eyes, gone = np.empty((len(row_centre), 3)), np.empty(len(row_centre), np.bool_)
+    # Position of the camera in each link's frame, and whether the link is out of view.
+    camera_origins, out_of_view = (
+        np.empty((len(row_centre), 3)),
+        np.empty(len(row_centre), np.bool_),
+    )
     for r in range(len(row_centre)):
         for k in range(3):
-            eyes[r, k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k]
+            camera_origins[r, k] = -(T[r, 0, 3] * T[r, 0, k] + T[r, 1, 3] * T[r, 1, k]
                            + T[r, 2, 3] * T[r, 2, k])
-        gone[r] = row_half[r, 0] < 0.0 or off(T, r, row_centre, row_half, r, nodes, root)
-    # A node waits with level, row, column, its triangles as bits, and its cover.
-    waiting = np.empty((15 * (top - 1) + 1, 5), np.int64)
+        out_of_view[r] = row_half[r, 0] < 0.0 or is_box_outside(
+            T, r, row_centre, row_half, r, nodes, root
+        )
+    # Stack of nodes: level, row, column, triangles as a bit mask, covering triangle.
+    stack = np.empty((15 * (top - 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
-    # Of the cluster's triangles: sides, and their squared lengths.
-    work = np.zeros((12, CLUSTER // LANES, LANES))
+    # Sides of the cluster's triangles, and their squared lengths.
+    work = np.zeros((12, CLUSTER_SIZE // VECTOR_WIDTH, VECTOR_WIDTH))
     for c in range(len(first)):
         r = row[c]
-        if gone[r]:
+        if out_of_view[r]:
             continue
-        # In the link's frame: does the cluster show a front to the eye?
-        xe, ye, ze = eyes[r, 0], eyes[r, 1], eyes[r, 2]
+        # Position of the camera relative to the cluster: can any front face be visible?
+        xe, ye, ze = camera_origins[r, 0], camera_origins[r, 1], camera_origins[r, 2]
         x, y, z = xe - centre[c, 0], ye - centre[c, 1], ze - centre[c, 2]
         distance = np.sqrt(x * x + y * y + z * z)
         along = axis[c, 0] * x + axis[c, 1] * y + axis[c, 2] * z
@@ -145,10 +188,10 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         xc = T[r, 0, 0] * x + T[r, 0, 1] * y + T[r, 0, 2] * z
         yc = T[r, 1, 0] * x + T[r, 1, 1] * y + T[r, 1, 2] * z
         zc = T[r, 2, 0] * x + T[r, 2, 1] * y + T[r, 2, 2] * z
-        if (beside(xc, yc, zc, cosine_c, sine_c, nodes, root)
-                or off(T, r, centre, half, c, nodes, root)):
+        if (is_cone_disjoint(xc, yc, zc, cosine_c, sine_c, nodes, root)
+                or is_box_outside(T, r, centre, half, c, nodes, root)):
             continue
-        before = seen
+        first_visible = visible
         for t in range(first[c], first[c] + count[c]):
             if plane[t, 0] * xe + plane[t, 1] * ye + plane[t, 2] * ze <= plane[t, 3]:
                 continue
@@ -158,16 +201,16 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 squared = 0.0
                 for j in range(3):
                     p[k, j] = T[r, j, 0] * x + T[r, j, 1] * y + T[r, j, 2] * z + T[r, j, 3]
-                    out_corner[seen, k, j] = p[k, j]
+                    out_corner[visible, k, j] = p[k, j]
                     squared += p[k, j] * p[k, j]
                 farthest = max(farthest, squared)
             for k in range(3):
                 a, b = (k + 1) % 3, (k + 2) % 3
-                out_side[seen, k, 0] = p[a, 1] * p[b, 2] - p[a, 2] * p[b, 1]
-                out_side[seen, k, 1] = p[a, 2] * p[b, 0] - p[a, 0] * p[b, 2]
-                out_side[seen, k, 2] = p[a, 0] * p[b, 1] - p[a, 1] * p[b, 0]
-            det = (p[0, 0] * out_side[seen, 0, 0] + p[0, 1] * out_side[seen, 0, 1]
-                   + p[0, 2] * out_side[seen, 0, 2])
+                out_side[visible, k, 0] = p[a, 1] * p[b, 2] - p[a, 2] * p[b, 1]
+                out_side[visible, k, 1] = p[a, 2] * p[b, 0] - p[a, 0] * p[b, 2]
+                out_side[visible, k, 2] = p[a, 0] * p[b, 1] - p[a, 1] * p[b, 0]
+            det = (p[0, 0] * out_side[visible, 0, 0] + p[0, 1] * out_side[visible, 0, 1]
+                   + p[0, 2] * out_side[visible, 0, 2])
             if det >= 0.0:
                 continue
             scale = 1.0 / det
@@ -175,51 +218,58 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
             for k in range(3):
                 squared = 0.0
                 for j in range(3):
-                    out_side[seen, k, j] *= scale
-                    squared += out_side[seen, k, j] * out_side[seen, k, j]
-                length2[seen, k] = squared
-                x += out_side[seen, k, 0]
-                y += out_side[seen, k, 1]
-                z += out_side[seen, k, 2]
-            if outside(out_side, length2, seen, nodes, root):
+                    out_side[visible, k, j] *= scale
+                    squared += out_side[visible, k, j] * out_side[visible, k, j]
+                length2[visible, k] = squared
+                x += out_side[visible, k, 0]
+                y += out_side[visible, k, 1]
+                z += out_side[visible, k, 2]
+            if is_outside(out_side, length2, visible, nodes, root):
                 continue
-            planes[seen, 0], planes[seen, 1], planes[seen, 2] = x, y, z
-            out_cut[seen] = (x * x + y * y + z * z) * near * near > 1.0 or farthest > far * far
+            planes[visible, 0], planes[visible, 1], planes[visible, 2] = x, y, z
+            out_cut[visible] = (x * x + y * y + z * z) * near * near > 1.0 or farthest > far * far
             for k in range(3):
-                out_light[seen, k] = light[0] + light[1] * max(
+                out_light[visible, k] = light[0] + light[1] * max(
                     normals[t, k, 0] * sun[r, 0] + normals[t, k, 1] * sun[r, 1]
                     + normals[t, k, 2] * sun[r, 2], 0.0)
-            out_triangle[seen], out_opaque[seen] = t, opaque[c]
-            g, place = (seen - before) // LANES, (seen - before) % LANES
+            out_triangle[visible], out_opaque[visible] = t, opaque[c]
+            g, place = (
+                (visible - first_visible) // VECTOR_WIDTH,
+                (visible - first_visible) % VECTOR_WIDTH,
+            )
             for k in range(3):
                 for j in range(3):
-                    work[3 * k + j, g, place] = out_side[seen, k, j]
-                work[9 + k, g, place] = length2[seen, k]
-            seen += 1
-        if seen == before:
+                    work[3 * k + j, g, place] = out_side[visible, k, j]
+                work[9 + k, g, place] = length2[visible, k]
+            visible += 1
+        if visible == first_visible:
             continue
-        # A quad covers what is within its four outer sides; then one triangle stands for both.
-        whole = (quad[c] and seen == before + 2 and not out_cut[seen - 1]
-                 and not out_cut[seen - 2])
-        waiting[0, 0], waiting[0, 1], waiting[0, 2] = top, 0, 0
-        waiting[0, 3], waiting[0, 4] = (one << (seen - before)) - one, cover[root]
-        left = 1
-        while left > 0:
-            left -= 1
-            level, i0, j0 = waiting[left, 0], waiting[left, 1], waiting[left, 2]
-            members, above = waiting[left, 3], waiting[left, 4]
-            of = levels[level, 3] + i0 * levels[level, 2] + j0
-            some = 0
+        # A tile inside the four outer sides of a quad is covered; one triangle represents both.
+        whole = (quad[c] and visible == first_visible + 2 and not out_cut[visible - 1]
+                 and not out_cut[visible - 2])
+        stack[0, 0], stack[0, 1], stack[0, 2] = top, 0, 0
+        stack[0, 3], stack[0, 4] = (one << (visible - first_visible)) - one, cover[root]
+        stack_size = 1
+        while stack_size > 0:
+            stack_size -= 1
+            level, i0, j0 = stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2]
+            members, above = stack[stack_size, 3], stack[stack_size, 4]
+            parent = levels[level, 3] + i0 * levels[level, 2] + j0
+            touched_count = 0
             for k in range(16):
-                cosine_n, sine_n = children[of, 3, k], children[of, 4, k]
-                at = xc * children[of, 0, k] + yc * children[of, 1, k] + zc * children[of, 2, k]
-                # Together they may be more than half a turn.
+                cosine_n, sine_n = children[parent, 3, k], children[parent, 4, k]
+                at = (
+                    xc * children[parent, 0, k]
+                    + yc * children[parent, 1, k]
+                    + zc * children[parent, 2, k]
+                )
+                # The sum of both angles may exceed half a turn.
                 touched[k] = (cosine_n < 1.5) & (
                     (sine_n * cosine_c + cosine_n * sine_c < 0.0)
                     | (at >= cosine_c * cosine_n - sine_c * sine_n - 1e-12))
-                some += touched[k]
-            # Most triangles of a small cluster are in all nodes that it is in.
-            together = some == 1 or (level > 1 and small_c < children[of, 4, 0])
+                touched_count += touched[k]
+            # Most triangles of a small cluster touch all nodes that the cluster touches.
+            all_together = touched_count == 1 or (level > 1 and small_c < children[parent, 4, 0])
             level -= 1
             for child in range(16):
                 if not touched[child]:
@@ -228,7 +278,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 node = levels[level, 0] + i * levels[level, 2] + j
                 own = cover[node] if cover[node] >= 0 else above
                 if own >= 0:
-                    # All of the cluster behind what covers the node?
+                    # Is the whole cluster behind the covering triangle?
                     x, y, z = planes[own, 0], planes[own, 1], planes[own, 2]
                     nearest = distance * (x * xc + y * yc + z * zc)
                     for k in range(3):
@@ -236,37 +286,39 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                                                     + T[r, 2, k] * z)
                     if nearest > 1.0:
                         continue
-                covered = (whole and within(out_side, length2, before, nodes, node)
-                           and within(out_side, length2, before + 1, nodes, node))
-                further = members
-                if covered or not together or level == 0:
-                    further = np.int64(0)
-                    there, near_side = one, np.int64(0)
+                covered = (whole and is_within(out_side, length2, first_visible, nodes, node)
+                           and is_within(out_side, length2, first_visible + 1, nodes, node))
+                remaining = members
+                if covered or not all_together or level == 0:
+                    remaining = np.int64(0)
+                    touching, crossing = one, np.int64(0)
                     if not covered:
-                        there, near_side = touching(work, seen - before, nodes, node)
-                        there &= members
-                    while there != 0:
-                        k = lowest_bit(there)
-                        there &= there - one
-                        m = before + k
-                        full = near_side >> k & one == 0 and (covered or not out_cut[m])
+                        touching, crossing = find_touching(
+                            work, visible - first_visible, nodes, node
+                        )
+                        touching &= members
+                    while touching != 0:
+                        k = lowest_bit(touching)
+                        touching &= touching - one
+                        m = first_visible + k
+                        full = crossing >> k & one == 0 and (covered or not out_cut[m])
                         if full and opaque[c]:
-                            order = 1 if own < 0 else nearer(planes, m, own, nodes, node)
+                            order = 1 if own < 0 else compare_depth(planes, m, own, nodes, node)
                             if order > 0:
                                 cover[node] = own = m
                             if order != 0:
                                 continue
                         if level > 0:
-                            further |= one << k
+                            remaining |= one << k
                             continue
                         if pairs < len(out_tile):
                             out_tile[pairs], out_member[pairs], out_full[pairs] = node, m, full
                         pairs += 1
-                if level > 0 and further != 0:
-                    waiting[left, 0], waiting[left, 1], waiting[left, 2] = level, i, j
-                    waiting[left, 3], waiting[left, 4] = further, own
-                    left += 1
-    # Covers, down to the tiles; where neither of two is nearer all over, one is listed.
+                if level > 0 and remaining != 0:
+                    stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2] = level, i, j
+                    stack[stack_size, 3], stack[stack_size, 4] = remaining, own
+                    stack_size += 1
+    # Pass covering triangles down to the tiles. If neither of two is nearer everywhere, list one.
     for level in range(top, 0, -1):
         span = 1 << (2 * level - 2)
         for i0 in range(levels[level, 1]):
@@ -279,7 +331,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                         node = levels[level - 1, 0] + i * levels[level - 1, 2] + j
                         order = 1
                         if cover[node] >= 0:
-                            order = nearer(planes, above, cover[node], nodes, node)
+                            order = compare_depth(planes, above, cover[node], nodes, node)
                         if order > 0:
                             cover[node] = above
                         if order != 0:
@@ -290,12 +342,12 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                                     out_tile[pairs] = v * levels[0, 2] + u
                                     out_member[pairs], out_full[pairs] = above, True
                                 pairs += 1
-    return seen, pairs
+    return visible, pairs
 
 
-@compiled("i8[::1], i8[::1], b1[::1], i8, i8")
-def _by_tile(tile, member, full, pairs, tiles):
-    """Pairs sorted by tile, and by member in each: start (tiles + 1,), member, full (pairs,)."""
+@jit("i8[::1], i8[::1], b1[::1], i8, i8")
+def _sort_by_tile(tile, member, full, pairs, tiles):
+    """Sort the pairs by tile, then by member: start (tiles + 1,), member and full (pairs,)."""
     start = np.zeros(tiles + 1, np.int64)
     for n in range(pairs):
         start[tile[n] + 1] += 1
@@ -306,7 +358,7 @@ def _by_tile(tile, member, full, pairs, tiles):
     for n in range(pairs):
         at = place[tile[n]]
         place[tile[n]] = at + 1
-        # Covers that are listed come last, but belong where their numbers are.
+        # Covering triangles were appended last, but belong at the position of their index.
         while at > start[tile[n]] and out_member[at - 1] > member[n]:
             out_member[at], out_full[at] = out_member[at - 1], out_full[at - 1]
             at -= 1

@@ -1,32 +1,33 @@
-"""Boxes and triangles against cones of rays: those that a tile spans, or several tiles.
+"""Tests of boxes and triangles against the cones of rays of tiles, or of groups of tiles.
 
-A cone is a row of Tiles.nodes. What is said of a box or a triangle is sure; what is not, is not.
+A cone is a row of Tiles.nodes. The tests are conservative: a positive answer is certain, a negative
+one is not.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Triangles that are looked at together, as a processor's vectors are.
-LANES = 8
+# Number of triangles that are processed together, as in a SIMD register of the processor.
+VECTOR_WIDTH = 8
 
 
-@inlined
-def beside(x, y, z, cosine, sine, nodes, n):
-    """Whether a cone around the unit vector x, y, z is beside the cone of node n."""
+@jit_inline
+def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
+    """Return whether a cone around the unit vector x, y, z is disjoint from the cone of node n."""
     if nodes[n, 3] > 1.5:
         return True
-    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # together more than half a turn
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # their sum exceeds half a turn
         return False
     between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
 
 
-@inlined
-def off(T, r, centre, half, n, nodes, root):
-    """Whether box n, in the frame of link r, is behind the cone of the root or beyond its side."""
+@jit_inline
+def is_box_outside(T, r, centre, half, n, nodes, root):
+    """Return whether box n, in the frame of link r, is behind or outside the root's cone."""
     cosine, sine = nodes[root, 3], nodes[root, 4]
     if cosine <= 0.0:
         return False
@@ -41,7 +42,7 @@ def off(T, r, centre, half, n, nodes, root):
         ahead += half[n, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
     if ahead <= 0.0:
         return True
-    # The plane along the side of the cone that is towards the box's centre.
+    # Plane that touches the cone on the side of the box's centre.
     xa, ya, za = xp - along * x, yp - along * y, zp - along * z
     across = np.sqrt(xa * xa + ya * ya + za * za)
     share = cosine / max(across, 1e-12)
@@ -52,9 +53,12 @@ def off(T, r, centre, half, n, nodes, root):
     return beyond > 1e-9 * (across + abs(along))
 
 
-@inlined
-def outside(side, length2, m, nodes, n):
-    """Whether the cone of node n is beyond a side of triangle m; length2 (., 3) of the sides."""
+@jit_inline
+def is_outside(side, length2, m, nodes, n):
+    """Return whether the cone of node n is outside a side of triangle m.
+
+    `length2` (., 3) contains the squared lengths of the vectors in `side`.
+    """
     if nodes[n, 3] <= 0.0:
         return False
     x, y, z, sine = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4]
@@ -65,9 +69,9 @@ def outside(side, length2, m, nodes, n):
     return False
 
 
-@inlined
-def within(side, length2, m, nodes, n):
-    """Whether the cone of node n is within the last two sides of triangle m."""
+@jit_inline
+def is_within(side, length2, m, nodes, n):
+    """Return whether the cone of node n is inside the last two sides of triangle m."""
     x, y, z, sine2 = nodes[n, 0], nodes[n, 1], nodes[n, 2], nodes[n, 4] * nodes[n, 4]
     within = nodes[n, 3] > 0.0
     for k in range(1, 3):
@@ -76,39 +80,43 @@ def within(side, length2, m, nodes, n):
     return within
 
 
-@compiled("f8[:,:,::1], i8, f8[:,::1], i8", allocates=False)
-def touching(work, count, nodes, n):
-    """Which of a cluster's triangles, as bits, touch the cone of node n; and which have a side that
-    goes through it.
+@jit("f8[:,:,::1], i8, f8[:,::1], i8", allocates=False)
+def find_touching(work, count, nodes, n):
+    """Return two bit masks: triangles that touch the cone of node n, and those with a side in it.
 
-    work: (12, CLUSTER / LANES, LANES) their sides, and the squared lengths of those.
+    `work` (12, CLUSTER_SIZE / VECTOR_WIDTH, VECTOR_WIDTH) are the sides of the cluster's triangles
+    and their squared lengths.
     """
     x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf
-    there = through = np.int64(0)
+    touching = crossing = np.int64(0)
     g = 0
-    while g * LANES < count:
-        some = crossed = np.int64(0)
-        for k in range(LANES):
+    while g * VECTOR_WIDTH < count:
+        touches = crosses = np.int64(0)
+        for k in range(VECTOR_WIDTH):
             at0 = work[0, g, k] * x + work[1, g, k] * y + work[2, g, k] * z
             at1 = work[3, g, k] * x + work[4, g, k] * y + work[5, g, k] * z
             at2 = work[6, g, k] * x + work[7, g, k] * y + work[8, g, k] * z
             near0 = at0 * at0 <= sine2 * work[9, g, k]
             near1 = at1 * at1 <= sine2 * work[10, g, k]
             near2 = at2 * at2 <= sine2 * work[11, g, k]
-            beside = ((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1) & ((at2 >= 0.0) | near2)
-            some += np.int64(beside) << k
-            crossed += np.int64(near0 | near1 | near2) << k
-        there |= some << (g * LANES)
-        through |= crossed << (g * LANES)
+            is_touching = ((at0 >= 0.0) | near0) & ((at1 >= 0.0) | near1) & ((at2 >= 0.0) | near2)
+            touches += np.int64(is_touching) << k
+            crosses += np.int64(near0 | near1 | near2) << k
+        touching |= touches << (g * VECTOR_WIDTH)
+        crossing |= crosses << (g * VECTOR_WIDTH)
         g += 1
-    return there, through
+    return touching, crossing
 
 
-@inlined
-def nearer(planes, m, other, nodes, n):
-    """1 where triangle m is nearer than another in all of the cone of node n, -1 where it is
-    farther, 0 where neither is so for sure."""
+@jit_inline
+def compare_depth(planes, m, other, nodes, n):
+    """Compare the depths of two triangles in the cone of node n.
+
+    Returns:
+        1 if triangle m is nearer than `other` everywhere, -1 if it is farther, 0 if neither is
+        certain.
+    """
     x, y, z = (planes[m, 0] - planes[other, 0], planes[m, 1] - planes[other, 1],
                planes[m, 2] - planes[other, 2])
     at = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]

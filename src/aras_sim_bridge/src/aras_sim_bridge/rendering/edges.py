@@ -1,96 +1,120 @@
-"""Pixels with edges in them, as exactly as geometry says.
+"""Exact areas of the triangles in pixels with edges.
 
-A pixel with an edge is looked at as a square: each triangle in it is cut to the square, which says
-what area it covers. Triangles before one that fills the pixel, all of one convex part, hide nothing
-of each other: their areas are their shares, however many and however thin they are. Of few others,
-what hides what is cut away, all by straight lines. Of many, samples tell how much of its area each
-shows.
+Each triangle is clipped to the square of the pixel, which gives the area that it covers. Triangles
+of one convex part in front of a triangle that fills the pixel do not hide each other: their areas
+are their shares, for any number and width of triangles. Otherwise, if the triangles are few, their
+hidden areas are cut off along straight lines; if they are many, samples estimate the visible share
+of the area of each.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
 from .areas import (
+    COPLANAR_TOLERANCE,
     CORNERS,
-    CROWD,
+    DENSE,
     LINES,
     PIECES,
     PLANE,
-    TOUCHING,
-    area,
-    crossing_lines,
-    half_plane,
-    inner,
-    mean,
-    visible,
+    clip_pixel,
+    find_crossing_lines,
+    half_plane_area,
+    polygon_area,
+    polygon_mean,
+    visible_area,
 )
-from .crowd import FINE, by_rows, hidden_at, sample_mean, sampled
+from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
-# What is narrower than a pixel over this hides nothing from samples, for one weighs more than it.
+# A triangle that is narrower than a pixel over this number does not hide others in samples, because
+# one sample would weigh more than the triangle.
 SLIVER = 64.0
-# Of what no sample saw, less than this is not asked after: a tenth of a grey level.
-NONE = 4e-4
-CELL = TILE * TILE  # pixels, at most
-# Of a cell's pixels: where they are, one over the distance of the nearest triangle that fills each,
-# how that changes to the right and below, and which triangle that is, -1 for none.
+# Triangles without a sample are ignored below this area: a tenth of a grey level.
+SMALLEST_SHARE = 4e-4
+CELL = TILE * TILE  # largest number of pixels in a cell
+# Rows of the work space of a cell, one column per pixel: position, inverse distance of the nearest
+# triangle that fills the pixel, its changes to the right and downwards, and its index (-1: none).
 X, Y, TOP, TOP_X, TOP_Y, BEST = range(6)
 
 
-@inlined
-def _before(corner, side, m, other):
-    """Whether all of triangle m lies on this side of the plane of another."""
+@jit_inline
+def _is_before(corner, side, m, other):
+    """Return whether all of triangle m is in front of the plane of another triangle."""
     before = True
     for k in range(3):
         at = 0.0
         for j in range(3):
             at += (side[other, 0, j] + side[other, 1, j] + side[other, 2, j]) * corner[m, k, j]
-        before &= at <= 1.0 + TOUCHING
+        before &= at <= 1.0 + COPLANAR_TOLERANCE
     return before
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], f8[:,:,::1], "
+@jit("i8[::1], i8[::1], i8[::1], b1[::1], u8[::1], f8[:,:,::1], f8[:,:,::1], "
           "b1[::1], b1[::1], u4[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,::1], i8, i8, f8, f8, "
           "i8[::1], i8[::1], f8[::1], f8[:,::1]")
-def resolved(found, start, member, full, touched, corner, side, cut, opaque, plain, triangle,
-             hull, matrices, axis, cells, columns, near, far, out_start, out_member, out_share,
-             out_at):
-    """See fragments.Fragments; the number of fragments, of which as many are stored as there is
-    room for. hull: in Triangles."""
+def resolve_fragments(
+    edge_pixels,
+    start,
+    member,
+    full,
+    pixel_masks,
+    corner,
+    side,
+    cut,
+    opaque,
+    uniform,
+    triangle,
+    hull,
+    matrices,
+    axis,
+    cells,
+    columns,
+    near,
+    far,
+    out_start,
+    out_member,
+    out_share,
+    out_at,
+):
+    """Compute the fragments of the edge pixels (see fragments.Fragments); return their number.
+
+    Fragments beyond the capacity of the output are counted but not stored. `hull`: see Triangles.
+    """
     size = TILE // cells
     width = columns * TILE
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # Of a cell's triangles, from its first pixel: their lines and one over the distance.
+    # For the triangles of a cell, relative to its first pixel: lines and inverse distance.
     line, lines = np.empty((longest, LINES + 1, 3)), np.empty(longest, np.int64)
     inside, sliver = np.empty((longest, CELL)), np.empty(longest, np.bool_)
-    # In one array, so that rows are known not to overlap and several pixels are looked at together.
+    # In one array, so that the compiler knows that rows do not overlap and vectorises the loops.
     work = np.empty((6, CELL))
     bit_of, one = np.empty(CELL, np.uint64), np.uint64(1)
-    # Of its pixels: the triangles in each.
+    # For the pixels of a cell: the triangles in each.
     here_of, left_of = np.empty((CELL, longest + 1), np.int64), np.empty(CELL, np.int64)
     here = np.empty(longest + 1, np.int64)
-    # Of a pixel's triangles: lines, plane; polygons, pieces of those, and two more to work with.
-    own, own_lines = np.empty((CROWD, LINES + 1, 3)), np.empty(CROWD, np.int64)
-    shape = np.empty((CROWD + PIECES + 2, CORNERS, 2))
-    sizes = np.empty(CROWD + PIECES + 2, np.int64)
-    spare = CROWD + PIECES
+    # For the triangles of a pixel: lines and plane; polygons, pieces of them, two for work space.
+    own, own_lines = np.empty((DENSE, LINES + 1, 3)), np.empty(DENSE, np.int64)
+    shape = np.empty((DENSE + PIECES + 2, CORNERS, 2))
+    sizes = np.empty(DENSE + PIECES + 2, np.int64)
+    spare = DENSE + PIECES
     samples = np.empty((3, FINE), np.float32)
     counts, shares = np.empty((longest, 2)), np.empty(longest)
     middle = np.empty((longest, 2))
     count = 0
     cell = group = end = first = 0
-    for number in range(len(found)):
+    for number in range(len(edge_pixels)):
         if number == end:
-            # The pixels found in the next cell, and the triangles in each of them.
+            # Collect the pixels of the next cell, and the triangles in each of them.
             group = number
-            wanted = np.uint64(0)
-            while end < len(found):
-                v, u = found[end] // width, found[end] % width
+            pixel_bits = np.uint64(0)
+            while end < len(edge_pixels):
+                v, u = edge_pixels[end] // width, edge_pixels[end] % width
                 tile, x0, y0 = (v // TILE) * columns + u // TILE, u % TILE, v % TILE
                 at_cell = tile * cells * cells + (y0 // size) * cells + x0 // size
                 if end > group and at_cell != cell:
@@ -99,20 +123,20 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 work[X, q], work[Y, q] = float(x0 % size), float(y0 % size)
                 work[TOP, q], work[TOP_X, q], work[TOP_Y, q], work[BEST, q] = 0.0, 0.0, 0.0, -1.0
                 bit_of[q] = np.uint64(y0 * TILE + x0)
-                wanted |= one << bit_of[q]
+                pixel_bits |= one << bit_of[q]
                 left_of[q] = 0
                 end += 1
             tile, pixels = cell // (cells * cells), end - group
-            length = 0.0  # of a ray, squared
+            length = 0.0  # squared length of a ray
             for j in range(3):
                 length += matrices[cell, j, 2]**2
             for k in range(start[tile + 1] - first):
-                if touched[first + k] & wanted == 0:
+                if pixel_masks[first + k] & pixel_bits == 0:
                     continue
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
-                    column = (j + 2) % 3  # the constant first
+                    column = (j + 2) % 3  # order: constant, x, y
                     x, y = matrices[cell, 0, column], matrices[cell, 1, column]
                     z = matrices[cell, 2, column]
                     for i in range(3):
@@ -122,7 +146,7 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * line[k, PLANE, j]
                         line[k, 4, j] = far * line[k, PLANE, j] - along
-                # Narrow, by how much its shares change over a pixel at its nearest corner?
+                # A sliver is narrow, measured by the change of its shares at its nearest corner.
                 steep, nearest = 0.0, np.inf
                 for i in range(3):
                     steep = max(steep, abs(line[k, i, 1]) + abs(line[k, i, 2]))
@@ -133,8 +157,8 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                     inside[k, q] = np.inf
                 for i in range(lines[k]):
                     a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
-                    # In halves of what the line's value changes by over a pixel: -1 and below is
-                    # not in it, from 1 on all of it.
+                    # Scale the line such that a value <= -1 means that the pixel is outside, and
+                    # >= 1 that it is inside.
                     scale = 2.0 / max(abs(b) + abs(c), 1e-300)
                     a, b, c = a * scale, b * scale, c * scale
                     for q in range(pixels):
@@ -150,33 +174,33 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                     work[TOP_Y, q] = c if fills else work[TOP_Y, q]
                     work[BEST, q] = name if fills else work[BEST, q]
             for k in range(start[tile + 1] - first):
-                bits = touched[first + k] & wanted
+                bits = pixel_masks[first + k] & pixel_bits
                 if bits == 0:
                     continue
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
                 name = float(k)
                 for q in range(pixels):
-                    # Before what fills the pixel, anywhere in it?
+                    # Is the triangle in front of the filling one anywhere in the pixel?
                     ahead = a + b * work[X, q] + c * work[Y, q] - work[TOP, q] + 0.5 * (
                         abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                    there = (inside[k, q] > -1.0) & ((ahead > TOUCHING * work[TOP, q])
+                    reaches = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
                                                      | (work[BEST, q] == name))
-                    inside[k, q] = 1.0 if there else 0.0
+                    inside[k, q] = 1.0 if reaches else 0.0
                 for q in range(pixels):
                     here_of[q, left_of[q]] = k
                     left_of[q] += np.int64(inside[k, q]) & np.int64(bits >> bit_of[q] & one)
         q = number - group
         xc, yc, left, best = work[X, q], work[Y, q], left_of[q], int(work[BEST, q])
         out_start[number] = count
-        # Of one colour all over? And which are opaque: they come first.
-        colour = plain[member[first + best]] if best >= 0 else np.uint32(0)
+        # Is the pixel of one colour? Move opaque triangles to the front of the list.
+        colour = uniform[member[first + best]] if best >= 0 else np.uint32(0)
         same = best >= 0 and (left == 1 or colour != 0)
         solid, last = 0, -1
         for n in range(left):
             k = here_of[q, n]
             here[n] = k
             m = member[first + k]
-            same = same and plain[m] == colour
+            same = same and uniform[m] == colour
             if opaque[m]:
                 here[solid], here[n] = k, here[solid]
                 if k == best:
@@ -188,7 +212,7 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 out_at[count, 0], out_at[count, 1] = xc, yc
             count += 1
             continue
-        # What one sees through, from far to near.
+        # Sort transparent triangles from far to near.
         for n in range(solid + 1, left):
             for m in range(n, solid, -1):
                 k, other = here[m], here[m - 1]
@@ -196,8 +220,8 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                         <= line[k, PLANE, 0] + line[k, PLANE, 1] * xc + line[k, PLANE, 2] * yc):
                     break
                 here[m], here[m - 1] = other, k
-        # Are all of one convex part, before what fills the pixel?
-        alone, convex, top = solid == left, np.int64(-2), work[TOP, q]
+        # Do all triangles belong to one convex part in front of the filling triangle?
+        one_part, convex, top = solid == left, np.int64(-2), work[TOP, q]
         for n in range(left):
             k = here[n]
             middle[n, 0] = middle[n, 1] = 0.0
@@ -208,76 +232,81 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                # If not all over the pixel, then all of the triangle?
-                if ahead < -TOUCHING * top and not _before(corner, side, m, member[first + best]):
+                # If it is not in front in the whole pixel, is all of the triangle in front?
+                if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
+                    corner, side, m, member[first + best]
+                ):
                     last = -1
-            mine = hull[triangle[m]] if alone else -1
-            convex = mine if convex == -2 else convex
-            alone = alone and (mine == convex and mine >= 0 or left == 1)
-        alone = alone and (best < 0 or last >= 0)
-        # What each shows.
-        total, seen, rough, many = 0.0, 0.0, False, left > CROWD
-        if not many and not alone:
+            own_hull = hull[triangle[m]] if one_part else -1
+            convex = own_hull if convex == -2 else convex
+            one_part = one_part and (own_hull == convex and own_hull >= 0 or left == 1)
+        one_part = one_part and (best < 0 or last >= 0)
+        # Visible area of each triangle.
+        total, visible_count, is_sampled, many = 0.0, 0.0, False, left > DENSE
+        if not many and not one_part:
             for n in range(left):
-                own_lines[n] = crossing_lines(line, lines, here[n], xc, yc, own, n)
-                sizes[n] = inner(shape, n, own, n, own_lines[n], spare)
-                mean(shape, n, sizes[n], middle, n)
+                own_lines[n] = find_crossing_lines(line, lines, here[n], xc, yc, own, n)
+                sizes[n] = clip_pixel(shape, n, own, n, own_lines[n], spare)
+                polygon_mean(shape, n, sizes[n], middle, n)
             for n in range(left):
                 shares[n] = 0.0
                 if sizes[n] > 0 and n != last:
-                    shares[n] = visible(shape, sizes, n, solid, own, own_lines)
+                    shares[n] = visible_area(shape, sizes, n, solid, own, own_lines)
                     total += shares[n] if n < solid else 0.0
         else:
             farthest = 0.0
             if many:
-                farthest = sampled(here, line, lines, sliver, xc, yc, left, solid, samples, counts)
+                farthest = sample_pixel(
+                    here, line, lines, sliver, xc, yc, left, solid, samples, counts
+                )
                 for n in range(solid):
-                    seen += counts[n, 1] if n != last else 0.0
-            # Where one part shows nowhere what is behind it, samples say which of it is where.
-            within = alone and seen == FINE
+                    visible_count += counts[n, 1] if n != last else 0.0
+            # If one part covers the whole pixel, the samples give the shares of its triangles.
+            is_filled = one_part and visible_count == FINE
             for n in range(left):
                 if n == last:
                     continue
                 hits, shown, shares[n], k = counts[n, 0], counts[n, 1], 0.0, here[n]
-                if within:
+                if is_filled:
                     if shown > 0.0:
-                        shares[n], rough = shown / FINE, True
+                        shares[n], is_sampled = shown / FINE, True
                         total += shares[n]
-                        sample_mean(samples, n, shown, middle)
+                        compute_sample_mean(samples, n, shown, middle)
                     continue
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 if many and shown == 0.0 and (hits > 0.0 or line[k, PLANE, 0] + b * xc + c * yc
                                               + 0.5 * (abs(b) + abs(c)) < farthest):
                     continue
-                crossing = crossing_lines(line, lines, k, xc, yc, own, 0)
+                crossing = find_crossing_lines(line, lines, k, xc, yc, own, 0)
                 if crossing == 0:
                     shares[n] = 1.0
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
-                    shares[n] = half_plane(a, b, c)
-                    if a < 0.0:  # halfway from the line to the corner that is farthest inside
+                    shares[n] = half_plane_area(a, b, c)
+                    if a < 0.0:  # midway between the line and the innermost corner
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)
                         middle[n, 1] = 0.5 * ((0.5 if c > 0.0 else -0.5) - back * c)
                 elif many:
-                    shares[n] = by_rows(own, crossing, samples, middle, n)
+                    shares[n] = integrate_rows(own, crossing, samples, middle, n)
                 else:
-                    sizes[0] = inner(shape, 0, own, 0, crossing, spare)
+                    sizes[0] = clip_pixel(shape, 0, own, 0, crossing, spare)
                     if sizes[0] > 0:
-                        shares[n] = area(shape, 0, sizes[0])
-                        mean(shape, 0, sizes[0], middle, n)
-                if many and not alone:
+                        shares[n] = polygon_area(shape, 0, sizes[0])
+                        polygon_mean(shape, 0, sizes[0], middle, n)
+                if many and not one_part:
                     if hits > 0.0:
                         shares[n] *= shown / hits
-                        rough |= shown < hits
-                    elif shares[n] < NONE or hidden_at(here, line, lines, counts, n, solid,
-                                                     xc + middle[n, 0], yc + middle[n, 1]):
+                        is_sampled |= shown < hits
+                    elif shares[n] < SMALLEST_SHARE or is_hidden(
+                        here, line, lines, counts, n, solid, xc + middle[n, 0], yc + middle[n, 1]
+                    ):
                         shares[n] = 0.0
                 total += shares[n] if n < solid else 0.0
         scale = 1.0
         if last >= 0:
             shares[last] = max(1.0 - total, 0.0)
-        if total > 1.0 or (last < 0 and (best >= 0 or (rough and seen == FINE))):
+        if total > 1.0 or (last < 0 and (best >= 0 or (is_sampled and visible_count == FINE))):
             scale = 1.0 / total
         for n in range(left):
             if shares[n] <= 1e-9:
@@ -287,5 +316,5 @@ def resolved(found, start, member, full, touched, corner, side, cut, opaque, pla
                 out_share[count] = shares[n] * scale if n < solid else shares[n]
                 out_at[count, 0], out_at[count, 1] = xc + middle[n, 0], yc + middle[n, 1]
             count += 1
-    out_start[len(found)] = count
+    out_start[len(edge_pixels)] = count
     return count

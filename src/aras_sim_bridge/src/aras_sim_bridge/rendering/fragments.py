@@ -1,4 +1,4 @@
-"""What pixels with edges consist of: what their triangles show of each."""
+"""Fragments: visible shares of the triangles in pixels with edges."""
 
 from __future__ import annotations
 
@@ -6,21 +6,24 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .binning import Seen
-from .edges import resolved
-from .sampling import Samples
+from .binning import VisibleTriangles
+from .edges import resolve_fragments
+from .sampling import PixelSamples
 from .tiles import Tiles
 from .triangles import Triangles
 
 
 @dataclass(frozen=True)
 class Fragments:
-    """What pixels with edges consist of.
+    """Fragments of the pixels with edges.
 
-    pixel: (P,) row * width + column, of the padded picture. start: (P + 1,), the stretch of each
-        in the lists that follow.
-    member: (F,) number in Seen. share: (F,) of the pixel's area. at: (F, 2) the middle of the
-        fragment, x, y in its cell, px. Opaque ones first, then the others from far to near.
+    Attributes:
+        pixel: (P,) row * width + column in the padded image.
+        start: (P + 1,) start of each pixel's fragments in the following arrays.
+        member: (F,) index in VisibleTriangles; opaque triangles first, then transparent ones from
+            far to near.
+        share: (F,) share of the pixel's area.
+        at: (F, 2) centre of the fragment, x and y in its cell, px.
     """
 
     pixel: np.ndarray
@@ -30,26 +33,56 @@ class Fragments:
     at: np.ndarray
 
 
-class Edges:
-    """Resolves the edges of pictures through the same tiles."""
+class EdgeResolver:
+    """Computes the fragments of images that have the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
-        self._room = 4096
+        self._capacity = 4096
 
-    def fragments(self, triangles: Triangles, seen: Seen, samples: Samples, found: np.ndarray,
-                  plain: np.ndarray, near: float, far: float) -> Fragments:
-        """What the pixels found consist of; plain: (N,) words of the triangles that have one
-        colour."""
+    def resolve(
+        self,
+        triangles: Triangles,
+        visible: VisibleTriangles,
+        samples: PixelSamples,
+        edge_pixels: np.ndarray,
+        uniform: np.ndarray,
+        near: float,
+        far: float,
+    ) -> Fragments:
+        """Return the fragments of the edge pixels.
+
+        `uniform` (N,) are the packed colours of the triangles with one colour, 0 for the others.
+        """
         t = self._tiles
         while True:
-            room = self._room
-            start = np.empty(len(found) + 1, np.int64)
+            room = self._capacity
+            start = np.empty(len(edge_pixels) + 1, np.int64)
             member, share, at = np.empty(room, np.int64), np.empty(room), np.empty((room, 2))
-            count = resolved(
-                found, samples.start, samples.member, samples.full, samples.touched,
-                seen.corner, seen.side, seen.cut, seen.opaque, plain, seen.triangle, triangles.hull,
-                t.matrices, t.axis, t.cells, t.columns, near, far, start, member, share, at)
+            count = resolve_fragments(
+                edge_pixels,
+                samples.start,
+                samples.member,
+                samples.full,
+                samples.pixel_masks,
+                visible.corner,
+                visible.side,
+                visible.cut,
+                visible.opaque,
+                uniform,
+                visible.triangle,
+                triangles.hull,
+                t.matrices,
+                t.axis,
+                t.cells,
+                t.columns,
+                near,
+                far,
+                start,
+                member,
+                share,
+                at,
+            )
             if count <= room:
-                return Fragments(found, start, member[:count], share[:count], at[:count])
-            self._room = 2 * count
+                return Fragments(edge_pixels, start, member[:count], share[:count], at[:count])
+            self._capacity = 2 * count

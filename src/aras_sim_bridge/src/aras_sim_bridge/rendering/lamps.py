@@ -1,9 +1,9 @@
-"""Several lights, coloured, near or with shadows, as rows of numbers in the optical frame.
+"""Lights of a scene as rows of numbers in the optical frame.
 
-A light gives a surface `diffuse` times the cosine of its angle to the normal, times what its
-distance leaves: 1 / (constant + linear d + quadratic d²), at most 1, and nothing beyond its range.
-A spot's light is whole within its inner cone, falls off to its outer one, and is none beyond.
-There are no highlights: what a surface shows is the same from wherever it is seen.
+A light adds `diffuse` times the cosine of its angle to the surface normal, times the attenuation
+1 / (constant + linear d + quadratic d²), which is at most 1, and 0 beyond the range. A spot light
+has full intensity within its inner cone, falls off up to its outer cone, and is 0 beyond. There are
+no highlights: surfaces are Lambertian.
 """
 
 from __future__ import annotations
@@ -12,26 +12,26 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import inlined
+from aras_visual_servo_base.compiled import jit_inline
 from aras_visual_servo_base.poses import rotation_from_rpy
 
 from ..description.types import Light
 
-# Columns of a light's row: kind (0 directional, 1 point, 2 spot), unit vector towards it or place
-# [m], a spot's axis, colour, attenuation and range, cosines of a spot's half angles and its
-# fall-off, whether it casts shadows, and its radius (rad of a directional one, else m).
-KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS, RADIUS = (
+# Columns of a light's row: kind (0 directional, 1 point, 2 spot); unit vector towards a directional
+# light, otherwise its position (m); axis of a spot; colour; attenuation and range; cosines of a
+# spot's half angles, and its fall-off; whether it casts shadows; radius (rad or m).
+KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS_SHADOWS, RADIUS = (
     0, 1, 4, 7, 10, 13, 14, 15, 16, 17, 18)
 WIDTH = 19
-# Radii of lights whose shadows are soft: rad for directional ones, m for the others.
+# Radii of lights with soft shadows: rad for directional lights, m for the others.
 SOFT_SUN, SOFT_LAMP = 0.03, 0.04
 DIRECTIONAL, POINT, SPOT = range(3)
 _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
 
 
-def rows_of(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
+def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
             ) -> np.ndarray:
-    """(lights, WIDTH) of lights of the world; shadows: 'none', 'hard' or 'soft'."""
+    """Return the rows (lights, WIDTH) of lights in the world; shadows: 'none', 'hard' or 'soft'."""
     rows = np.zeros((len(lights), WIDTH))
     R, t = optical_T_world[:3, :3], optical_T_world[:3, 3]
     for row, light in zip(rows, lights, strict=True):
@@ -39,7 +39,7 @@ def rows_of(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, 
         towards = -np.array(light.direction) / np.linalg.norm(light.direction)
         row[KIND] = kind
         row[PLACE:AXIS] = R @ towards if kind == DIRECTIONAL else R @ light.origin_xyz + t
-        # A spot shines along its direction, which its pose turns.
+        # A spot shines along its direction, rotated by the orientation of its pose.
         axis = -towards if kind != SPOT else rotation_from_rpy(*light.origin_rpy) @ -towards
         row[AXIS:COLOUR] = R @ axis
         row[COLOUR:FADE] = scale * np.array(light.diffuse[:3])
@@ -48,16 +48,19 @@ def rows_of(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, 
         row[RANGE] = light.attenuation_range
         row[INNER], row[OUTER] = np.cos(light.spot_inner / 2), np.cos(light.spot_outer / 2)
         row[FALLOFF] = light.spot_falloff
-        row[CASTS] = light.cast_shadows and shadows != "none"
+        row[CASTS_SHADOWS] = light.cast_shadows and shadows != "none"
         if shadows == "soft":
             row[RADIUS] = SOFT_SUN if kind == DIRECTIONAL else SOFT_LAMP
     return rows
 
 
-@inlined
-def towards(lamps, n, p, d):
-    """Put into d (3,) the unit vector from the point p (3,) towards lamp n; its distance [m], inf
-    of a directional one, and what it leaves of its light there."""
+@jit_inline
+def direction_to_lamp(lamps, n, p, d):
+    """Write the unit vector from the point p (3,) to lamp n into d (3,).
+
+    Returns:
+        Distance of the lamp (m; inf for a directional one) and the attenuation at p.
+    """
     far, left = np.inf, 1.0
     if lamps[n, KIND] == DIRECTIONAL:
         for j in range(3):

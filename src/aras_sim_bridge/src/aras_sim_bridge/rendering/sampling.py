@@ -1,8 +1,8 @@
-"""What one point of each pixel shows, its centre or its upper left corner.
+"""Sampling of the visible triangle at one point of each pixel.
 
-Of the triangles in a tile, those are left out that one covering the whole tile hides. A tile of
-which nothing else is left shows that one, without a look at its pixels; in the others the
-triangles are compared pixel by pixel.
+If a triangle covers a whole tile, the triangles behind it are removed. If no other triangle is
+left, the tile shows this one, and its pixels need no test. In the other tiles, the triangles are
+compared at each pixel.
 """
 
 from __future__ import annotations
@@ -11,25 +11,27 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .binning import Seen
+from .binning import VisibleTriangles
 from .tiles import TILE, Tiles
 
-# What a tile or a pixel shows, besides triangles from 0 up.
+# Values for tiles and pixels that do not show one triangle; triangles are numbered from 0.
 BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 
 @dataclass(frozen=True)
-class Samples:
-    """What pixels show, as numbers in Seen, or BACKGROUND, or NOTHING where a lens shows nothing.
+class PixelSamples:
+    """Content of the pixels: an index in VisibleTriangles, BACKGROUND, or NOTHING outside a lens.
 
-    tile: (tiles,) what the whole tile shows, or SEVERAL.
-    pixel: (rows * TILE, columns * TILE) int32; only of tiles with SEVERAL.
-    most: what most tiles show.
-    start (tiles + 1,), member (P,), full (P,): as in Seen, of the triangles that are left in tiles
-        with SEVERAL. touched: (P,) uint64, the pixels that each may touch: row * TILE + column is
-        the number of the bit.
+    Attributes:
+        tile: (tiles,) content of the whole tile, or SEVERAL.
+        pixel: (rows * TILE, columns * TILE) int32, only set for tiles with SEVERAL.
+        most: content of most tiles.
+        start, member, full: as in VisibleTriangles, for the triangles that are left in tiles with
+            SEVERAL.
+        pixel_masks: (P,) uint64, pixels that each of these triangles may touch; the bit number is
+            row * TILE + column.
     """
 
     tile: np.ndarray
@@ -38,37 +40,72 @@ class Samples:
     start: np.ndarray
     member: np.ndarray
     full: np.ndarray
-    touched: np.ndarray
+    pixel_masks: np.ndarray
 
 
 class PixelSampler:
-    """Takes the samples of pictures through the same tiles."""
+    """Samples images that have the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
         self._pixel = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.int32)
 
-    def samples(self, seen: Seen, near: float, far: float, at: float) -> Samples:
-        """Those of what is opaque, the rest is left to the edges, beyond a lens's rim too.
+    def sample(
+        self, visible: VisibleTriangles, near: float, far: float, offset: float
+    ) -> PixelSamples:
+        """Sample the opaque triangles; edges and transparent triangles are resolved later.
 
-        at: px, where in each pixel, to the right of its centre and below it.
+        Args:
+            visible: visible triangles.
+            near, far: clip distances, m.
+            offset: position of the samples, px to the right of the pixel centre and below it.
         """
         t = self._tiles
-        tile, most, start, member, full = _settled(
-            seen.cover, seen.start, seen.member, seen.full, seen.side, seen.opaque, t.matrices,
-            t.axis, t.nodes, t.whole, t.cells)
+        tile, most, start, member, full = _cull_tiles(
+            visible.cover,
+            visible.start,
+            visible.member,
+            visible.full,
+            visible.side,
+            visible.opaque,
+            t.matrices,
+            t.axis,
+            t.nodes,
+            t.whole,
+            t.cells,
+        )
         touched = np.empty(len(member), np.uint64)
         left = _sample(
-            tile, start, member, full, seen.corner, seen.side, seen.cut, seen.opaque, t.matrices,
-            t.inverse, t.spread, t.axis, t.cells, t.alike, t.columns, near, far, at, self._pixel,
-            touched)
-        return Samples(tile, self._pixel, most, start, member[:left], full[:left], touched[:left])
+            tile,
+            start,
+            member,
+            full,
+            visible.corner,
+            visible.side,
+            visible.cut,
+            visible.opaque,
+            t.matrices,
+            t.inverse,
+            t.spread,
+            t.axis,
+            t.cells,
+            t.is_uniform,
+            t.columns,
+            near,
+            far,
+            offset,
+            self._pixel,
+            touched,
+        )
+        return PixelSamples(
+            tile, self._pixel, most, start, member[:left], full[:left], touched[:left]
+        )
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
+@jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], b1[::1], i8")
-def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
-    """See Samples: tile, most, start, member, full."""
+def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
+    """Remove hidden triangles; return tile, most, start, member and full of PixelSamples."""
     tiles = len(whole)
     out = np.empty(tiles, np.int64)
     most_left = len(member) + tiles
@@ -83,19 +120,19 @@ def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, wh
         if nodes[n, 3] > 1.5:
             out[n] = NOTHING
         elif start[n] == start[n + 1] and (whole[n] or cover[n] < 0):
-            out[n] = cover[n]  # or BACKGROUND
+            out[n] = cover[n]  # a triangle or BACKGROUND
         else:
-            end, also = left, cover[n]
+            end, pending_cover = left, cover[n]
             for k in range(start[n], start[n + 1] + 1):
                 last = k == start[n + 1]
-                if also >= 0 and (last or member[k] > also):
-                    new_member[end], new_full[end] = also, True
+                if pending_cover >= 0 and (last or member[k] > pending_cover):
+                    new_member[end], new_full[end] = pending_cover, True
                     end += 1
-                    also = -1
+                    pending_cover = -1
                 if not last:
                     new_member[end], new_full[end] = member[k], full[k]
                     end += 1
-            # The nearest of those that cover the tile.
+            # Find the nearest of the triangles that cover the tile.
             best, nearest = -1, 0.0
             for k in range(left, end):
                 m = new_member[k]
@@ -107,7 +144,7 @@ def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, wh
                         best, nearest = m, w
             if best >= 0 and end > left + 1:
                 for k in range(4):
-                    # Corners of the tile, out of its four outermost cells.
+                    # Rays of the tile's corners, from its four outermost cells.
                     down, right = k // 2, k % 2
                     c = n * per_tile + (cells - 1) * (down * cells + right)
                     x, y = right * size - 0.5, down * size - 0.5
@@ -144,9 +181,10 @@ def _settled(cover, start, member, full, side, opaque, matrices, axis, nodes, wh
     return out, most, new_start, new_member[:left], new_full[:left]
 
 
-@inlined
-def _box(corner, m, inverse, n):
-    """The box around triangle m, px of tile n from its first: left, right, top, bottom."""
+@jit_inline
+def _find_box(corner, m, inverse, n):
+    """Return the box around triangle m: left, right, top, bottom; px from the tile's first pixel.
+    """
     left = top = np.inf
     right = bottom = -np.inf
     for j in range(3):
@@ -154,7 +192,7 @@ def _box(corner, m, inverse, n):
         u = inverse[n, 0, 0] * x + inverse[n, 0, 1] * y + inverse[n, 0, 2] * z
         v = inverse[n, 1, 0] * x + inverse[n, 1, 1] * y + inverse[n, 1, 2] * z
         w = inverse[n, 2, 0] * x + inverse[n, 2, 1] * y + inverse[n, 2, 2] * z
-        if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is beside or behind
+        if w <= 1e-6 * (abs(u) + abs(v)):  # the corner is not in front of the camera
             left = top = -np.inf
             right = bottom = np.inf
             break
@@ -165,33 +203,35 @@ def _box(corner, m, inverse, n):
     return left, right, top, bottom
 
 
-@compiled("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
+@jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], f8[:,:,::1], b1[::1], b1[::1], "
           "f8[:,:,::1], f8[:,:,::1], f8[::1], f8[:,::1], i8, b1, i8, f8, f8, f8, i4[:,::1], "
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
-            cells, alike, columns, near, far, at, pixel, touched):
-    """Fill `pixel` and `touched` where tiles show several, and leave in start, member and full only
-    what touches pixels of those; the number of that."""
+            cells, is_uniform, columns, near, far, at, pixel, pixel_masks):
+    """Fill `pixel` and `pixel_masks` for tiles with SEVERAL; return the number of pairs left.
+
+    From start, member and full, all pairs are removed whose triangle touches no pixel of the tile.
+    """
     size = TILE // cells
-    # Of a tile's pixels: ray, how far it goes along the axis, one over the distance of what is
-    # nearest, and which that is. In one array, so that rows are known not to overlap and eight
-    # pixels are looked at together.
+    # For the pixels of a tile: ray (3), its length along the axis, inverse distance and index of
+    # the nearest triangle. In one array, so that the compiler knows that rows do not overlap and
+    # processes eight pixels at once.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
-    box = np.empty((len(corner) if alike else 0, 4))
+    box = np.empty((len(corner) if is_uniform else 0, 4))
     for m in range(len(box)):
-        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _box(corner, m, inverse, 0)
-    kept, end = 0, start[0]
+        box[m, 0], box[m, 1], box[m, 2], box[m, 3] = _find_box(corner, m, inverse, 0)
+    stored, end = 0, start[0]
     for n in range(len(tile)):
         begin, end = end, start[n + 1]
-        start[n] = kept
+        start[n] = stored
         if tile[n] != SEVERAL:
             continue
         for cell in range(cells * cells):
             c, v, u = n * cells * cells + cell, cell // cells * size, cell % cells * size
             for row in range(v, v + size):
                 for column in range(u, u + size):
-                    # The ray, and how far it goes along the axis.
+                    # The ray, and its length along the axis.
                     xc, yc = column - u + at, row - v + at
                     x = matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc + matrices[c, 0, 2]
                     y = matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc + matrices[c, 1, 2]
@@ -205,11 +245,11 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             v0, v1, pixels = 0, TILE - 1, ~np.uint64(0)
             sampled = opaque[m]
             if not all_over:
-                if alike:
+                if is_uniform:
                     left, right = box[m, 0] - u_tile, box[m, 1] - u_tile
                     top, bottom = box[m, 2] - v_tile, box[m, 3] - v_tile
                 else:
-                    left, right, top, bottom = _box(corner, m, inverse, n)
+                    left, right, top, bottom = _find_box(corner, m, inverse, n)
                 left, right = max(left - spread[n], -1.0), min(right + spread[n], TILE + 0.0)
                 top, bottom = max(top - spread[n], -1.0), min(bottom + spread[n], TILE + 0.0)
                 u0, u1 = int(np.floor(left + 0.5)), int(np.floor(right + 0.5))
@@ -218,20 +258,20 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 if u0 > u1 or v0 > v1:
                     continue
                 across = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
-                # A row in each byte, those beyond the last pushed out.
+                # One byte per row; bytes beyond the last row are shifted out.
                 down = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
                 pixels = across * (down << np.uint64(8 * v0))
-                # Rows whose samples are in the box, if any sample is.
+                # Rows with samples inside the box.
                 v0, v1 = max(int(np.ceil(top - at)), 0), min(int(np.floor(bottom - at)), TILE - 1)
                 sampled &= np.ceil(left - at) <= right - at
-            member[kept], full[kept], touched[kept] = m, all_over, pixels
-            kept += 1
+            member[stored], full[stored], pixel_masks[stored] = m, all_over, pixels
+            stored += 1
             if not sampled or v0 > v1:
                 continue
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
             x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
-            if all_over:  # as one half of a quad it may stand for both
+            if all_over:  # one triangle of a quad may represent both
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0
             name = float(m)
@@ -252,5 +292,5 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
         for y0 in range(TILE):
             for x0 in range(TILE):
                 pixel[v + y0, u + x0] = work[5, y0, x0]
-    start[len(tile)] = kept
-    return kept
+    start[len(tile)] = stored
+    return stored

@@ -1,4 +1,4 @@
-"""What a World shows: the shapes of its models' descriptions at the poses of their links."""
+"""Scene: visual meshes of all models in a World, and the poses of their links."""
 
 from __future__ import annotations
 
@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_sim_bridge.blending import blended_poses
+from aras_sim_bridge.blending import blend_poses
 from aras_sim_bridge.description import shapes
 from aras_sim_bridge.description.gazebo_materials import WHITE
 from aras_sim_bridge.description.types import Link, Rgba
 from aras_sim_bridge.errors import DescriptionError
-from aras_sim_bridge.world.labels import label
+from aras_sim_bridge.world.labels import make_label
 from aras_visual_servo_base.meshes.mesh import Mesh
 
 if TYPE_CHECKING:
@@ -23,8 +23,8 @@ _log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
-class Part:
-    """One visual: a mesh in its link's frame, the row of that link in `Scene.poses`, a colour."""
+class VisualMesh:
+    """One visual: a mesh in its link's frame, the row of that link in the poses, a colour."""
 
     row: int
     mesh: Mesh
@@ -32,9 +32,8 @@ class Part:
 
 
 @dataclass(frozen=True)
-class _Rows:
-    """Where the links of a model that have visuals stand in the pose table: the root, if it has
-    any, and behind it `links`."""
+class _ModelRows:
+    """Rows of a model's links with visuals in the pose table: root if `has_root`, then `links`."""
 
     model: Model
     first: int
@@ -43,28 +42,30 @@ class _Rows:
 
 
 class Scene:
-    """Follows one World: `refresh` finds models that came, changed and went, `poses` reads links.
+    """Visuals and link poses of one World; `refresh` follows spawned, changed and deleted models.
 
-    parts: what there is to see. version: counts the changes of it.
+    Attributes:
+        visuals: meshes to draw.
+        version: number of changes of the visuals.
     """
 
     def __init__(self, world: World) -> None:
-        self.parts: list[Part] = []
+        self.visuals: list[VisualMesh] = []
         self.version = 0
         self._world = world
         self._revision = -1
-        self._models: list[_Rows] = []
+        self._models: list[_ModelRows] = []
         self._names: list[str] = []
-        self._warned: set[str] = set()
+        self._reported_errors: set[str] = set()
         self._labels = np.zeros(0, np.int32)
         self._previous: tuple[np.ndarray, np.ndarray] | None = None
         self._positions = np.zeros((0, 3))
         self._quaternions = np.zeros((0, 4))
 
     def refresh(self) -> bool:
-        """Read the shapes again if models came, changed or went; True if they did.
+        """Read the visuals again if models were spawned, changed or deleted; return whether so.
 
-        A mesh file that was damaged since its model was spawned is left out, with a log line.
+        A mesh file that was damaged since the spawn is skipped with a warning.
         """
         if self._world.revision == self._revision:
             return False
@@ -73,42 +74,42 @@ class Scene:
         self.version += 1
         return True
 
-    def poses(self) -> np.ndarray:
-        """Poses of all links that carry a visual, (rows, 4, 4), link to world."""
-        return self.poses_at(1.0)
+    def read_poses(self) -> np.ndarray:
+        """Return the poses of all links with visuals, world_T_link, (rows, 4, 4)."""
+        return self.interpolate_poses(1.0)
 
-    def poses_at(self, blend: float) -> np.ndarray:
-        """Poses `blend` of the way from the last snapshot (0) to now (1), (rows, 4, 4)."""
+    def interpolate_poses(self, blend: float) -> np.ndarray:
+        """Return poses (rows, 4, 4) between those of the last snapshot (0) and the present (1)."""
         now = self._read_all()
         before = self._previous
         if before is None or len(before[0]) != len(now[0]):
             before = now
-        return blended_poses(*before, *now, min(blend, 1.0))
+        return blend_poses(*before, *now, min(blend, 1.0))
 
     def snapshot(self) -> None:
-        """Remember the present poses, for `poses_at`."""
+        """Store the present poses, for `interpolate_poses`."""
         self.refresh()
         p, q = self._read_all()
         self._previous = p.copy(), q.copy()
 
-    def labels(self) -> np.ndarray:
-        """(rows,) int32 segmentation values: body id + (link index + 1) << 24, as in Bullet."""
+    def compute_labels(self) -> np.ndarray:
+        """Return the (rows,) int32 labels: body id + (link index + 1) << 24, as in Bullet."""
         return self._labels
 
-    def bodies_around(self, point: np.ndarray) -> list[str]:
-        """Names 'model::link' of the links whose closed visuals contain the point (3,), world
-        frame."""
+    def find_bodies_around(self, point: np.ndarray) -> list[str]:
+        """Return names 'model::link' of links with a closed visual around a point (3,), world.
+        """
         self.refresh()
-        poses = self.poses()
+        poses = self.read_poses()
         names = []
-        for part in self.parts:
+        for part in self.visuals:
             T = poses[part.row]
             if part.mesh.contains((np.asarray(point) - T[:3, 3]) @ T[:3, :3]):
                 names.append(self._names[part.row])
         return list(dict.fromkeys(names))
 
     def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (rows, 3) and quaternions (rows, 4) now, in arrays that are used again."""
+        """Return the present positions (rows, 3) and quaternions (rows, 4), in reused arrays."""
         p, q = self._positions, self._quaternions
         for rows in self._models:
             row = rows.first
@@ -117,12 +118,12 @@ class Scene:
                 row += 1
             if rows.links:
                 behind = slice(row, row + len(rows.links))
-                p[behind], q[behind] = rows.model.frames(rows.links)
+                p[behind], q[behind] = rows.model.read_link_frames(rows.links)
         return p, q
 
     def _load(self) -> None:
-        parts: list[Part] = []
-        models: list[_Rows] = []
+        parts: list[VisualMesh] = []
+        models: list[_ModelRows] = []
         names = self._names = []
         labels: list[int] = []
         for model in self._world.models.values():
@@ -132,34 +133,36 @@ class Scene:
                 continue
             links.sort(key=lambda pair: pair[0])
             indices = [index for index, _ in links]
-            models.append(_Rows(model, len(names), indices[0] == -1,
+            models.append(_ModelRows(model, len(names), indices[0] == -1,
                                 tuple(link.name for index, link in links if index >= 0)))
             for index, link in links:
-                names.append(model.scoped(link.name))
-                parts += self._parts(len(names) - 1, link, model.description.colours.get(link.name))
-                labels.append(label(model.body_id, index))
-        self.parts, self._models = parts, models
+                names.append(model.get_scoped_name(link.name))
+                parts += self._make_visuals(
+                    len(names) - 1, link, model.description.colours.get(link.name)
+                )
+                labels.append(make_label(model.body_id, index))
+        self.visuals, self._models = parts, models
         self._labels = np.array(labels, np.int32)
         self._previous = None
         self._positions = np.empty((len(names), 3))
         self._quaternions = np.empty((len(names), 4))
 
-    def _parts(self, row: int, link: Link, colour: Rgba | None) -> list[Part]:
-        """As in Gazebo, a link's colour goes before those of its mesh files, white comes last."""
+    def _make_visuals(self, row: int, link: Link, colour: Rgba | None) -> list[VisualMesh]:
+        """Make the meshes of a link; colour as in Gazebo: the link's, the mesh file's, or white."""
         parts = []
         for visual in link.visuals:
             try:
-                meshes = shapes.triangles(visual.geometry)
-            except DescriptionError as error:  # the rest of the world is still worth seeing
-                if str(error) not in self._warned:
+                meshes = shapes.make_meshes(visual.geometry)
+            except DescriptionError as error:  # draw the rest of the world
+                if str(error) not in self._reported_errors:
                     _log.warning("%s is not drawn: %s", self._names[row], error)
-                self._warned.add(str(error))
+                self._reported_errors.add(str(error))
                 continue
             link_T_visual = visual.pose.matrix()
             for mesh in meshes:
                 if visual.texture:
-                    mesh = mesh.draped(visual.texture, visual.geometry.kind != "mesh")
+                    mesh = mesh.apply_texture(visual.texture, visual.geometry.kind != "mesh")
                 rgba = colour or mesh.rgba or WHITE
                 if rgba[3] > 0.0:
-                    parts.append(Part(row, mesh.transformed(link_T_visual), rgba))
+                    parts.append(VisualMesh(row, mesh.transform(link_T_visual), rgba))
         return parts

@@ -1,87 +1,155 @@
-"""The colours of samples and fragments: albedo or texture, times light: of one sun, smooth between
-corners, or what shadows.Irradiance says.
+"""Shading of samples and fragments: albedo or texture times light.
 
-A pixel is a word: red, green, blue from the lowest byte up, and 255, or 0 where the lens shows
-nothing.
+The light is that of the sun, interpolated between the corners of a triangle, or the irradiance of
+several lamps (shadows.Irradiance).
+
+Pixels are packed colours, uint32: red, green, blue from the lowest byte, then 255; or 0 outside the
+image circle of a lens.
 """
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .binning import Seen
+from .binning import VisibleTriangles
 from .fragments import Fragments
-from .sampling import BACKGROUND, NOTHING, Samples
+from .sampling import BACKGROUND, NOTHING, PixelSamples
 from .shadows import Irradiance
-from .textures import spread_out, textured
+from .textures import apply_texture, map_texture
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 
 
 class Shader:
-    """Colours one picture after another through the same tiles."""
+    """Shades images that have the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self._tiles = tiles
-        self._words = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
+        self._packed_image = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
 
-    def plain(self, triangles: Triangles, seen: Seen) -> np.ndarray:
-        """(N,) words of the triangles seen that have one colour, 0 for the others."""
-        return _plain(seen.triangle, seen.light, triangles.albedo, triangles.layer)
+    def compute_uniform_colours(
+        self, triangles: Triangles, visible: VisibleTriangles
+    ) -> np.ndarray:
+        """Return packed colours (N,) of the visible triangles with one colour, 0 for the others."""
+        return _compute_uniform_colours(
+            visible.triangle, visible.light, triangles.albedo, triangles.layer
+        )
 
-    def words(self, triangles: Triangles, seen: Seen, samples: Samples, plain: np.ndarray,
-              sky: np.uint32, edges: np.ndarray, light: Irradiance,
-              backdrop: np.ndarray) -> np.ndarray:
-        """The picture but for the pixels with edges, in an array that the next one overwrites.
+    def draw_samples(
+        self,
+        triangles: Triangles,
+        visible: VisibleTriangles,
+        samples: PixelSamples,
+        uniform: np.ndarray,
+        sky: np.uint32,
+        edges: np.ndarray,
+        light: Irradiance,
+        backdrop: np.ndarray,
+    ) -> np.ndarray:
+        """Shade all pixels without edges; the array is overwritten by the next image.
 
-        plain, sky, edges: as in finding.found_edges; plain is all 0 where `light` says something.
-        backdrop: words of the padded picture that are seen where nothing is, or of no size: sky.
+        Args:
+            triangles, visible, samples: what the pixels show.
+            uniform, sky, edges: as in edge_detection.find_edges. `uniform` is 0 if `light` is not
+                empty.
+            light: irradiance of several lamps, or empty.
+            backdrop: packed colours of the background of the padded image; if it is empty, the
+                background is `sky`.
         """
         t, g = self._tiles, triangles
         if samples.most == BACKGROUND:
             if not len(backdrop):
-                self._words.fill(sky)
-        elif plain[samples.most]:
-            self._words.fill(plain[samples.most])
-        _colour(samples.tile, samples.pixel, samples.most, edges, plain, sky, seen.triangle,
-                seen.side, seen.light, g.albedo, g.layer, g.uv, g.textures.texels, t.matrices,
-                t.valid, t.cells, t.columns, light.pixels, backdrop, self._words)
-        return self._words
+                self._packed_image.fill(sky)
+        elif uniform[samples.most]:
+            self._packed_image.fill(uniform[samples.most])
+        _draw_samples(
+            samples.tile,
+            samples.pixel,
+            samples.most,
+            edges,
+            uniform,
+            sky,
+            visible.triangle,
+            visible.side,
+            visible.light,
+            g.albedo,
+            g.layer,
+            g.uv,
+            g.textures.texels,
+            t.matrices,
+            t.valid,
+            t.cells,
+            t.columns,
+            light.pixels,
+            backdrop,
+            self._packed_image,
+        )
+        return self._packed_image
 
-    def blend(self, triangles: Triangles, seen: Seen, fragments: Fragments, background: np.ndarray,
-              light: Irradiance, backdrop: np.ndarray, words: np.ndarray) -> None:
-        """Put the pixels that consist of fragments into words. background: (3,) rgb 0..255, in
-        the place of a backdrop of no size."""
+    def blend_fragments(
+        self,
+        triangles: Triangles,
+        visible: VisibleTriangles,
+        fragments: Fragments,
+        background: np.ndarray,
+        light: Irradiance,
+        backdrop: np.ndarray,
+        packed_image: np.ndarray,
+    ) -> None:
+        """Write the pixels with fragments to `packed_image`.
+
+        `background` (3,) rgb 0..255 is used if the backdrop is empty.
+        """
         g, t, f = triangles, self._tiles, fragments
-        _blend(f.pixel, f.start, f.member, f.share, f.at, seen.triangle, seen.side, seen.light,
-               g.albedo, g.layer, g.uv, g.textures.texels, t.matrices, t.cells, t.columns,
-               background, light.fragments, backdrop, words)
+        _blend_fragments(
+            f.pixel,
+            f.start,
+            f.member,
+            f.share,
+            f.at,
+            visible.triangle,
+            visible.side,
+            visible.light,
+            g.albedo,
+            g.layer,
+            g.uv,
+            g.textures.texels,
+            t.matrices,
+            t.cells,
+            t.columns,
+            background,
+            light.fragments,
+            backdrop,
+            packed_image,
+        )
 
 
-@compiled("f8, f8, f8")
-def word(red, green, blue):
-    """A colour 0..255 as a pixel."""
+@jit("f8, f8, f8")
+def pack_colour(red, green, blue):
+    """Pack a colour 0..255 into a uint32."""
     r = np.uint32(np.rint(min(max(red, 0.0), 255.0)))
     g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
     b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
     return np.uint32(r | (g << np.uint32(8)) | (b << np.uint32(16)) | np.uint32(0xFF000000))
 
 
-@compiled("i8[::1], f8[:,::1], f8[:,::1], i8[::1]")
-def _plain(triangle, light, albedo, layer):
+@jit("i8[::1], f8[:,::1], f8[:,::1], i8[::1]")
+def _compute_uniform_colours(triangle, light, albedo, layer):
     out = np.zeros(len(triangle), np.uint32)
     for n in range(len(triangle)):
         t, lit = triangle[n], light[n]
         if layer[t] < 0 and lit[0] == lit[1] and lit[1] == lit[2]:
-            out[n] = word(albedo[t, 0] * lit[0], albedo[t, 1] * lit[0], albedo[t, 2] * lit[0])
+            out[n] = pack_colour(
+                albedo[t, 0] * lit[0], albedo[t, 1] * lit[0], albedo[t, 2] * lit[0]
+            )
     return out
 
 
-@inlined
-def _light(matrices, c, side, light, m, x, y):
-    """Light on triangle m at x, y of cell c."""
+@jit_inline
+def _interpolate_light(matrices, c, side, light, m, x, y):
+    """Return the light on triangle m at x, y of cell c."""
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
     rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
@@ -93,27 +161,47 @@ def _light(matrices, c, side, light, m, x, y):
     return lit / w
 
 
-@compiled("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
+@jit("i8[::1], i4[:,::1], i8, u8[::1], u4[::1], u4, i8[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], b1[:,::1], i8, i8, f4[:,:,::1], "
           "u4[:,::1], u4[:,::1]")
-def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo, layer, uv, texels,
-            matrices, valid, cells, columns, irradiance, backdrop, words):
+def _draw_samples(
+    tile,
+    pixel,
+    most,
+    edges,
+    uniform,
+    sky,
+    triangle,
+    side,
+    light,
+    albedo,
+    layer,
+    uv,
+    texels,
+    matrices,
+    valid,
+    cells,
+    columns,
+    irradiance,
+    backdrop,
+    packed_image,
+):
     size = TILE // cells
     rgb, planes = np.empty(3), np.empty((3, 3))
-    lamps, graded = len(irradiance) > 0, len(backdrop) > 0
+    lamps, has_backdrop = len(irradiance) > 0, len(backdrop) > 0
     last_c = last_m = np.int64(-1)
     for n in range(len(tile)):
         u, v = TILE * (n % columns), TILE * (n // columns)
         one = tile[n]
-        if one in (NOTHING, BACKGROUND) or (one >= 0 and plain[one] != 0):
+        if one in (NOTHING, BACKGROUND) or (one >= 0 and uniform[one] != 0):
             if one == NOTHING:
-                words[v:v + TILE, u:u + TILE] = 0
-            elif one == BACKGROUND and graded:
+                packed_image[v:v + TILE, u:u + TILE] = 0
+            elif one == BACKGROUND and has_backdrop:
                 for y in range(TILE):
                     for x in range(TILE):
-                        words[v + y, u + x] = backdrop[v + y, u + x]
+                        packed_image[v + y, u + x] = backdrop[v + y, u + x]
             elif one != most:
-                words[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else plain[one]
+                packed_image[v:v + TILE, u:u + TILE] = sky if one == BACKGROUND else uniform[one]
             continue
         for y in range(TILE):
             for x in range(TILE):
@@ -121,36 +209,55 @@ def _colour(tile, pixel, most, edges, plain, sky, triangle, side, light, albedo,
                 if edges[n] >> np.uint64(y * TILE + x) & np.uint64(1) != 0:
                     continue
                 if not valid[v + y, u + x]:
-                    words[v + y, u + x] = 0
+                    packed_image[v + y, u + x] = 0
                 elif m < 0:
-                    words[v + y, u + x] = backdrop[v + y, u + x] if graded else sky
-                elif plain[m] != 0:
-                    words[v + y, u + x] = plain[m]
+                    packed_image[v + y, u + x] = backdrop[v + y, u + x] if has_backdrop else sky
+                elif uniform[m] != 0:
+                    packed_image[v + y, u + x] = uniform[m]
                 else:
                     t = triangle[m]
                     c = n * cells * cells + (y // size) * cells + x // size
                     xc, yc = float(x % size), float(y % size)
                     lit = light[m, 0]
                     if light[m, 1] != lit or light[m, 2] != lit:
-                        lit = _light(matrices, c, side, light, m, xc, yc)
+                        lit = _interpolate_light(matrices, c, side, light, m, xc, yc)
                     for k in range(3):
                         rgb[k] = albedo[t, k] * (irradiance[v + y, u + x, k] if lamps else lit)
                     if layer[t] >= 0:
                         if c != last_c or m != last_m:
-                            spread_out(matrices, c, side, m, uv, t, planes)
+                            map_texture(matrices, c, side, m, uv, t, planes)
                             last_c, last_m = c, m
-                        textured(planes, layer[t], texels, xc, yc, rgb)
-                    words[v + y, u + x] = word(rgb[0], rgb[1], rgb[2])
+                        apply_texture(planes, layer[t], texels, xc, yc, rgb)
+                    packed_image[v + y, u + x] = pack_colour(rgb[0], rgb[1], rgb[2])
 
 
-@compiled("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
+@jit("i8[::1], i8[::1], i8[::1], f8[::1], f8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], i8[::1], f8[:,:,::1], u8[::1], f8[:,:,::1], i8, i8, f8[::1], f4[:,::1], "
           "u4[:,::1], u4[:,::1]")
-def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer, uv, texels,
-           matrices, cells, columns, background, irradiance, backdrop, words):
+def _blend_fragments(
+    pixel,
+    start,
+    member,
+    share,
+    at,
+    triangle,
+    side,
+    light,
+    albedo,
+    layer,
+    uv,
+    texels,
+    matrices,
+    cells,
+    columns,
+    background,
+    irradiance,
+    backdrop,
+    packed_image,
+):
     size, lamps = TILE // cells, len(irradiance) > 0
     rgb, total, planes = np.empty(3), np.empty(3), np.empty((3, 3))
-    width = words.shape[1]
+    width = packed_image.shape[1]
     for n in range(len(pixel)):
         v, u = pixel[n] // width, pixel[n] % width
         x, y = u % TILE, v % TILE
@@ -169,16 +276,16 @@ def _blend(pixel, start, member, share, at, triangle, side, light, albedo, layer
             t = triangle[m]
             lit = light[m, 0]
             if light[m, 1] != lit or light[m, 2] != lit:
-                lit = _light(matrices, c, side, light, m, at[k, 0], at[k, 1])
+                lit = _interpolate_light(matrices, c, side, light, m, at[k, 0], at[k, 1])
             for j in range(3):
                 rgb[j] = albedo[t, j] * (irradiance[k, j] if lamps else lit)
             if layer[t] >= 0:
-                spread_out(matrices, c, side, m, uv, t, planes)
-                textured(planes, layer[t], texels, at[k, 0], at[k, 1], rgb)
+                map_texture(matrices, c, side, m, uv, t, planes)
+                apply_texture(planes, layer[t], texels, at[k, 0], at[k, 1], rgb)
             for j in range(3):
                 rgb[j] = min(rgb[j], 255.0)
-            through = albedo[t, 3] < 1.0
+            transparent = albedo[t, 3] < 1.0
             weight = share[k] * albedo[t, 3]
             for j in range(3):
-                total[j] += weight * (rgb[j] - total[j] if through else rgb[j])
-        words[v, u] = word(total[0], total[1], total[2])
+                total[j] += weight * (rgb[j] - total[j] if transparent else rgb[j])
+        packed_image[v, u] = pack_colour(total[0], total[1], total[2])

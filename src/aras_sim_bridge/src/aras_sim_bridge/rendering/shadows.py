@@ -1,13 +1,14 @@
-"""Light on each pixel by several lamps, and what stands between: shadows by casting rays.
+"""Light of several lamps on each pixel, with shadows by ray casting.
 
-A tile's points and a lamp span a beam. Clusters of triangles (triangles.Clusters) that it touches
-may cast shadows on the tile; in most tiles there are none. In the others a ray goes from each
-corner of a pixel to the lamp (from all of them to eight places on the rim of a soft lamp, two from
-each corner); where all say the same, so does the pixel, and FINE rays, spread over pixel and lamp,
-say the others' share. A shadow's edge is therefore as good as FINE places in a pixel; what is
-narrower than a pixel may be missed. Triangles cast shadows to both sides; of a convex part none on
-each other, so that a ball is as round in its light as its normals are. What one sees through casts
-none.
+The points of a tile and a lamp span a beam. Only clusters of triangles (triangles.Clusters) that
+the beam touches can cast shadows on the tile; for most tiles there are none. Otherwise, rays are
+cast from each corner of a pixel to the lamp (two per corner to the rim of a soft lamp; the four
+corners together reach eight points of the rim). If all rays agree, the pixel is lit or dark; if
+not, MANY_RAYS rays, spread over the pixel and the lamp, give the lit share. A shadow that is
+narrower than a pixel may be missed.
+
+Both sides of a triangle cast shadows. A convex part casts none on itself, so that its shading
+follows its normals, for example on a ball. Transparent triangles cast no shadows.
 """
 
 from __future__ import annotations
@@ -16,51 +17,59 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 
-from .binning import Seen
+from .binning import VisibleTriangles
 from .fragments import Fragments
-from .lamps import CASTS, COLOUR, KIND, RADIUS, towards
-from .sampling import Samples
+from .lamps import CASTS_SHADOWS, COLOUR, KIND, RADIUS, direction_to_lamp
+from .sampling import PixelSamples
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 
-# Rays of a pixel that a shadow's edge is in, and of a fragment.
-FINE, FEW = 160, 16
+# Numbers of rays for a pixel with a shadow's edge, and for a fragment.
+MANY_RAYS, FEW_RAYS = 160, 16
 LIT, DARK, MIXED = 1, 2, 3
-# How far from its surface a ray begins, m, and of its distance from the eye: meshes have single
-# precision.
+# Offset of a ray's start from its surface, m, and per distance from the camera: mesh coordinates
+# have single precision.
 OFF, OFF_FAR = 2e-5, 2e-6
 
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Light in parts of 255, red, green, blue: `pixels` (rows, columns, 3) float32 on those of the
-    padded picture that have no edge, `fragments` (F, 3) float32. Both empty: see Seen.light."""
+    """Light on the pixels, red, green and blue, in units of 1/255.
+
+    Both arrays are empty if only the sun shines; VisibleTriangles.light is used then.
+
+    Attributes:
+        pixels: (rows, columns, 3) float32, pixels of the padded image without edges.
+        fragments: (F, 3) float32.
+    """
 
     pixels: np.ndarray
     fragments: np.ndarray
 
 
-SUNLIT = Irradiance(np.zeros((0, 0, 3), np.float32), np.zeros((0, 3), np.float32))
+NO_IRRADIANCE = Irradiance(np.zeros((0, 0, 3), np.float32), np.zeros((0, 3), np.float32))
 
 
-def _spread() -> np.ndarray:
-    """(FINE, 4) evenly spread over a pixel, -0.5..0.5 px, and over a disc of radius 1, by Roberts's
-    sequence in four dimensions."""
-    golden = 1.16730397826141868  # g**5 = g + 1
-    share = (0.5 + (np.arange(FINE)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
+def _make_spread() -> np.ndarray:
+    """Return (MANY_RAYS, 4) points spread evenly over a pixel, -0.5..0.5 px, and a unit disc.
+
+    The points are Roberts's sequence in four dimensions.
+    """
+    golden = 1.16730397826141868  # root of g**5 = g + 1, from Roberts
+    share = (0.5 + (np.arange(MANY_RAYS)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
     radius, angle = np.sqrt(share[:, 2:3]), 2 * np.pi * share[:, 3:]
     return np.hstack([share[:, :2] - 0.5, radius * np.cos(angle), radius * np.sin(angle)])
 
 
-SPREAD = _spread()
-# Places on the rim of a disc.
+SPREAD = _make_spread()
+# Points on the rim of a unit disc.
 RIM = np.stack([np.cos(np.arange(8) * np.pi / 4), np.sin(np.arange(8) * np.pi / 4)], axis=1)
 
 
 class Illumination:
-    """What the triangles of a scene look like to lamps."""
+    """Computes the light of lamps on the triangles of a scene."""
 
     def __init__(self, triangles: Triangles) -> None:
         c = triangles.clusters
@@ -71,28 +80,71 @@ class Illumination:
         self._bounds = np.searchsorted(c.row[self._order], np.arange(rows + 1))
         self._part = triangles.part[c.first] if len(c.first) else c.first
 
-    def on(self, tiles: Tiles, seen: Seen, samples: Samples, edges: np.ndarray,
-           fragments: Fragments, optical_T_link: np.ndarray, lamps: np.ndarray,
-           ambient: np.ndarray) -> Irradiance:
-        """Of a picture. edges: as finding.found_edges has them; lamps: of lamps.rows_of; ambient:
-        (3,) parts of 255."""
+    def compute_irradiance(
+        self,
+        tiles: Tiles,
+        visible: VisibleTriangles,
+        samples: PixelSamples,
+        edges: np.ndarray,
+        fragments: Fragments,
+        optical_T_link: np.ndarray,
+        lamps: np.ndarray,
+        ambient: np.ndarray,
+    ) -> Irradiance:
+        """Return the irradiance of the pixels and fragments of an image.
+
+        Args:
+            tiles, visible, samples, fragments: what the pixels show.
+            edges: as in edge_detection.find_edges.
+            optical_T_link: (rows, 4, 4) poses of the links.
+            lamps: rows from lamps.pack_lights.
+            ambient: (3,) ambient light in units of 1/255.
+        """
         t, g, f, c = tiles, self._triangles, fragments, self._triangles.clusters
-        turn = optical_T_link[g.row[seen.triangle], :3, :3]
-        normals = np.einsum("nij,nkj->nki", turn, g.normals[seen.triangle])
+        turn = optical_T_link[g.row[visible.triangle], :3, :3]
+        normals = np.einsum("nij,nkj->nki", turn, g.normals[visible.triangle])
         pixels = np.zeros((t.rows * TILE, t.columns * TILE, 3), np.float32)
         on_fragments = np.zeros((len(f.member), 3), np.float32)
         _illuminate(
-            samples.tile, samples.pixel, edges, t.valid, t.matrices, t.cells, t.columns, seen.side,
-            np.ascontiguousarray(normals), seen.triangle, g.part, g.hull, optical_T_link,
-            g.row_centre, g.row_half, self._order, self._bounds, self._part, c.row, c.first,
-            c.count, c.centre, c.half, g.corners, lamps, ambient, f.pixel, f.start, f.member, f.at,
-            pixels, on_fragments)
+            samples.tile,
+            samples.pixel,
+            edges,
+            t.valid,
+            t.matrices,
+            t.cells,
+            t.columns,
+            visible.side,
+            np.ascontiguousarray(normals),
+            visible.triangle,
+            g.part,
+            g.hull,
+            optical_T_link,
+            g.row_centre,
+            g.row_half,
+            self._order,
+            self._bounds,
+            self._part,
+            c.row,
+            c.first,
+            c.count,
+            c.centre,
+            c.half,
+            g.corners,
+            lamps,
+            ambient,
+            f.pixel,
+            f.start,
+            f.member,
+            f.at,
+            pixels,
+            on_fragments,
+        )
         return Irradiance(pixels, on_fragments)
 
 
-@inlined
-def _basis(d, e):
-    """Two unit vectors square to the unit vector d, into the rows of e (2, 3)."""
+@jit_inline
+def _make_basis(d, e):
+    """Write two unit vectors perpendicular to the unit vector d to the rows of e (2, 3)."""
     k = 0 if abs(d[0]) < 0.6 else 1
     squared = 1.0 - d[k] * d[k]
     length = np.sqrt(squared)
@@ -103,15 +155,18 @@ def _basis(d, e):
     e[1, 2] = d[0] * e[0, 1] - d[1] * e[0, 0]
 
 
-@inlined
-def _beam_meets(T, r, centre, half, n, point, radius, d, far, growth):
-    """Whether the beam from around a point, of a radius that grows with the distance, along the
-    unit vector d up to `far`, may meet box n in the frame of link r."""
+@jit_inline
+def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
+    """Return whether a beam may meet box n, which is in the frame of link r.
+
+    The beam starts at a point with `radius`, follows the unit vector d up to `far`, and its radius
+    increases by `growth` per distance.
+    """
     low, high = 0.0, far
     wide = 0.0
     middle = 0.0
     for k in range(3):
-        # The box's middle seen from the point, along d; and how far it reaches.
+        # Centre and half size of the box along d, relative to the point.
         at = T[r, k, 0] * centre[n, 0] + T[r, k, 1] * centre[n, 1] + T[r, k, 2] * centre[n, 2]
         middle += (at + T[r, k, 3] - point[k]) * d[k]
         wide += half[n, k] * half[n, k]
@@ -129,19 +184,38 @@ def _beam_meets(T, r, centre, half, n, point, radius, d, far, growth):
         else:
             a, b = (-reach - o) / s, (reach - o) / s
             low, high = max(low, min(a, b)), min(high, max(a, b))
-    # What lies within the beam's own radius is met from the start.
+    # A box within the beam's radius is met at the start.
     return low <= high
 
 
-@compiled("f8[::1], f8[::1], f8, i8, i8, f8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
+@jit("f8[::1], f8[::1], f8, i8, i8, f8, i8[::1], i8, f8[:,:,::1], i8[::1], i8[::1], i8[::1], "
           "i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1]", allocates=False)
-def _blocked(p, d, far, skip, own, beside, candidates, many, T, part, row, first, count, centre,
-             half, corners):
-    """Whether one of the clusters `candidates[:many]` is in the way from p along d (of any length)
-    up to `far` times it; not one of the part `skip`, nor of the part `own` nearer than `beside`, m,
-    for p may be beside its triangle. What is in the way comes first then."""
-    least = beside / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
-    for i in range(many):
+def _is_blocked(
+    p,
+    d,
+    far,
+    skip,
+    own,
+    own_distance,
+    candidates,
+    candidate_count,
+    T,
+    part,
+    row,
+    first,
+    count,
+    centre,
+    half,
+    corners,
+):
+    """Return whether a cluster in `candidates[:candidate_count]` blocks the ray from p along d.
+
+    The ray ends at `far` times the length of d. Clusters of the part `skip` are ignored, and those
+    of the part `own` if they are nearer than `own_distance` (m), because p may lie outside its
+    triangle. The blocking cluster is moved to the front of the candidates.
+    """
+    least = own_distance / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
+    for i in range(candidate_count):
         c = candidates[i]
         if part[c] == skip:
             continue
@@ -189,10 +263,12 @@ def _blocked(p, d, far, skip, own, beside, candidates, many, T, part, row, first
     return False
 
 
-@inlined
-def _point(matrices, c, side, m, x, y, p, g):
-    """Put into p (3,) the point of triangle m's plane that x, y of cell c shows, moved off it, and
-    into g its unit normal; whether there is one."""
+@jit_inline
+def _find_surface_point(matrices, c, side, m, x, y, p, g):
+    """Write the point of triangle m's plane at x, y of cell c to p (3,), and its unit normal to g.
+
+    The point is moved off the surface. Returns whether the ray meets the plane.
+    """
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
     rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]
@@ -200,29 +276,32 @@ def _point(matrices, c, side, m, x, y, p, g):
     gy = side[m, 0, 1] + side[m, 1, 1] + side[m, 2, 1]
     gz = side[m, 0, 2] + side[m, 1, 2] + side[m, 2, 2]
     w = gx * rx + gy * ry + gz * rz
-    there = w > 1e-9
+    is_hit = w > 1e-9
     size = 1.0 / np.sqrt(gx * gx + gy * gy + gz * gz)
     g[0], g[1], g[2] = -gx * size, -gy * size, -gz * size
-    w = 1.0 / w if there else 0.0
+    w = 1.0 / w if is_hit else 0.0
     p[0], p[1], p[2] = rx * w, ry * w, rz * w
     off = OFF + OFF_FAR * (abs(p[0]) + abs(p[1]) + abs(p[2]))
     p[0], p[1], p[2] = p[0] + off * g[0], p[1] + off * g[1], p[2] + off * g[2]
-    return there
+    return is_hit
 
 
-@inlined
-def _aimed(lamps, n, p, d, far, e, a, b, ray):
-    """Put into ray (3,) the way from p to the place a, b of lamp n's disc, d and e its frame; how
-    many times its length is free to be met."""
+@jit_inline
+def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
+    """Write the vector from p to the point a, b of lamp n's disc to ray (3,).
+
+    d and the rows of e are the axes of the disc. Returns the length of the ray in units of this
+    vector; inf for a directional lamp.
+    """
     radius = lamps[n, RADIUS]
     directional = lamps[n, KIND] == 0.0
     for j in range(3):
-        beside = radius * (a * e[0, j] + b * e[1, j])
-        ray[j] = d[j] + beside if directional else far * d[j] + beside
+        offset = radius * (a * e[0, j] + b * e[1, j])
+        ray[j] = d[j] + offset if directional else far * d[j] + offset
     return np.inf if directional else 1.0
 
 
-@compiled("i8[::1], i4[:,::1], u8[::1], b1[:,::1], f8[:,:,::1], i8, i8, f8[:,:,::1], f8[:,:,::1], "
+@jit("i8[::1], i4[:,::1], u8[::1], b1[:,::1], f8[:,:,::1], i8, i8, f8[:,:,::1], f8[:,:,::1], "
           "i8[::1], i8[::1], i8[::1], f8[:,:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1], "
           "i8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f8[:,::1], f8[:,:,::1], f8[:,::1], "
           "f8[::1], i8[::1], i8[::1], i8[::1], f8[:,::1], f4[:,:,::1], f4[:,::1]")
@@ -230,13 +309,14 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 hull, T, row_centre, row_half, order, bounds, cluster_part, cluster_row, first,
                 count, centre, half, corners, lamps, ambient, f_pixel, f_start, f_member, f_at,
                 out, f_out):
-    """Fill out and f_out: see Irradiance.
+    """Fill `out` and `f_out` with the irradiance of pixels and fragments.
 
-    Points are those of a tile's pixels without edges, then of its fragments."""
+    The points of a tile are its pixels without edges, followed by its fragments.
+    """
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE
     tiles = len(tile)
-    # Fragments by tile: those of pixels in it come one after another, cell by cell.
+    # First fragment of each tile: the pixels of a tile follow each other, cell by cell.
     f_first = np.full(tiles + 1, -1)
     for n in range(len(f_pixel)):
         at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE
@@ -246,32 +326,36 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     for n in range(len(f_pixel)):
         longest = max(longest, f_start[n + 1] - f_start[n])
     room = TILE * TILE * (1 + longest)
-    # Of the points: member, x, y in its cell, cell; where they are, normals, light.
-    who, cell, place = np.empty(room, np.int64), np.empty(room, np.int64), np.empty(room, np.int64)
+    # For the points: triangle, x, y in its cell, cell; positions, normals, light.
+    members, cell, place = (
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+        np.empty(room, np.int64),
+    )
     at = np.empty((room, 2))
     points, facing, flat = np.empty((room, 3)), np.empty((room, 3)), np.empty((room, 3))
     light = np.empty((room, 3))
     candidates = np.empty(len(order) + 1, np.int64)
-    corner_of, corner_says = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
+    corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    e = np.zeros((2, 3))  # of no use to hard shadows, but multiplied by 0
+    e = np.zeros((2, 3))  # unused for hard shadows, but multiplied by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:
             continue
         u0, v0 = TILE * (n % columns), TILE * (n // columns)
-        many = 0
+        point_count = 0
         for y in range(TILE):
             for x in range(TILE):
                 m = tile[n] if tile[n] >= 0 else np.int64(pixel[v0 + y, u0 + x])
                 if (m < 0 or not valid[v0 + y, u0 + x]
                         or edges[n] >> np.uint64(y * TILE + x) & one != 0):
                     continue
-                who[many], place[many] = m, y * TILE + x
-                cell[many] = n * cells * cells + (y // size) * cells + x // size
-                at[many, 0], at[many, 1] = float(x % size), float(y % size)
-                many += 1
-        whole = many
+                members[point_count], place[point_count] = m, y * TILE + x
+                cell[point_count] = n * cells * cells + (y // size) * cells + x // size
+                at[point_count, 0], at[point_count, 1] = float(x % size), float(y % size)
+                point_count += 1
+        pixel_count = point_count
         k = f_first[n]
         while k >= 0 and k < len(f_pixel):
             v, u = f_pixel[k] // width, f_pixel[k] % width
@@ -279,24 +363,24 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 break
             x, y = u % TILE, v % TILE
             for i in range(f_start[k], f_start[k + 1]):
-                who[many], place[many] = f_member[i], i
-                cell[many] = n * cells * cells + (y // size) * cells + x // size
-                at[many, 0], at[many, 1] = f_at[i, 0], f_at[i, 1]
-                many += 1
+                members[point_count], place[point_count] = f_member[i], i
+                cell[point_count] = n * cells * cells + (y // size) * cells + x // size
+                at[point_count, 0], at[point_count, 1] = f_at[i, 0], f_at[i, 1]
+                point_count += 1
             k += 1
-        if many == 0:
+        if point_count == 0:
             continue
-        # The one convex part that all of them belong to casts no shadow on them.
-        alone = hull[triangle[who[0]]]
-        for i in range(many):
-            if hull[triangle[who[i]]] != alone:
-                alone = np.int64(-1)
+        # If all points belong to one convex part, it casts no shadow on them.
+        common_part = hull[triangle[members[0]]]
+        for i in range(point_count):
+            if hull[triangle[members[i]]] != common_part:
+                common_part = np.int64(-1)
         step = 0.0
         for j in range(3):
             low[j], high[j] = np.inf, -np.inf
-        for i in range(many):
-            m, c = who[i], cell[i]
-            _point(matrices, c, side, m, at[i, 0], at[i, 1], p, g)
+        for i in range(point_count):
+            m, c = members[i], cell[i]
+            _find_surface_point(matrices, c, side, m, at[i, 0], at[i, 1], p, g)
             for j in range(3):
                 points[i, j], flat[i, j], light[i, j] = p[j], g[j], ambient[j]
                 low[j], high[j] = min(low[j], p[j]), max(high[j], p[j])
@@ -322,102 +406,148 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         for j in range(3):
             middle[j] = 0.5 * (low[j] + high[j])
             radius += (high[j] - low[j])**2
-        # Aslant, a pixel goes beyond its centre by as much as the next one is away.
+        # On an inclined surface, a pixel extends from its centre up to the next pixel's.
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
-            near_by = 0
-            if lamps[lamp, CASTS] > 0.0:
-                far, _ = towards(lamps, lamp, middle, d)
+            candidate_count = 0
+            if lamps[lamp, CASTS_SHADOWS] > 0.0:
+                far, _ = direction_to_lamp(lamps, lamp, middle, d)
                 directional = lamps[lamp, KIND] == 0.0
                 growth = lamps[lamp, RADIUS] if directional else 0.0
                 wide = radius if directional else max(radius, lamps[lamp, RADIUS])
                 for r in range(len(row_centre)):
-                    if not _beam_meets(
+                    if not _is_beam_in_box(
                             T, r, row_centre, row_half, r, middle, wide, d, far, growth):
                         continue
                     for k in range(bounds[r], bounds[r + 1]):
-                        if cluster_part[order[k]] != alone and _beam_meets(
+                        if cluster_part[order[k]] != common_part and _is_beam_in_box(
                                 T, r, centre, half, order[k], middle, wide, d, far, growth):
-                            candidates[near_by] = order[k]
-                            near_by += 1
+                            candidates[candidate_count] = order[k]
+                            candidate_count += 1
             for i in range(9):
                 for j in range(9):
                     corner_of[i, j] = -1
             soft = lamps[lamp, RADIUS] > 0.0
-            for i in range(many):
-                m = who[i]
+            for i in range(point_count):
+                m = members[i]
                 for j in range(3):
                     p[j] = points[i, j]
-                far, left = towards(lamps, lamp, p, d)
+                far, left = direction_to_lamp(lamps, lamp, p, d)
                 cosine = facing[i, 0] * d[0] + facing[i, 1] * d[1] + facing[i, 2] * d[2]
                 if cosine <= 0.0 or left <= 0.0:
                     continue
-                seen = 1.0
-                if near_by > 0:
+                lit_share = 1.0
+                if candidate_count > 0:
                     front = flat[i, 0] * d[0] + flat[i, 1] * d[1] + flat[i, 2] * d[2]
                     t = triangle[m]
                     skip = part[t] if hull[t] >= 0 or front <= 0.0 else np.int64(-1)
-                    beside = 3.0 * step
-                    says = 0
-                    if i < whole:
+                    own_distance = 3.0 * step
+                    result = 0
+                    if i < pixel_count:
                         x0, y0 = place[i] % TILE, place[i] // TILE
                         for k in range(4):
                             x, y = x0 + k % 2, y0 + k // 2
                             if corner_of[y, x] != m:
                                 corner_of[y, x] = m
                                 own = 0
-                                if not _point(matrices, cell[i], side, m, at[i, 0] + k % 2 - 0.5,
-                                              at[i, 1] + k // 2 - 0.5, p, g):
+                                if not _find_surface_point(
+                                    matrices,
+                                    cell[i],
+                                    side,
+                                    m,
+                                    at[i, 0] + k % 2 - 0.5,
+                                    at[i, 1] + k // 2 - 0.5,
+                                    p,
+                                    g,
+                                ):
                                     own = MIXED
-                                far, _ = towards(lamps, lamp, p, d)
+                                far, _ = direction_to_lamp(lamps, lamp, p, d)
                                 if soft:
-                                    _basis(d, e)
+                                    _make_basis(d, e)
                                 for q in range(2 if soft else 1):
                                     if own == MIXED:
                                         break
                                     a = b = 0.0
                                     if soft:
-                                        spot = (x + 2 * y) % 4 + 4 * q
-                                        a, b = RIM[spot, 0], RIM[spot, 1]
-                                    end = _aimed(lamps, lamp, p, d, far, e, a, b, ray)
-                                    own |= DARK if _blocked(
-                                        p, ray, end, skip, part[t], beside, candidates, near_by, T,
-                                        cluster_part, cluster_row, first, count, centre, half,
-                                        corners) else LIT
-                                corner_says[y, x] = own
-                            says |= corner_says[y, x]
-                            if says == MIXED:
+                                        rim_point = (x + 2 * y) % 4 + 4 * q
+                                        a, b = RIM[rim_point, 0], RIM[rim_point, 1]
+                                    end = _aim_ray(lamps, lamp, p, d, far, e, a, b, ray)
+                                    own |= (
+                                        DARK
+                                        if _is_blocked(
+                                            p,
+                                            ray,
+                                            end,
+                                            skip,
+                                            part[t],
+                                            own_distance,
+                                            candidates,
+                                            candidate_count,
+                                            T,
+                                            cluster_part,
+                                            cluster_row,
+                                            first,
+                                            count,
+                                            centre,
+                                            half,
+                                            corners,
+                                        )
+                                        else LIT
+                                    )
+                                corner_result[y, x] = own
+                            result |= corner_result[y, x]
+                            if result == MIXED:
                                 break
                     else:
-                        says = MIXED
-                    if says == DARK:
-                        seen = 0.0
-                    elif says == MIXED:
-                        rays, hits, shrink = FINE, 0, 1.0
-                        if i >= whole:  # its middle: it may end beside that
-                            rays, shrink = FEW if soft else 1, 0.0
-                        tried = 0
+                        result = MIXED
+                    if result == DARK:
+                        lit_share = 0.0
+                    elif result == MIXED:
+                        rays, hits, shrink = MANY_RAYS, 0, 1.0
+                        if i >= pixel_count:  # a fragment's centre: the fragment may be small
+                            rays, shrink = FEW_RAYS if soft else 1, 0.0
+                        ray_count = 0
                         for k in range(rays):
                             s = k
-                            if not _point(matrices, cell[i], side, m,
+                            if not _find_surface_point(matrices, cell[i], side, m,
                                           at[i, 0] + shrink * SPREAD[s, 0],
                                           at[i, 1] + shrink * SPREAD[s, 1], p, g):
                                 continue
-                            far, _ = towards(lamps, lamp, p, d)
+                            far, _ = direction_to_lamp(lamps, lamp, p, d)
                             if soft:
-                                _basis(d, e)
-                            end = _aimed(lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray)
-                            tried += 1
-                            hits += 0 if _blocked(
-                                p, ray, end, skip, part[t], beside, candidates, near_by, T,
-                                cluster_part, cluster_row, first, count, centre, half,
-                                corners) else 1
-                        seen = hits / max(tried, 1)
+                                _make_basis(d, e)
+                            end = _aim_ray(
+                                lamps, lamp, p, d, far, e, SPREAD[s, 2], SPREAD[s, 3], ray
+                            )
+                            ray_count += 1
+                            hits += (
+                                0
+                                if _is_blocked(
+                                    p,
+                                    ray,
+                                    end,
+                                    skip,
+                                    part[t],
+                                    own_distance,
+                                    candidates,
+                                    candidate_count,
+                                    T,
+                                    cluster_part,
+                                    cluster_row,
+                                    first,
+                                    count,
+                                    centre,
+                                    half,
+                                    corners,
+                                )
+                                else 1
+                            )
+                        lit_share = hits / max(ray_count, 1)
                 for j in range(3):
-                    light[i, j] += seen * left * cosine * lamps[lamp, COLOUR + j]
-        for i in range(many):
+                    light[i, j] += lit_share * left * cosine * lamps[lamp, COLOUR + j]
+        for i in range(point_count):
             for j in range(3):
-                if i < whole:
+                if i < pixel_count:
                     out[v0 + place[i] // TILE, u0 + place[i] % TILE, j] = light[i, j]
                 else:
                     f_out[place[i], j] = light[i, j]

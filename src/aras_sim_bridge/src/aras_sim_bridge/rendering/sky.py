@@ -1,30 +1,30 @@
-"""A clear sky: bluer with the height above the horizon, and below that the haze of the ground."""
+"""Clear sky: bluer with the height above the horizon, and haze below it."""
 
 from __future__ import annotations
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
-from .shading import word
+from .shading import pack_colour
 from .tiles import TILE, Tiles
 
 # Colours at the zenith, at the horizon and straight below; red, green, blue, 0..1.
 ZENITH, HORIZON, HAZE = (0.22, 0.42, 0.78), (0.80, 0.88, 0.95), (0.52, 0.52, 0.50)
-# What edges before the sky are compared with, to be found.
+# Colour of the sky for edge detection.
 MIDDLE = (0.51, 0.65, 0.87)
 NO_SKY = np.zeros((0, 0), np.uint32)
 
 
-def sky_words(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
-    """(rows * TILE, columns * TILE) uint32 words of the padded picture."""
+def draw_sky(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
+    """Return the packed colours of the padded image, (rows * TILE, columns * TILE) uint32."""
     out = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
     _fill(tiles.matrices, tiles.cells, tiles.columns, np.ascontiguousarray(world_T_optical[2, :3]),
           np.array([ZENITH, HORIZON, HAZE]), out)
     return out
 
 
-@compiled("f8[:,:,::1], i8, i8, f8[::1], f8[:,::1], u4[:,::1]")
+@jit("f8[:,:,::1], i8, i8, f8[::1], f8[:,::1], u4[:,::1]")
 def _fill(matrices, cells, columns, up, colours, out):
     size, rgb = TILE // cells, np.empty(3)
     for v in range(out.shape[0]):
@@ -37,9 +37,9 @@ def _fill(matrices, cells, columns, up, colours, out):
                 length += ray * ray
                 height += up[j] * ray
             height /= np.sqrt(max(length, 1e-300))
-            # Upwards it turns blue quickly, downwards it fades within some degrees.
+            # Above the horizon it turns blue quickly; below, it fades within some degrees.
             share = np.sqrt(height) if height > 0.0 else min(-6.0 * height, 1.0)
             other = 0 if height > 0.0 else 2
             for j in range(3):
                 rgb[j] = 255.0 * (colours[1, j] + share * (colours[other, j] - colours[1, j]))
-            out[v, u] = word(rgb[0], rgb[1], rgb[2])
+            out[v, u] = pack_colour(rgb[0], rgb[1], rgb[2])

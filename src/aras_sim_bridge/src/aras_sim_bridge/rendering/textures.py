@@ -1,24 +1,25 @@
-"""Texture images, each with all its halves, in one array; and what pixels show of them."""
+"""Texture images with their mipmaps in one array, and texture sampling."""
 
 from __future__ import annotations
 
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.compiled import inlined
+from aras_visual_servo_base.compiled import jit_inline
 
-# px a side, powers of two: what is larger or smaller is brought to the nearest, and then to these.
+# px per side, powers of two: images are resized to the nearest power within these limits.
 SMALLEST, LARGEST = 512, 1024
-LANE = 21  # bits of a colour, so that all three are added up at once
+CHANNEL_BITS = 21  # bits per colour, so that three colours are summed in one integer
 
-# Places at which a texture is read in a pixel: four as long as it is up to WIDE texels long, which
-# finds the corners of a marker 25 to 43 px wide to 0.002-0.004 px (one place 0.006-0.011, 16
-# 0.002-0.003); aslant DENSE a texel, PLACES at most, evenly along the nearest of TURNS directions.
+# Sample points of a texture in a pixel. Pixels up to WIDE texels long use four; this locates the
+# corners of a marker 25 to 43 px wide to 0.002-0.004 px (one point 0.006-0.011, 16 points
+# 0.002-0.003). Longer pixels, on inclined surfaces, use DENSE per texel, at most PLACES, evenly
+# along the nearest of TURNS directions.
 PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
 
 
-def _directions() -> np.ndarray:
-    """(TURNS, 2) unit vectors x, y of half a turn, as _direction numbers them."""
+def _make_directions() -> np.ndarray:
+    """Return (TURNS, 2) unit vectors x, y over half a turn, numbered as in _find_direction."""
     part = 4.0 * np.arange(TURNS) / TURNS
     cosine = np.where(part < 2.0, 1.0 - part, part - 3.0)
     sine = np.where(part < 2.0, 1.0, -1.0) * (1.0 - abs(cosine))
@@ -26,15 +27,17 @@ def _directions() -> np.ndarray:
     return np.stack([np.cos(angle), np.sin(angle)], axis=1)
 
 
-def _spots() -> np.ndarray:
-    """(TURNS, PLACES + 1, PLACES, 2) places in a pixel, px from its centre along DIRECTIONS and
-    across them: [k, n] n of equal weight, evenly along and by the golden section across; and
-    [0, 0] four in a square."""
+def _make_sample_points() -> np.ndarray:
+    """Return (TURNS, PLACES + 1, PLACES, 2) sample points in a pixel, px from its centre.
+
+    Element [k, n] has n points of equal weight, in coordinates along and across DIRECTIONS[k]:
+    evenly spaced along, by the golden ratio across. Element [0, 0] has four points in a square.
+    """
     spots = np.zeros((TURNS, PLACES + 1, PLACES, 2))
     fine = np.linspace(-0.75, 0.75, 6001)
     for k, (c, s) in enumerate(DIRECTIONS):
         c, s = (x if abs(x) > 1e-9 else 1e-9 for x in (c, s))
-        # How far the pixel goes to either side of the direction, and what of it lies before that.
+        # Extent of the pixel on both sides of the direction, and cumulative area along it.
         low, high = (pick(0.5 * turn / abs(s) + fine * c / s, 0.5 * turn / abs(c) - fine * s / c)
                      for turn, pick in ((-1.0, np.maximum), (1.0, np.minimum)))
         before = np.cumsum(np.maximum(high - low, 0.0))
@@ -49,14 +52,19 @@ def _spots() -> np.ndarray:
     return spots
 
 
-DIRECTIONS = _directions()
-SPOTS = _spots()
+DIRECTIONS = _make_directions()
+SAMPLE_POINTS = _make_sample_points()
 
 
 class Textures:
-    """texels: (N,) uint64, texture after texture: the number of texels of a side; then those, red,
-    green and blue from the lowest bit up, LANE bits for each, row by row from v = 0 upwards, as OBJ
-    counts; then those of half the size and so on, down to one."""
+    """Textures of a scene with their mipmaps.
+
+    Attributes:
+        texels: (N,) uint64, one texture after another. Each starts with the number of texels per
+            side. Then follow the texels, row by row from v = 0 upwards as in OBJ files, with
+            CHANNEL_BITS bits each for red, green and blue from the lowest bit. Then follow the
+            levels of half the size, a quarter and so on, down to one texel.
+    """
 
     def __init__(self, files: set[str]) -> None:
         self._first: dict[str, int] = {}
@@ -72,52 +80,62 @@ class Textures:
             texels.append(np.array([size], np.uint64))
             while True:
                 red, green, blue = image.reshape(-1, 3).T.astype(np.uint64)
-                texels.append(red | green << np.uint64(LANE) | blue << np.uint64(2 * LANE))
+                texels.append(
+                    red | green << np.uint64(CHANNEL_BITS) | blue << np.uint64(2 * CHANNEL_BITS)
+                )
                 if len(image) == 1:
                     break
                 rows = image[::2].astype(np.uint16) + image[1::2]
                 image = np.rint(0.25 * (rows[:, ::2] + rows[:, 1::2])).astype(np.uint8)
         self.texels = np.concatenate(texels)
 
-    def layer(self, file: str) -> int:
-        """Where a file's texture begins in texels."""
+    def find_layer(self, file: str) -> int:
+        """Return the start of a file's texture in `texels`."""
         return self._first[file]
 
 
-@inlined
-def _direction(cosine, sine):
-    """Which of TURNS directions is nearest to the one whose angle to x, doubled, has a cosine and a
-    sine as these are; they stand for its place on a square around 0, instead of a circle."""
+@jit_inline
+def _find_direction(cosine, sine):
+    """Return the number of the nearest direction, from cosine and sine of its doubled angle to x.
+
+    Both may have a common factor. The position on a square around 0 replaces that on a circle.
+    """
     share = cosine / max(abs(cosine) + abs(sine), 1e-300)
     part = 1.0 - share if sine >= 0.0 else 3.0 + share
     return int(part * (TURNS // 4) + 0.5) % TURNS
 
 
-@inlined
-def _sum(texels, at, size, x, y, one, shift):
-    """Red, green and blue of a level at x, y, in parts of a texel of 2**15, linear between the
-    middles of texels and repeated beyond 0..1; as in Textures.texels, times 2**(30 - shift)."""
+@jit_inline
+def _sum_texels(texels, at, size, x, y, one, shift):
+    """Return red, green and blue of a mipmap level at x, y, packed as in Textures.texels.
+
+    x and y are in units of 2**-15 texels. Values are interpolated linearly between texel centres,
+    repeated beyond 0..1, and multiplied by 2**(30 - shift).
+    """
     half, mask = np.int64(1) << (shift - np.int64(1)), size - one
     column, row, right, down = x >> 15, y >> 15, x & 32767, y & 32767
-    corner = (right * down + half) >> shift
-    beside = ((right << 15) + half >> shift) - corner
-    below = ((down << 15) + half >> shift) - corner
-    first = (one << (np.int64(30) - shift)) - corner - beside - below
-    # A level has a power of two a side: the mask repeats it.
+    corner_weight = (right * down + half) >> shift
+    right_weight = ((right << 15) + half >> shift) - corner_weight
+    below_weight = ((down << 15) + half >> shift) - corner_weight
+    first_weight = (one << (np.int64(30) - shift)) - corner_weight - right_weight - below_weight
+    # The size of a level is a power of two: the mask repeats it.
     upper, lower = at + (row & mask) * size, at + ((row + one) & mask) * size
     left, after = column & mask, (column + one) & mask
-    # By numbers without a sign, which Numba need not look at.
-    return (np.uint64(first) * texels[np.uint64(upper + left)]
-            + np.uint64(beside) * texels[np.uint64(upper + after)]
-            + np.uint64(below) * texels[np.uint64(lower + left)]
-            + np.uint64(corner) * texels[np.uint64(lower + after)])
+    # Unsigned indices spare Numba the test for negative ones.
+    return (np.uint64(first_weight) * texels[np.uint64(upper + left)]
+            + np.uint64(right_weight) * texels[np.uint64(upper + after)]
+            + np.uint64(below_weight) * texels[np.uint64(lower + left)]
+            + np.uint64(corner_weight) * texels[np.uint64(lower + after)])
 
 
-@inlined
-def spread_out(matrices, c, side, m, uv, t, planes):
-    """Put into planes (3, 3) how a texture lies on triangle m, t in Triangles, as cell c sees it:
-    its coordinates are U / W, V / W, and of each of U, V, W what it grows by along x and along y,
-    and its value at the cell's first pixel."""
+@jit_inline
+def map_texture(matrices, c, side, m, uv, t, planes):
+    """Write the texture coordinates of triangle m as functions of the pixel in cell c to `planes`.
+
+    The coordinates are U / W and V / W. The rows of `planes` (3, 3) are U, V, W; the columns are
+    the changes along x and y, and the value at the cell's first pixel. `t` is the index in
+    Triangles.
+    """
     for j in range(3):
         U = V = W = 0.0
         for k in range(3):
@@ -127,15 +145,17 @@ def spread_out(matrices, c, side, m, uv, t, planes):
         planes[0, j], planes[1, j], planes[2, j] = U, V, W
 
 
-@inlined
-def textured(planes, layer, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by a texture over the pixel at x, y of the cell that planes are
-    of: the mean of places in it, of the level that its shorter axis asks for."""
+@jit_inline
+def apply_texture(planes, layer, texels, x, y, rgb):
+    """Multiply the colour rgb (3,) by the mean of a texture over the pixel at x, y of a cell.
+
+    `planes` are those of map_texture. The mipmap level depends on the pixel's shorter axis.
+    """
     Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
                               planes[2, 1])
     W = planes[2, 2] + Wx * x + Wy * y
     U, V = planes[0, 2] + Ux * x + Uy * y, planes[1, 2] + Vx * x + Vy * y
-    # The pixel's sides, texels.
+    # Sides of the pixel in texels.
     size, at, one = np.int64(texels[layer]), layer + np.int64(1), np.int64(1)
     scale = size / W
     u, v = U / W, V / W
@@ -153,10 +173,10 @@ def textured(planes, layer, texels, x, y, rgb):
     if longer > WIDE:
         count = min(max(int(np.ceil(DENSE * max(area, longer))), 4), PLACES)
         shift += (count > 4) + (count > 8) + (count > 16)
-        turn, kind = _direction(ux * ux + vx * vx - uy * uy - vy * vy,
+        turn, kind = _find_direction(ux * ux + vx * vx - uy * uy - vy * vy,
                                 2.0 * (ux * uy + vx * vy)), count
         c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
-        # A level is blurred, by half a texel each way: the places are that much closer together.
+        # A mipmap level is blurred by half a texel each way; move the points closer together.
         narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level * level) * longer * longer
                              / max(area * area, 1e-300), 0.0))
         ux, uy = ux * c + uy * s, narrow * (uy * c - ux * s)
@@ -165,22 +185,22 @@ def textured(planes, layer, texels, x, y, rgb):
     u, v = (u * size - 0.5) * 32768.0, (v * size - 0.5) * 32768.0
     scale = 32768.0 * level
     ux, uy, vx, vy = ux * scale, uy * scale, vx * scale, vy * scale
-    total, mask = np.uint64(0), np.uint64((1 << LANE) - 1)
+    total, mask = np.uint64(0), np.uint64((1 << CHANNEL_BITS) - 1)
     part = 1.0 / (255.0 * (one << (np.int64(30) - shift)))
     red = green = blue = 0.0
     for k in range(count):
-        along, across = SPOTS[turn, kind, k, 0], SPOTS[turn, kind, k, 1]
-        there = _sum(texels, at, size, np.int64(u + along * ux + across * uy),
+        along, across = SAMPLE_POINTS[turn, kind, k, 0], SAMPLE_POINTS[turn, kind, k, 1]
+        texel_sum = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
                      np.int64(v + along * vx + across * vy), one, shift)
-        if bright:  # what is brighter than white is white before it is mixed, as at edges
-            red += min(rgb[0] * part * float(there & mask), 255.0)
-            green += min(rgb[1] * part * float(there >> np.uint64(LANE) & mask), 255.0)
-            blue += min(rgb[2] * part * float(there >> np.uint64(2 * LANE)), 255.0)
+        if bright:  # clip each sample to white before averaging, as at edges
+            red += min(rgb[0] * part * float(texel_sum & mask), 255.0)
+            green += min(rgb[1] * part * float(texel_sum >> np.uint64(CHANNEL_BITS) & mask), 255.0)
+            blue += min(rgb[2] * part * float(texel_sum >> np.uint64(2 * CHANNEL_BITS)), 255.0)
         else:
-            total += there
+            total += texel_sum
     if bright:
         rgb[0], rgb[1], rgb[2] = red / count, green / count, blue / count
     else:
         rgb[0] *= part / count * float(np.int64(total & mask))
-        rgb[1] *= part / count * float(np.int64(total >> np.uint64(LANE) & mask))
-        rgb[2] *= part / count * float(np.int64(total >> np.uint64(2 * LANE)))
+        rgb[1] *= part / count * float(np.int64(total >> np.uint64(CHANNEL_BITS) & mask))
+        rgb[2] *= part / count * float(np.int64(total >> np.uint64(2 * CHANNEL_BITS)))

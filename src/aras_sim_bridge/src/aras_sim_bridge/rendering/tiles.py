@@ -1,9 +1,9 @@
-"""A picture cut into tiles, each seen as through a pinhole of its own.
+"""Division of an image into tiles, each with its own pinhole model.
 
-A pinhole is the lens whose tiles are exact. Through any other lens a few pixels are as good as
-straight: the projective map through the rays of a tile's four corners, shifted by the mean of what
-it is beside the lens, is right inside as well, to MISFIT. Tiles are too large for that where a lens
-bends much; then each is cut into cells.
+For a pinhole camera the tiles are exact. For any other lens, a few pixels are approximated by the
+projective map through the rays of the tile's four corners, shifted by the mean error; the remaining
+error is at most LARGEST_MISFIT. If a lens bends the image too much for that, the tiles are divided
+into cells.
 """
 
 from __future__ import annotations
@@ -14,58 +14,61 @@ from functools import cached_property
 import numpy as np
 
 from ..errors import RenderingError
-from .recent import Recent
+from .byte_limited_cache import ByteLimitedCache
 
-TILE = 8  # px a side
-# How far a pixel may be beside its ray, px, where it is farthest. As the middle of a cell is beside
-# it to one side and its corners to the other, it adds up to far less over a target: see
+TILE = 8  # px per side
+# Largest distance of a pixel from its true ray, px. The errors at the centre and at the corners of
+# a cell have opposite signs, so the mean error over a target is far smaller: see
 # tests/benchmarks/render.py.
-MISFIT = 0.05
-# Focal lengths up to so many px, and pixels as many focal lengths beside the axis: the volume
-# that a pixel's rays span is then far from what rounds to none.
+LARGEST_MISFIT = 0.05
+# Largest focal length, px, and largest distance of a pixel from the axis, focal lengths: the volume
+# that a pixel's rays span is then well above the rounding error.
 FARTHEST = 1e8
-# What is seen only beyond this angle from the axis has no depth along it, rad.
-SIDEWAYS = np.radians(89.9)
+# rad: if a tile has rays beyond this angle from the optical axis, depth is not measured along it.
+SIDEWAYS_ANGLE = np.radians(89.9)
 
 Unproject = Callable[[np.ndarray], np.ndarray]
-# Memory for tiles that come again, bytes, and the pixels of a picture whose tiles may be kept: a
-# study shows the world through the same camera ten thousand times.
-KEPT, LARGE = 3 << 21, 640 * 480
+# Bytes for cached tiles, and largest number of pixels of an image whose tiles are cached. A study
+# renders ten thousand images with the same camera.
+CACHE_BYTES, LARGEST_CACHED_IMAGE = 3 << 21, 640 * 480
 
 
 class Tiles:
-    """The rays of a picture of width x height px.
+    """Rays of an image of width x height px.
 
-    unproject: the lens's; None for a pinhole, whose tiles are exact.
-    alike: whether tiles differ in nothing but where they are in the picture, as a pinhole's do.
-    columns, rows: of tiles. cells: how many a tile has along each side.
-    matrices: (rows * columns * cells**2, 3, 3); the ray of the pixel x, y of a cell, counted from
-        the centre of its first, is matrix @ (x, y, 1), of any length. Tiles row by row, and
-        cells in them likewise.
-    inverse: (rows * columns, 3, 3), of a tile as if it were one cell: a ray to s * (x, y, 1) with
-        s > 0, x and y from its first pixel. spread: (rows * columns,), px, how far that is beside
-        the cells, inf where that is not known.
-    axis: (rows * columns, 3), along which a tile measures near, far and depth. forward: whether
-        that is the optical axis for all of them.
-    valid: (rows * TILE, columns * TILE) bool, pixels of the picture that the lens shows.
-    whole: (rows * columns,) bool, tiles with none but valid pixels.
-    nodes, levels: the tree over the tiles: cones (M, 5) axis, cosine, sine (cosine 2: shows
-        nothing) and (L, 4) first node, rows, columns, first in children; level 0 are the tiles,
-        each further one joins 4 x 4. children: (M - tiles, 5, 16), the cones that a node joins.
-    widest: 1 / cosine of the widest angle between a ray and its axis.
+    Attributes:
+        width, height: size of the image, px.
+        is_uniform: whether all tiles have the same rays apart from a shift, as for a pinhole.
+        columns, rows: numbers of tiles.
+        cells: number of cells along each side of a tile.
+        matrices: (rows * columns * cells**2, 3, 3). The ray of pixel x, y of a cell, relative to
+            the centre of the cell's first pixel, is matrix @ (x, y, 1), of any length. Tiles are
+            stored row by row, and cells in a tile likewise.
+        inverse: (rows * columns, 3, 3), for a tile as a single cell: maps a ray to s * (x, y, 1)
+            with s > 0, x and y relative to the tile's first pixel.
+        spread: (rows * columns,) largest error of `inverse`, px; inf if it is unknown.
+        axis: (rows * columns, 3) axis along which a tile measures near, far and depth.
+        forward: whether this is the optical axis for all tiles.
+        valid: (rows * TILE, columns * TILE) bool, pixels that are in the image and inside the lens.
+        whole: (rows * columns,) bool, tiles with only valid pixels.
+        nodes: (M, 5) cones of the tile tree: axis, cosine, sine; a cosine of 2 marks a node without
+            valid pixels. Level 0 are the tiles; each further level joins 4 x 4 nodes.
+        levels: (L, 4) of each level: first node, rows, columns, first entry in `children`.
+        children: (M - tiles, 5, 16) cones of the children of each node.
+        widest: 1 / cosine of the widest angle between a ray and its axis.
     """
 
     def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
                  valid: np.ndarray, unproject: Unproject | None = None) -> None:
         self._unproject = unproject
-        self.alike = unproject is None
+        self.is_uniform = unproject is None
         self.width, self.height, self.cells = width, height, cells
         self.rows, self.columns = valid.shape[0] // TILE, valid.shape[1] // TILE
         self.matrices, self.valid = matrices, valid
         blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
-        seen = blocks.any(axis=(1, 3)).reshape(-1)
+        has_valid = blocks.any(axis=(1, 3)).reshape(-1)
         self.whole = blocks.all(axis=(1, 3)).reshape(-1)
-        # The rays of the corners of a tile's cells, corner by corner of each.
+        # Rays of the corners of each cell.
         end = TILE // cells - 0.5
         square = np.array([[-0.5, end, -0.5, end], [-0.5, -0.5, end, end], np.ones(4)])
         around = (matrices @ square).reshape(-1, cells, cells, 3, 4).transpose(1, 2, 4, 0, 3)
@@ -73,29 +76,31 @@ class Tiles:
         outer = around[0, 0, 0], around[0, -1, 1], around[-1, 0, 2], around[-1, -1, 3]
         around = around.reshape(4 * cells * cells, -1, 3)
         middle = np.sum(outer, axis=0)
-        middle[~seen] = (0.0, 0.0, 1.0)
+        middle[~has_valid] = (0.0, 0.0, 1.0)
         middle /= np.linalg.norm(middle, axis=1, keepdims=True)
         cosine = np.clip((around * middle).sum(axis=2).min(axis=0), -1.0, 1.0)
-        self.forward = bool((around[:, seen, 2] > np.cos(SIDEWAYS)).all())
+        self.forward = bool((around[:, has_valid, 2] > np.cos(SIDEWAYS_ANGLE)).all())
         self.axis = np.tile([0.0, 0.0, 1.0], (len(middle), 1)) if self.forward else middle
-        self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, seen].min())
-        self.inverse, self.spread = self._as_one_cell(np.stack(outer))
-        self.nodes, self.levels, self.children = _tree(middle, np.arccos(cosine), seen, self.rows,
-                                                       self.columns)
+        self.widest = 1.0 / float((around * self.axis).sum(axis=2)[:, has_valid].min())
+        self.inverse, self.spread = self._fit_one_cell(np.stack(outer))
+        self.nodes, self.levels, self.children = _build_tree(
+            middle, np.arccos(cosine), has_valid, self.rows, self.columns
+        )
 
     @classmethod
     def of_pinhole(cls, width: int, height: int, K: np.ndarray) -> Tiles:
-        """Those of a picture with camera matrix K (3, 3), without skew.
+        """Return the tiles of an image with camera matrix K (3, 3), without skew.
 
-        Raises RenderingError where the pixels' rays are too close to be told apart, or too far.
+        Raises:
+            RenderingError: the focal lengths or the principal point exceed FARTHEST.
         """
         fx, fy, cx, cy = K[0, 0], K[1, 1], K[0, 2], K[1, 2]
         if not (max(fx, fy) <= FARTHEST and max(abs(cx), abs(cy), width, height)
                 <= FARTHEST * min(fx, fy)):
             raise RenderingError(
                 f"a pinhole with fx={fx:g} fy={fy:g} cx={cx:g} cy={cy:g} px cannot be drawn: focal "
-                f"lengths up to {FARTHEST:g} px are possible, and picture and centre within "
-                f"{FARTHEST:g} of them")
+                f"lengths up to {FARTHEST:g} px are possible, and the image size and the principal "
+                f"point must be within {FARTHEST:g} focal lengths")
         columns, rows = -(-width // TILE), -(-height // TILE)
         u, v = np.arange(columns) * TILE - K[0, 2], np.arange(rows) * TILE - K[1, 2]
         matrices = np.zeros((rows, columns, 3, 3))
@@ -103,48 +108,54 @@ class Tiles:
         matrices[..., 0, 2], matrices[..., 1, 2] = u / K[0, 0], v[:, None] / K[1, 1]
         matrices[..., 2, 2] = 1.0
         return cls(width, height, matrices.reshape(-1, 3, 3), 1,
-                   _inside(width, height, rows, columns))
+                   _mark_inside(width, height, rows, columns))
 
     @classmethod
     def of_lens(cls, width: int, height: int, unproject: Unproject) -> Tiles:
-        """Those of a picture through a lens.
+        """Return the tiles of an image through a lens.
 
-        unproject: pixels (N, 2) -> unit rays (N, 3) in the optical frame, NaN outside the lens.
+        Args:
+            width, height: size of the image, px.
+            unproject: pixels (N, 2) -> unit rays (N, 3) in the optical frame, NaN outside the lens.
 
-        Raises RenderingError where the lens shows nothing.
+        Raises:
+            RenderingError: no pixel is inside the lens.
         """
         columns, rows = -(-width // TILE), -(-height // TILE)
-        valid = _inside(width, height, rows, columns)
+        valid = _mark_inside(width, height, rows, columns)
         u, v = (np.append(np.arange(0, n - 1, TILE), n - 1) for n in (width, height))
         coarse = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2).astype(float)
         forward = np.nan_to_num(unproject(coarse)[:, 2], nan=-2.0)
         best, centre = forward.max(), coarse[forward.argmax()]
-        # Lenses see a disc: only where a tile's corner is beyond it are there pixels that are.
+        # The image circle is a disc: only if a corner of a tile is outside, pixels may be.
         if forward.min() == -2.0:
             best = -2.0
-            for row in range(height):  # large pictures have more pixels than memory
+            for row in range(height):  # row by row, to limit the memory for large images
                 pixels = np.stack([np.arange(width), np.full(width, row)], axis=1).astype(float)
                 forward = np.nan_to_num(unproject(pixels)[:, 2], nan=-2.0)
                 valid[row, :width] = forward > -2.0
                 if forward.max() > best:
                     best, centre = forward.max(), pixels[forward.argmax()]
         if best == -2.0:
-            raise RenderingError("the lens shows nothing on any pixel of the image")
-        lens = _Continued(unproject, centre)
+            raise RenderingError("the lens model gives no ray for any pixel of the image")
+        lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
-            # Whole tiles, so that a tile's cone is around what it shows and no more.
+            # Use whole tiles, so that a tile's cone contains all of its cells and no more.
             tiles = valid.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
-            corners = lens.corners(np.kron(tiles, np.ones((cells, cells))) > 0, size)
+            corners = lens.corner_rays(np.kron(tiles, np.ones((cells, cells))) > 0, size)
             a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
-            matrices = _through(a, b, c, d, size)
-            # Cells on the rim have corners where there is no lens.
+            matrices = _fit_matrices(a, b, c, d, size)
+            # Cells at the rim of the lens have corners outside of it.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
-            at = np.linalg.solve(matrices[inner], lens.middles(inner, size)[..., None])[..., 0]
-            aside = at[:, :2] / at[:, 2:] - (size - 1) / 2
-            # The mean over a cell is two thirds of what it is at its middle.
-            matrices[inner, :, 2] += (matrices[inner, :, :2] @ (aside[..., None] * 2 / 3))[..., 0]
-            if cells == 8 or 2 / 3 * np.linalg.norm(aside, axis=1).max(initial=0.0) <= MISFIT:
+            at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
+            errors = at[:, :2] / at[:, 2:] - (size - 1) / 2
+            # The mean error over a cell is two thirds of the error at its centre.
+            matrices[inner, :, 2] += (matrices[inner, :, :2] @ (errors[..., None] * 2 / 3))[..., 0]
+            if (
+                cells == 8
+                or 2 / 3 * np.linalg.norm(errors, axis=1).max(initial=0.0) <= LARGEST_MISFIT
+            ):
                 break
         matrices = matrices.reshape(rows, cells, columns, cells, 3, 3).swapaxes(1, 2)
         return cls(width, height, np.ascontiguousarray(matrices).reshape(-1, 3, 3), cells, valid,
@@ -152,19 +163,21 @@ class Tiles:
 
     @cached_property
     def exact(self) -> np.ndarray:
-        """(height, width, 3) float32 unit rays of the pixels' centres, NaN outside the lens, from
-        the lens itself and not from the cells; of no height for a pinhole, whose cells are exact.
+        """Unit rays (height, width, 3) of the pixel centres, float32, NaN outside the lens.
+
+        They come from the lens model itself, not from the cells. The array is empty for a pinhole,
+        whose cells are exact.
         """
         if self._unproject is None:
             return np.empty((0, self.width, 3), np.float32)
         out = np.empty((self.height, self.width, 3), np.float32)
         u = np.arange(self.width, dtype=float)
-        for v in range(self.height):  # large pictures have more pixels than memory
+        for v in range(self.height):  # row by row, to limit the memory for large images
             out[v] = self._unproject(np.column_stack([u, np.full(self.width, float(v))]))
         return out
 
-    def rays(self) -> np.ndarray:
-        """(height, width, 3) unit rays of the pixels' centres, NaN outside the lens."""
+    def compute_rays(self) -> np.ndarray:
+        """Return the unit rays (height, width, 3) of the pixel centres, NaN outside the lens."""
         n, size = self.cells, TILE // self.cells
         x, y = np.meshgrid(np.arange(size), np.arange(size))
         pixels = np.stack([x, y, np.ones_like(x)], axis=2).astype(float)
@@ -175,10 +188,10 @@ class Tiles:
         rays[~self.valid] = np.nan
         return rays[:self.height, :self.width]
 
-    def _as_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """inverse and spread; outer: (4, tiles, 3) unit rays of the tiles' corners."""
+    def _fit_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return inverse and spread; `outer` (4, tiles, 3) are unit rays of the tiles' corners."""
         n, size = self.cells, TILE // self.cells
-        one = self.matrices if n == 1 else _through(*outer, TILE)
+        one = self.matrices if n == 1 else _fit_matrices(*outer, TILE)
         flat = np.abs(np.linalg.det(one)) < 1e-18
         inverse = np.linalg.inv(np.where(flat[:, None, None], np.eye(3), one))
         spread = np.where(flat, np.inf, 0.0)
@@ -187,91 +200,101 @@ class Tiles:
             at = np.arange(n) * size
             for x in (-0.5, (size - 1) / 2, size - 0.5):
                 for y in (-0.5, (size - 1) / 2, size - 0.5):
-                    there = np.einsum("tij,tvujk,k->tvui", inverse, cells, [x, y, 1.0])
+                    mapped = np.einsum("tij,tvujk,k->tvui", inverse, cells, [x, y, 1.0])
                     with np.errstate(all="ignore"):
-                        aside = np.hypot(there[..., 0] / there[..., 2] - at - x,
-                                         there[..., 1] / there[..., 2] - at[:, None] - y)
-                    aside[~((there[..., 2] > 0.0) & np.isfinite(aside))] = np.inf
-                    spread = np.maximum(spread, aside.max(axis=(1, 2)))
-        # Between those points it may be a little more.
+                        errors = np.hypot(mapped[..., 0] / mapped[..., 2] - at - x,
+                                         mapped[..., 1] / mapped[..., 2] - at[:, None] - y)
+                    errors[~((mapped[..., 2] > 0.0) & np.isfinite(errors))] = np.inf
+                    spread = np.maximum(spread, errors.max(axis=(1, 2)))
+        # The error may be larger between these points.
         return inverse, 1.5 * spread + 1e-6
 
     @property
     def nbytes(self) -> int:
-        """Memory that the tiles take."""
+        """Memory of the arrays, bytes."""
         return sum(one.nbytes for one in (self.matrices, self.axis, self.inverse, self.valid,
                                          self.nodes, self.children))
 
 
-class _Continued:
-    """A lens's rays, continued straight on where it has none.
+class _ExtrapolatedLens:
+    """Rays of a lens, extrapolated linearly beyond its rim.
 
-    centre: (2,) a pixel with a ray, from which all of the picture is seen along straight lines.
+    `centre` (2,) is a pixel inside the lens; every straight line from it crosses the rim only once.
     """
 
     def __init__(self, unproject: Unproject, centre: np.ndarray) -> None:
         self._unproject, self._centre = unproject, centre
 
-    def corners(self, shown: np.ndarray, size: int) -> np.ndarray:
-        """Unit rays (rows + 1, columns + 1, 3) of the corners of those cells of `size` px that are
-        shown (rows, columns); straight ahead for the others."""
-        wanted = np.zeros((shown.shape[0] + 1, shown.shape[1] + 1), bool)
+    def corner_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
+        """Return unit rays (rows + 1, columns + 1, 3) of the corners of cells of `size` px.
+
+        `visible` (rows, columns) selects the cells; other corners get a ray straight ahead.
+        """
+        needed = np.zeros((visible.shape[0] + 1, visible.shape[1] + 1), bool)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
-            wanted[down:down + shown.shape[0], across:across + shown.shape[1]] |= shown
-        out = np.tile([0.0, 0.0, 1.0], (*wanted.shape, 1))
-        out[wanted] = self.rays(np.argwhere(wanted)[:, ::-1] * float(size) - 0.5)
+            needed[down:down + visible.shape[0], across:across + visible.shape[1]] |= visible
+        out = np.tile([0.0, 0.0, 1.0], (*needed.shape, 1))
+        out[needed] = self.compute_rays(np.argwhere(needed)[:, ::-1] * float(size) - 0.5)
         return out
 
-    def middles(self, shown: np.ndarray, size: int) -> np.ndarray:
-        """Unit rays (N, 3) of the centres of the cells that are shown."""
-        return self.rays((np.argwhere(shown)[:, ::-1] + 0.5) * size - 0.5)
+    def centre_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
+        """Return unit rays (N, 3) of the centres of the visible cells."""
+        return self.compute_rays((np.argwhere(visible)[:, ::-1] + 0.5) * size - 0.5)
 
-    def rays(self, points: np.ndarray) -> np.ndarray:
-        """Unit rays (N, 3) of pixels (N, 2)."""
+    def compute_rays(self, points: np.ndarray) -> np.ndarray:
+        """Return unit rays (N, 3) of pixels (N, 2)."""
         rays = self._unproject(points)
         beyond = ~np.isfinite(rays[:, 0])
         if not beyond.any():
             return rays
-        way = points[beyond] - self._centre
-        near, far = np.zeros(len(way)), np.ones(len(way))
+        direction = points[beyond] - self._centre
+        near, far = np.zeros(len(direction)), np.ones(len(direction))
         for _ in range(30):
             share = (near + far) / 2
-            there = np.isfinite(self._unproject(self._centre + share[:, None] * way)[:, 0])
-            near, far = np.where(there, share, near), np.where(there, far, share)
-        length = np.linalg.norm(way, axis=1)
+            is_inside = np.isfinite(
+                self._unproject(self._centre + share[:, None] * direction)[:, 0]
+            )
+            near, far = np.where(is_inside, share, near), np.where(is_inside, far, share)
+        length = np.linalg.norm(direction, axis=1)
         back = np.maximum(near - 0.01 / np.maximum(length, 1e-9), 0.0)
-        rim, inner = (self._unproject(self._centre + share[:, None] * way)
+        rim, inner = (self._unproject(self._centre + share[:, None] * direction)
                       for share in (near, back))
         rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
-        # Tiles whose corners are farther than this have no pixel on the lens.
+        # Tiles whose corners are farther away have no pixel inside the lens.
         share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
-        beside = rim + share[:, None] * rate
-        rays[beyond] = beside / np.linalg.norm(beside, axis=1, keepdims=True)
+        extrapolated = rim + share[:, None] * rate
+        rays[beyond] = extrapolated / np.linalg.norm(extrapolated, axis=1, keepdims=True)
         return rays
 
 
-def shared(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
-    """Tiles of a picture's size and a key for its rays, made only if no renderer of this process
-    had them lately."""
-    if width * height > LARGE:
+def get_shared_tiles(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
+    """Return tiles from a cache that all renderers of the process share, or make them.
+
+    `key` identifies the rays of the image.
+    """
+    if width * height > LARGEST_CACHED_IMAGE:
         return make()
-    return _shared.get((width, height, key), make)
+    return _cache.get((width, height, key), make)
 
 
-_shared: Recent[Hashable, Tiles] = Recent(KEPT)
+_cache: ByteLimitedCache[Hashable, Tiles] = ByteLimitedCache(CACHE_BYTES)
 
 
-def _inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:
+def _mark_inside(width: int, height: int, rows: int, columns: int) -> np.ndarray:
     valid = np.zeros((rows * TILE, columns * TILE), bool)
     valid[:height, :width] = True
     return valid
 
 
-def _through(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int) -> np.ndarray:
-    """Matrices (..., 3, 3) of cells of `size` px with corner rays (..., 3), row by row: with
-    weights a, b, c the fourth corner is b + c - a."""
+def _fit_matrices(
+    a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int
+) -> np.ndarray:
+    """Return matrices (..., 3, 3) of cells of `size` px from corner rays (..., 3), row by row.
+
+    The rays are scaled such that the fourth corner is b + c - a.
+    """
     sides = np.stack([-a, b, c], axis=-1)
-    # Where a cell shows nothing its corners may coincide.
+    # Corners of a cell without valid pixels may coincide.
     flat = np.abs(np.linalg.det(sides)) < 1e-18
     sides[flat] = np.eye(3)
     weight = np.linalg.solve(sides, d[..., None])[..., 0]
@@ -281,19 +304,20 @@ def _through(a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: i
     return np.stack([x, y, first + (x + y) / 2], axis=-1)
 
 
-def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, columns: int
+def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: int, columns: int
           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """nodes, levels and children of Tiles, from the tiles' cones."""
+    """Return nodes, levels and children of Tiles, from the tiles' cones."""
     nodes, levels, children = [], [], [np.zeros((0, 5, 16))]
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
-    seen = seen.reshape(rows, columns)
-    # Of the tiles; axis 0: shows nothing. span: how many of them a node has along each side.
-    tile, wide, shown, span = axis * seen[..., None], angle, seen, 1
+    visible = visible.reshape(rows, columns)
+    # Values of the tiles; an axis of 0 marks a tile without valid pixels. span: tiles per node
+    # side.
+    tile, wide, shown, span = axis * visible[..., None], angle, visible, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
         cones = np.concatenate([axis, np.cos(limit)[..., None], np.sin(limit)[..., None]], axis=2)
-        cones[~seen] = (0.0, 0.0, 1.0, 2.0, 0.0)
+        cones[~visible] = (0.0, 0.0, 1.0, 2.0, 0.0)
         nodes.append(cones.reshape(-1, 5))
         levels.append((first, rows, columns, joined))
         if levels[1:] and rows == columns == 1:
@@ -301,10 +325,10 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
         first += rows * columns
         joined += rows * columns if levels[1:] else 0
         rows, columns = -(-rows // 4), -(-columns // 4)
-        cones, some = (_by_fours(x, rows, columns) for x in (cones, seen))
+        cones, some = (_group_by_fours(x, rows, columns) for x in (cones, visible))
         cones[~some] = (0.0, 0.0, 1.0, 2.0, 0.0)
         children.append(cones.reshape(-1, 16, 5).swapaxes(1, 2))
-        seen, span = some.any(axis=2), 4 * span
+        visible, span = some.any(axis=2), 4 * span
         v, u = (np.arange(0, n, span) for n in shown.shape)
         axis = np.add.reduceat(np.add.reduceat(tile, v, axis=0), u, axis=1)
         norm = np.linalg.norm(axis, axis=2, keepdims=True)
@@ -315,8 +339,8 @@ def _tree(axis: np.ndarray, angle: np.ndarray, seen: np.ndarray, rows: int, colu
         angle = np.maximum.reduceat(np.maximum.reduceat(angle, v, axis=0), u, axis=1)
 
 
-def _by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """(rows, columns, 16, ...) of x, joined by 4 x 4 and padded with zeros."""
+def _group_by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
+    """Return x as (rows, columns, 16, ...), in groups of 4 x 4, padded with zeros."""
     pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1])]
     x = np.pad(x, pad + [(0, 0)] * (x.ndim - 2)).reshape(rows, 4, columns, 4, *x.shape[2:])
     return x.swapaxes(1, 2).reshape(rows, columns, 16, *x.shape[4:])

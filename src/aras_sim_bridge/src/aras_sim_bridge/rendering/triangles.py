@@ -1,4 +1,4 @@
-"""All triangles of a scene in the frames of their links, in clusters looked at together."""
+"""Triangles of a scene in the frames of their links, grouped into clusters."""
 
 from __future__ import annotations
 
@@ -9,29 +9,34 @@ from functools import cached_property
 
 import numpy as np
 
-from . import grouping
-from .recent import Recent
-from .scene import Part
+from . import clustering
+from .byte_limited_cache import ByteLimitedCache
+from .scene import VisualMesh
 from .textures import Textures
 
-# Memory for scenes that come again, bytes: a study shows the same one ten thousand times.
-KEPT = 1 << 24
-# Corners times triangles of a part, up to which it is asked whether it is convex; and how far a
-# corner may be before a triangle, of the part's size: meshes have single precision.
-MUCH, FLAT = 1 << 22, 1e-6
+# Bytes for cached scenes: a study renders the same scene ten thousand times.
+CACHE_BYTES = 1 << 24
+# Largest number of corners times triangles for which a part is tested for convexity; and tolerance
+# of this test, relative to the part's size, because meshes have single precision.
+MOST_CONVEX_TESTS, FLAT = 1 << 22, 1e-6
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Neighbouring triangles that face the same side, so that most are left out by one look.
+    """Clusters of neighbouring triangles with similar normals; most are culled as a whole.
 
-    first, count: (C,) their triangles. row: (C,) of the link in `Scene.poses`.
-    centre, half (C, 3), radius (C,): a box and a sphere around them, link frame, m.
-    axis (C, 3), cosine (C,): a cone around their normals. height (C,): how far the lowest of their
-        planes lies above the centre, along its normal, m. opaque: (C,) bool.
-    quad: (C,) bool, whether it is a flat convex quad of one colour; its two triangles then share
-        the side opposite their first corners.
-    The largest triangles come first, as they hide others.
+    Large triangles come first, because they hide others. There are C clusters.
+
+    Attributes:
+        first, count: (C,) triangles of the cluster.
+        row: (C,) row of the link in the poses of the scene.
+        centre, half, radius: (C, 3), (C, 3), (C,) bounding box and sphere, link frame, m.
+        axis, cosine: (C, 3), (C,) cone around the normals.
+        height: (C,) height of the lowest of the triangles' planes above the centre, along its
+            normal, m.
+        opaque: (C,) bool.
+        quad: (C,) bool, whether the cluster is a flat convex quad of one colour. The common side of
+            its two triangles is then opposite their first corners.
     """
 
     first: np.ndarray
@@ -49,17 +54,24 @@ class Clusters:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of all parts, cluster by cluster.
+    """Triangles of all visuals, cluster by cluster. There are T triangles.
 
-    corners (T, 3, 3), m, and normals (T, 3, 3) at them, link frame; plane (T, 4) n, d with
-        n . x = d; row (T,) of the link; smooth (T,), the same for those of a part, whose colours
-        differ as their light does, -1 with a texture; hull (T,) the same for those of a convex
-        part, which hide nothing of each other, -1 for the others; part (T,) the same for all.
-    albedo (T, 4) rgb 0..255 and opacity 0..1.
-    uv (T, 3, 2) texture coordinates, layer (T,) where the texture begins in Textures.texels, -1
-        for none.
-    row_centre, row_half: (rows, 3) a box around all of a link's, m; of no size, half -1, where it
-        has none.
+    Attributes:
+        clusters: clusters of the triangles.
+        row_centre, row_half: (rows, 3) bounding box of each link, m; half is -1 without triangles.
+        corners: (T, 3, 3) corners, link frame, m.
+        normals: (T, 3, 3) normals at the corners, link frame.
+        plane: (T, 4) n, d with n . x = d.
+        row: (T,) row of the link in the poses of the scene.
+        part: (T,) number of the visual.
+        smooth: (T,) number of the visual without texture, whose colours differ only by the light;
+            -1 with a texture.
+        hull: (T,) number of the convex visual, whose triangles do not hide each other; -1 for
+            others.
+        albedo: (T, 4) rgb 0..255 and opacity 0..1.
+        uv: (T, 3, 2) texture coordinates.
+        layer: (T,) start of the texture in Textures.texels; -1 without texture.
+        textures: textures of the visuals.
     """
 
     clusters: Clusters
@@ -79,7 +91,7 @@ class Triangles:
 
     @cached_property
     def facets(self) -> np.ndarray:
-        """(T,) as smooth, but different for flat triangles of a part that face different sides."""
+        """Numbers (T,) as in `smooth`, but different for flat triangles with different normals."""
         flat = (self.normals == self.normals[:, :1]).all(axis=(1, 2))
         turned = np.where(flat[:, None], np.rint(1e4 * self.normals[:, 0]), 2e4).astype(np.int64)
         key = ((self.part * 40001 + turned[:, 0]) * 40001 + turned[:, 1]) * 40001 + turned[:, 2]
@@ -88,32 +100,32 @@ class Triangles:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes."""
+        """Memory of the arrays, bytes."""
         arrays = [getattr(self, f.name) for f in fields(self)]
         arrays += [getattr(self.clusters, f.name) for f in fields(self.clusters)]
         return sum(a.nbytes for a in arrays if isinstance(a, np.ndarray)) + (
             self.textures.texels.nbytes)
 
     @classmethod
-    def of(cls, parts: list[Part]) -> Triangles:
-        """Of these parts, made anew only if they were not shown lately by any renderer."""
-        return _made.get(_key(parts), lambda: cls._of(parts))
+    def from_visuals(cls, visuals: list[VisualMesh]) -> Triangles:
+        """Return the triangles of these visuals, from a cache that all renderers share."""
+        return _cache.get(_make_key(visuals), lambda: cls._build(visuals))
 
     @classmethod
-    def _of(cls, parts: list[Part]) -> Triangles:
-        textures = Textures({part.mesh.texture for part in parts if part.mesh.texture})
+    def _build(cls, visuals: list[VisualMesh]) -> Triangles:
+        textures = Textures({part.mesh.texture for part in visuals if part.mesh.texture})
         corners, normals, uv = ([np.zeros((0, 3, n))] for n in (3, 3, 2))
         albedo = [np.zeros((0, 4))]
         layer, row, number = ([np.zeros(0, int)] for _ in range(3))
-        convex = [n for n, part in enumerate(parts) if _convex(part)]
-        for n, part in enumerate(parts):
+        convex = [n for n, part in enumerate(visuals) if _is_convex(part)]
+        for n, part in enumerate(visuals):
             mesh, count = part.mesh, len(part.mesh.triangles)
             corners.append(mesh.positions[mesh.triangles].astype(float))
             normals.append(mesh.normals[mesh.triangles].astype(float))
             known = mesh.texture is not None and mesh.uv is not None
             uv.append(mesh.uv[mesh.triangles].astype(float) if known else np.zeros((count, 3, 2)))
             albedo.append(np.tile(np.clip(part.rgba, 0.0, 1.0) * [255, 255, 255, 1], (count, 1)))
-            layer.append(np.full(count, textures.layer(mesh.texture) if known else -1))
+            layer.append(np.full(count, textures.find_layer(mesh.texture) if known else -1))
             row.append(np.full(count, part.row))
             number.append(np.full(count, n))
         lists = [np.concatenate(one) for one in (corners, normals, albedo, uv, layer, row, number)]
@@ -121,7 +133,7 @@ class Triangles:
         size = np.linalg.norm(area, axis=1)
         lists = [one[size > 0.0] for one in lists]
         unit, size = area[size > 0.0] / size[size > 0.0, None], size[size > 0.0]
-        groups = grouping.groups(lists[0], unit, lists[6])
+        groups = clustering.cluster_triangles(lists[0], unit, lists[6])
         groups.sort(key=lambda group: -size[group].max())
         order = np.concatenate([np.zeros(0, int), *groups])
         corners, normals, albedo, uv, layer, row, number = (one[order].copy() for one in lists)
@@ -132,25 +144,37 @@ class Triangles:
         for n in np.flatnonzero(counts == 2):
             two = slice(first[n], first[n] + 2)
             flat = (normals[two] == normals[first[n], 0]).all() and layer[first[n]] < 0
-            turns = _quad(corners[two]) if flat else None
-            if turns is not None:
+            corners_apart = _find_quad(corners[two]) if flat else None
+            if corners_apart is not None:
                 quad[n] = True
-                for k, turn in enumerate(turns):
+                for k, turn in enumerate(corners_apart):
                     corners[first[n] + k] = np.roll(corners[first[n] + k], -turn, axis=0)
         hull = np.where(np.isin(number, convex), number, -1)
         smooth = np.where(layer < 0, number, -1)
         plane = np.concatenate([unit, (unit * corners[:, 0]).sum(axis=1)[:, None]], axis=1)
-        clusters = _clusters(first, counts, corners, plane, row, albedo, quad)
-        return cls(clusters, *_boxes(corners, row), corners, normals, plane, row, number, smooth,
-                   hull, albedo, uv, layer, textures)
+        clusters = _make_clusters(first, counts, corners, plane, row, albedo, quad)
+        return cls(
+            clusters,
+            *_compute_boxes(corners, row),
+            corners,
+            normals,
+            plane,
+            row,
+            number,
+            smooth,
+            hull,
+            albedo,
+            uv,
+            layer,
+            textures,
+        )
 
 
-def _convex(part: Part) -> bool:
-    """Whether none of a part's corners lies before a triangle of it; False where that is much to
-    ask."""
+def _is_convex(part: VisualMesh) -> bool:
+    """Return whether a visual is convex; False if it is too large to test."""
     mesh = part.mesh
     points = np.unique(mesh.positions.astype(float), axis=0)
-    if not 0 < len(points) * len(mesh.triangles) <= MUCH:
+    if not 0 < len(points) * len(mesh.triangles) <= MOST_CONVEX_TESTS:
         return False
     a, b, c = mesh.positions[mesh.triangles].astype(float).swapaxes(0, 1)
     normal = np.cross(b - a, c - a)
@@ -159,8 +183,8 @@ def _convex(part: Part) -> bool:
     return bool(before.max() <= FLAT * np.ptp(points, axis=0).max())
 
 
-def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """row_centre and row_half of Triangles."""
+def _compute_boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return row_centre and row_half of Triangles."""
     rows = row.max(initial=-1) + 1
     low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
     np.minimum.at(low, row, corners.min(axis=1))
@@ -170,32 +194,34 @@ def _boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray
     return (low + high) / 2, (high - low) / 2
 
 
-_made: Recent[bytes, Triangles] = Recent(KEPT)
+_cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
-def _key(parts: list[Part]) -> bytes:
-    """The same for the same parts, a texture's file as it is now included."""
+def _make_key(parts: list[VisualMesh]) -> bytes:
+    """Return a key of the visuals' content, including the file times of their textures."""
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
         mesh = part.mesh
         when = 0
         if mesh.texture and os.path.exists(mesh.texture):
             when = os.stat(mesh.texture).st_mtime_ns
-        shapes = [None if a is None else (a.shape, a.dtype.str) for a in _arrays(part)]
+        shapes = [None if a is None else (a.shape, a.dtype.str) for a in _list_arrays(part)]
         key.update(repr((part.row, part.rgba, mesh.texture, when, shapes)).encode())
-        for array in _arrays(part):
+        for array in _list_arrays(part):
             if array is not None:
                 key.update(np.ascontiguousarray(array))
     return key.digest()
 
 
-def _arrays(part: Part) -> tuple[np.ndarray | None, ...]:
+def _list_arrays(part: VisualMesh) -> tuple[np.ndarray | None, ...]:
     return part.mesh.positions, part.mesh.normals, part.mesh.triangles, part.mesh.uv
 
 
-def _quad(corners: np.ndarray) -> tuple[int, int] | None:
-    """Which corner of each of two triangles (2, 3, 3) the other lacks, if they are a convex quad in
-    one plane."""
+def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
+    """Return the unshared corner of each of two triangles (2, 3, 3) that form a flat convex quad.
+
+    None if they do not.
+    """
     a, b = corners
     same = (a[:, None] == b[None]).all(axis=2)
     if same.sum() != 2:
@@ -205,13 +231,13 @@ def _quad(corners: np.ndarray) -> tuple[int, int] | None:
     side = np.roll(outline, -1, axis=0) - outline
     turn = np.cross(side, np.roll(side, -1, axis=0))
     normal = turn.sum(axis=0)
-    # The normal is square to both diagonals; a mesh's numbers have seven digits.
+    # The normal is perpendicular to both diagonals; mesh coordinates have seven digits.
     near = 1e-6 * np.abs(side).max() + 2e-7 * np.abs(outline).max()
     flat = abs(side[0] @ normal) <= near * np.linalg.norm(normal)
     return (i, j) if flat and (turn @ normal > 0.0).all() else None
 
 
-def _clusters(first: np.ndarray, count: np.ndarray, corners: np.ndarray, plane: np.ndarray,
+def _make_clusters(first: np.ndarray, count: np.ndarray, corners: np.ndarray, plane: np.ndarray,
               row: np.ndarray, albedo: np.ndarray, quad: np.ndarray) -> Clusters:
     if not len(first):
         empty, none = np.zeros((0, 3)), np.zeros(0)

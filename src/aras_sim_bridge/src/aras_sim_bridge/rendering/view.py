@@ -1,4 +1,4 @@
-"""What a renderer is asked for: a view of the world, and its light."""
+"""Input of the renderer: a view of the world, and the lighting."""
 
 from __future__ import annotations
 
@@ -12,20 +12,21 @@ from aras_visual_servo_base.poses import inverse
 
 from ..description.types import Light, Rgba
 from ..errors import RenderingError
-from .tiles import Tiles, shared
+from .tiles import Tiles, get_shared_tiles
 
 
 @dataclass(frozen=True)
 class View:
-    """A view of the world, through a pinhole or a lens.
+    """View of the world through a pinhole or a lens.
 
-    width, height: image size, pixels.
-    world_T_optical: (4, 4), pose of the optical frame (z forward, x right, y down) in the world.
-    K: (3, 3) without skew; pixel centres have integer coordinates, so the centre of the image
-        is ((width - 1) / 2, (height - 1) / 2).
-    near, far: nothing nearer or farther along the optical axis is drawn, m.
-    lens: the tiles of a picture through a lens; K is not used then. Where rays go sideways or
-        back, near and far are measured along each tile's own axis.
+    Attributes:
+        width, height: image size, px.
+        world_T_optical: (4, 4) pose of the optical frame (z forward, x right, y down).
+        K: (3, 3) camera matrix without skew. Pixel centres have integer coordinates, so the centre
+            of the image is ((width - 1) / 2, (height - 1) / 2).
+        near, far: surfaces nearer or farther along the optical axis are not drawn, m.
+        lens: tiles of an image through a lens; K is not used then. If rays point sideways or
+            backwards, near and far are measured along the axis of each tile.
     """
 
     width: int
@@ -51,31 +52,37 @@ class View:
 
     @property
     def rays_key(self) -> Hashable:
-        """Equal for views whose pixels have the same rays in the optical frame."""
+        """Key that is equal for views with the same rays in the optical frame."""
         return self.lens or (self.width, self.height, self.K.tobytes())
 
-    def tiles(self) -> Tiles:
-        """The tiles that the picture is drawn in."""
-        return self.lens or shared(self.width, self.height, self.K.tobytes(), lambda: (
+    def get_tiles(self) -> Tiles:
+        """Return the tiles of the image."""
+        return self.lens or get_shared_tiles(self.width, self.height, self.K.tobytes(), lambda: (
             Tiles.of_pinhole(self.width, self.height, self.K)))
 
 
 @dataclass(frozen=True)
-class Sun:
-    """One white sun without shadows, or `lights` in its place; the defaults are Gazebo's.
+class Lighting:
+    """Lighting: a white sun without shadows, or `lights` instead; the defaults are Gazebo's.
 
-    direction: from the sun to the ground, world frame. A surface of albedo a gives back
-    a * (ambient + diffuse * max(0, n . -direction)), and shows that times `scale`.
-    exposure: 'unclipped': all light is scaled so that a white surface square to the sun, the
-        brightest that there can be, is 255 at most; what is darker than that anyway stays as it is.
-        'gazebo': light is not scaled, and what is brighter than 255 is cut, which moves the edges
-        of textures towards the dark by hundredths of a pixel.
-    lights: of any kind and colour, as lamps says what they give, ambient light besides.
-    shadows: one of SHADOWS, of those lights that cast them.
-    tint: of the ambient light, red, green, blue, times `ambient`.
-    sky: whether one is seen in place of the background.
-    white: what a white surface gives back at most, by which `unclipped` scales; None: of this
-        light. More where lights that come and go are dark, for the camera stays as it is.
+    With the sun, a surface of albedo a and normal n reflects
+    a * (ambient + diffuse * max(0, n . -direction)); the image shows this times `scale`.
+
+    Attributes:
+        direction: from the sun to the ground, world frame.
+        ambient: ambient light.
+        diffuse: light of the sun.
+        background: colour of the background.
+        exposure: 'unclipped' scales the light such that a white surface that faces the sun, the
+            brightest possible, has at most 255; darker images are not changed. 'gazebo' does not
+            scale; values above 255 are clipped, which moves the edges of textures towards the dark
+            side by hundredths of a pixel.
+        lights: lights of any kind and colour (see lamps.py), in addition to the ambient light.
+        shadows: one of SHADOWS, for the lights that cast them.
+        tint: colour of the ambient light (red, green, blue), multiplied by `ambient`.
+        sky: whether a sky replaces the background.
+        reference_white_level: white level that the exposure 'unclipped' uses; None for that of this
+            light. It is set for lights that vary, so that the exposure of the camera is constant.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
@@ -87,11 +94,11 @@ class Sun:
     shadows: str = "none"
     tint: tuple[float, float, float] = (1.0, 1.0, 1.0)
     sky: bool = False
-    white: float | None = None
+    reference_white_level: float | None = None
 
     @property
-    def most(self) -> float:
-        """What a white surface gives back of this light at most."""
+    def white_level(self) -> float:
+        """Largest light that a white surface reflects."""
         if self.lights:
             diffuse = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
             return float((diffuse + self.ambient * np.array(self.tint)).max())
@@ -99,14 +106,17 @@ class Sun:
 
     @property
     def scale(self) -> float:
-        """Grey levels, in parts of 255, that a surface shows for the light that it gives back."""
+        """Grey level, in units of 255, per reflected light."""
         if self.exposure == "gazebo":
             return 1.0
-        return 1.0 / max(self.most if self.white is None else self.white, 1.0)
+        return 1.0 / max(
+            self.white_level if self.reference_white_level is None else self.reference_white_level,
+            1.0,
+        )
 
     @property
-    def around(self) -> np.ndarray:
-        """(3,) ambient light, parts of 255."""
+    def ambient_levels(self) -> np.ndarray:
+        """Ambient light (3,), in units of 1/255."""
         return self.scale * self.ambient * np.array(self.tint)
 
     @cached_property

@@ -1,1 +1,1 @@
-"""The bridge's ROS face: the only subpackage that imports rospy."""
+"""ROS interface of the simulator; the only subpackage that imports rospy."""

@@ -1,4 +1,4 @@
-"""Topics of sensors of motion and forces, as upstream's plug-ins publish them."""
+"""Topics of the motion and force sensors, with the messages of Gazebo's plug-ins."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from geometry_msgs.msg import Quaternion, Vector3, Wrench
 from roslib.message import get_message_class
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.camera.info import prefixed
+from aras_sim_bridge.ros.camera.info import add_prefix
 from aras_sim_bridge.ros.control.state_topic import StateTopic
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
@@ -26,86 +26,94 @@ from aras_sim_bridge.sensors import (
 from aras_visual_servo_base.names import resolve_name
 
 
-def _pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
+def _fill_pose(message: Message, reading: PoseReading, sensor: RateSensor) -> None:
     message.child_frame_id = sensor.description.link
     message.pose.pose, message.twist.twist = to_pose(reading.pose), to_twist(reading.twist)
-    _uncertain(sensor, 7, message.pose.covariance, message.twist.covariance)
+    _fill_variances(sensor, 7, message.pose.covariance, message.twist.covariance)
 
 
-def _imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None:
+def _fill_imu(message: Message, reading: ImuReading, sensor: RateSensor) -> None:
     message.orientation = Quaternion(*reading.orientation)
     message.angular_velocity = Vector3(*reading.angular_velocity)
     message.linear_acceleration = Vector3(*reading.linear_acceleration)
-    _uncertain(sensor, 4, message.orientation_covariance, message.angular_velocity_covariance,
+    _fill_variances(sensor, 4, message.orientation_covariance, message.angular_velocity_covariance,
                message.linear_acceleration_covariance)
 
 
-def _wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> None:
+def _fill_wrench(message: Message, reading: WrenchReading, _sensor: RateSensor) -> None:
     message.wrench.force = Vector3(*reading.force)
     message.wrench.torque = Vector3(*reading.torque)
 
 
-def _contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
+def _fill_contacts(message: Message, reading: ContactReading, _sensor: RateSensor) -> None:
     stamp, count = to_time(reading.stamp_ns), len(reading.contacts)
     message.states = []
-    for k, (names, touches) in enumerate(reading.contacts.items()):
-        wrenches = [Wrench(Vector3(*one.force), Vector3(*one.torque)) for one in touches]
-        total = np.array([[*one.force, *one.torque] for one in touches]).sum(axis=0).tolist()
+    for k, (names, points) in enumerate(reading.contacts.items()):
+        wrenches = [Wrench(Vector3(*point.force), Vector3(*point.torque)) for point in points]
+        total = np.array([[*point.force, *point.torque] for point in points]).sum(axis=0).tolist()
         message.states.append(ContactState(
             info=f"Debug:  i:({k}/{count})     my geom:{names[0]}   other geom:{names[1]}"
                  f"         time:{stamp.secs}.{stamp.nsecs:09d}\n",
             collision1_name=names[0], collision2_name=names[1], wrenches=wrenches,
             total_wrench=Wrench(Vector3(*total[:3]), Vector3(*total[3:])),
-            contact_positions=[Vector3(*one.position) for one in touches],
-            contact_normals=[Vector3(*one.normal) for one in touches],
-            depths=[one.depth for one in touches]))
+            contact_positions=[Vector3(*point.position) for point in points],
+            contact_normals=[Vector3(*point.normal) for point in points],
+            depths=[point.depth for point in points]))
 
 
-def _joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:
+def _fill_joint_states(message: Message, reading: JointStateReading, _sensor: RateSensor) -> None:
     message.name, message.position = list(reading.names), list(reading.positions)
     message.velocity = list(reading.velocities)
 
 
-def _uncertain(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
-    """Write the noise's variance on the diagonals of square matrices, every `step` numbers."""
+def _fill_variances(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
+    """Write the noise variance on the diagonals of flat square matrices with `step` - 1 rows."""
     for covariance in covariances:
         covariance[::step] = [sensor.description.noise**2] * len(covariance[::step])
 
 
 MESSAGES: dict[str, tuple[str, Callable[[Message, object, RateSensor], None]]] = {
-    "pose": ("nav_msgs/Odometry", _pose), "imu": ("sensor_msgs/Imu", _imu),
-    "body_imu": ("sensor_msgs/Imu", _imu), "wrench": ("geometry_msgs/WrenchStamped", _wrench),
-    "contact": ("gazebo_msgs/ContactsState", _contacts),
-    "joint_states": ("sensor_msgs/JointState", _joint_states),
+    "pose": ("nav_msgs/Odometry", _fill_pose),
+    "imu": ("sensor_msgs/Imu", _fill_imu),
+    "body_imu": ("sensor_msgs/Imu", _fill_imu),
+    "wrench": ("geometry_msgs/WrenchStamped", _fill_wrench),
+    "contact": ("gazebo_msgs/ContactsState", _fill_contacts),
+    "joint_states": ("sensor_msgs/JointState", _fill_joint_states),
 }
 
 
 class SensorTopic(StateTopic):
-    """The topic of one sensor, which measures only while somebody listens."""
+    """Topic of one sensor; the sensor measures only while the topic has subscribers."""
 
     def __init__(self, sensor: RateSensor, thread: SimulationThread) -> None:
-        """Advertise; SimError where the message's package is not installed."""
-        given = sensor.description
-        namespace = sensor.model.whole.name if given.namespace is None else given.namespace
-        own = given.frame or self._own_frame(sensor)
-        frame = prefixed(own, namespace) if own else ""
-        name, write = MESSAGES[given.kind]
+        """Advertise the topic.
+
+        Raises:
+            SimError: the package of the message type is not installed.
+        """
+        description = sensor.description
+        namespace = description.namespace
+        if namespace is None:
+            namespace = sensor.model.main_model.name
+        frame = description.frame or self._find_frame(sensor)
+        frame_id = add_prefix(frame, namespace) if frame else ""
+        name, write = MESSAGES[description.kind]
         message_type = get_message_class(name)
         if message_type is None:
             package = name.partition("/")[0].replace("_", "-")
-            raise SimError(f"there is no {name}; install python3-{package}")
+            raise SimError(f"message type {name} is not installed; install python3-{package}")
 
         def fill(message: Message, reading: object) -> None:
-            message.header.stamp, message.header.frame_id = to_time(reading.stamp_ns), frame
+            message.header.stamp, message.header.frame_id = to_time(reading.stamp_ns), frame_id
             write(message, reading, sensor)
 
-        topic = resolve_name(namespace, given.topic)
+        topic = resolve_name(namespace, description.topic)
         super().__init__(topic, message_type, 1, sensor, fill, thread)
 
     @staticmethod
-    def _own_frame(sensor: RateSensor) -> str:
-        """Frame of the message where its plug-in names none: what the numbers are told in."""
-        given = sensor.description
-        if given.measured_in == "parent":
-            return sensor.model.description.joints[given.joint].parent
-        return given.link
+    def _find_frame(sensor: RateSensor) -> str:
+        """Return the link whose axes the readings refer to, if the plug-in names no frame."""
+        description = sensor.description
+        if description.wrench_frame == "parent":
+            return sensor.model.description.joints[description.joint].parent
+        return description.link

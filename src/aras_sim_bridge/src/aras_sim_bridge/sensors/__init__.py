@@ -1,7 +1,7 @@
 """Sensors of motion and forces at rates of simulated time: poses, IMUs, wrenches, contacts."""
 
 from .base import RateSensor
-from .contact import ContactReading, ContactSensor, Touch
+from .contact import ContactPoint, ContactReading, ContactSensor
 from .joint_states import JointStateReading, JointStateSensor
 from .motion import BodyImu, Imu, ImuReading, PoseReading, PoseSensor
 from .wrench import WrenchReading, WrenchSensor
@@ -13,6 +13,6 @@ KINDS: dict[str, type[RateSensor]] = {
 
 __all__ = [
     "KINDS", "BodyImu", "ContactReading", "ContactSensor", "Imu", "ImuReading", "JointStateReading",
-    "JointStateSensor", "PoseReading", "PoseSensor", "RateSensor", "Touch", "WrenchReading",
+    "JointStateSensor", "PoseReading", "PoseSensor", "RateSensor", "ContactPoint", "WrenchReading",
     "WrenchSensor",
 ]

@@ -1,4 +1,4 @@
-"""What all sensors of motion and forces have in common: when they measure, and their noise."""
+"""Base class of the motion and force sensors: measurement times and noise."""
 
 from __future__ import annotations
 
@@ -13,27 +13,30 @@ from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Vector3
 
 State = TypeVar("State")
-_BIAS, _NOISE = 0, 1  # two random sequences: the bias of a run, the noise of each reading
+_BIAS, _NOISE = 0, 1  # keys of two random sequences: bias of a run, noise of each reading
 
 
 class RateSensor(ABC, Generic[State]):
-    """Measures at the first tick at or after k / rate s of simulated time, k = 1, 2, ...; at every
-    tick where the rate is 0. A reading may need the state some time before: `_span_ns`, one tick
-    where that is 0.
+    """Sensor that measures at a fixed rate of simulated time.
+
+    The k-th reading is taken after the first step that ends at or after k / rate s; with rate 0
+    a reading is taken after every step. A reading may need an earlier state of the model, which is
+    stored `_span_ns` before the reading (one step before if `_span_ns` is 0).
 
     The simulation calls `before_step` and `after_step` around each step while the sensor is
-    `enabled`; steps that end up to `idle_until_ns` need no such calls.
+    `enabled`; steps that end at or before `idle_until_ns` need no such calls.
 
     Attributes:
-        description, model: what measures, and where.
-        on_state: gets each reading; None: nobody wants them, and nothing is measured.
+        description: settings of the sensor.
+        model: model that the sensor belongs to.
+        on_state: called with each reading; if None, the sensor does not measure.
     """
 
     _span_ns = 0
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
                  ) -> None:
-        """`seed` is at least 0; it and the stamps are all that noise depends on."""
+        """Create the sensor; its noise depends only on `seed` (≥ 0) and the stamps of readings."""
         self.description = description
         self.model = model
         self._world = world
@@ -41,14 +44,15 @@ class RateSensor(ABC, Generic[State]):
         channels = description.channels
         random = np.random.default_rng([seed, _BIAS])
         self._mean, self._stddev = np.zeros(6), np.full(6, description.noise)
-        for i, one in enumerate(channels):
-            bias = random.normal(one.bias_mean, one.bias_stddev) * random.choice((-1.0, 1.0))
-            self._mean[i] = one.mean + bias
-            self._stddev[i] = np.hypot(self._stddev[i], one.stddev)
+        for i, channel in enumerate(channels):
+            bias = random.normal(channel.bias_mean, channel.bias_stddev)
+            bias *= random.choice((-1.0, 1.0))
+            self._mean[i] = channel.mean + bias
+            self._stddev[i] = np.hypot(self._stddev[i], channel.stddev)
         self._listener: Callable[[object], None] | None = None
-        self._fresh = True
+        self._is_new = True
         self._due_ns = 0
-        self._before: tuple[int, State] | None = None
+        self._previous_state: tuple[int, State] | None = None
 
     @property
     def on_state(self) -> Callable[[object], None] | None:
@@ -56,50 +60,50 @@ class RateSensor(ABC, Generic[State]):
 
     @on_state.setter
     def on_state(self, listener: Callable[[object], None] | None) -> None:
-        self._fresh = self._fresh or self._listener is None
+        self._is_new = self._is_new or self._listener is None
         self._listener = listener
 
     @property
     def enabled(self) -> bool:
-        """Whether readings are wanted."""
+        """Whether the sensor has a listener and therefore measures."""
         return self._listener is not None
 
     @property
     def idle_until_ns(self) -> int:
-        """Up to when, ns, steps may end without a call around each."""
-        if self._fresh:
+        """Simulated time, ns, up to which steps need no `before_step` and `after_step`."""
+        if self._is_new:
             return 0
-        return self._due_ns - 1 - (self._span_ns if self._before is None else 0)
+        return self._due_ns - 1 - (self._span_ns if self._previous_state is None else 0)
 
     def reset(self) -> None:
-        """Begin anew with the next step: the clock jumped."""
-        self._fresh = True
+        """Restart the measurement with the next step, after a jump of simulated time."""
+        self._is_new = True
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Before the step from `time_ns` to `after_ns`."""
-        if self._fresh:
-            self._fresh, self._before = False, None
-            self.model.pushes.clear()
-            self._plan(after_ns)
+        """Store the state that the next reading needs; call before the step to `after_ns`."""
+        if self._is_new:
+            self._is_new, self._previous_state = False, None
+            self.model.applied_forces.clear()
+            self._schedule_next(after_ns)
             return
         span_ns = max(self._span_ns, after_ns - time_ns)
-        if self._before is None and time_ns + span_ns >= self._due_ns:
-            self._before = (time_ns, self._state())
-        self._note(self._due_ns <= after_ns)
+        if self._previous_state is None and time_ns + span_ns >= self._due_ns:
+            self._previous_state = (time_ns, self._read_state())
+        self._observe_step(self._due_ns <= after_ns)
 
     def after_step(self, time_ns: int) -> None:
-        """After a step that ended at `time_ns`."""
-        if self._fresh or time_ns < self._due_ns:
+        """Take a reading if one is due; call after the step that ended at `time_ns`."""
+        if self._is_new or time_ns < self._due_ns:
             return
-        if self._before is not None and self._listener is not None:
-            before_ns, before = self._before
-            reading = self._measured(before, time_ns, (time_ns - before_ns) * 1e-9)
+        if self._previous_state is not None and self._listener is not None:
+            before_ns, before = self._previous_state
+            reading = self._measure(before, time_ns, (time_ns - before_ns) * 1e-9)
             self._listener(reading)
-        self._before = None
-        self._plan(time_ns)
+        self._previous_state = None
+        self._schedule_next(time_ns)
 
-    def _plan(self, time_ns: int) -> None:
-        """The next reading is the first one after `time_ns`."""
+    def _schedule_next(self, time_ns: int) -> None:
+        """Set the time of the next reading to the first multiple of 1 / rate after `time_ns`."""
         rate = self.description.rate
         if rate == 0.0:
             self._due_ns = time_ns + 1
@@ -109,19 +113,19 @@ class RateSensor(ABC, Generic[State]):
             index += 1
         self._due_ns = round(index * 1e9 / rate)
 
-    def _note(self, last: bool) -> None:
-        """Look at what acts in the coming step; `last`: the reading comes after it."""
+    def _observe_step(self, last: bool) -> None:
+        """Record the forces on the model before a step; `last`: a reading follows this step."""
 
     @abstractmethod
-    def _state(self) -> State:
-        """What a reading needs of the time before it."""
+    def _read_state(self) -> State:
+        """Return the state of the model that a later reading needs."""
 
     @abstractmethod
-    def _measured(self, before: State, time_ns: int, seconds: float) -> object:
-        """The reading at `time_ns`, so many seconds after the state `before`."""
+    def _measure(self, before: State, time_ns: int, seconds: float) -> object:
+        """Return the reading at `time_ns`; the state `before` is `seconds` s older."""
 
-    def _noisy(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
-        """Two vectors with the noise of their six channels."""
+    def _add_noise(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
+        """Return two vectors with the noise of the six channels added."""
         if not (self._mean.any() or self._stddev.any()):
             return first, second
         random = np.random.default_rng([self._seed, stamp_ns, _NOISE])

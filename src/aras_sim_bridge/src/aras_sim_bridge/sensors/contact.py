@@ -1,4 +1,4 @@
-"""Contact sensors: what touches some collisions of a model, and with which forces."""
+"""Contact sensors: contact points and forces on selected collisions of a model."""
 
 from __future__ import annotations
 
@@ -7,19 +7,23 @@ from dataclasses import dataclass
 import numpy as np
 
 from aras_sim_bridge.description import SensorDescription
-from aras_sim_bridge.description.sensor_tags import same
+from aras_sim_bridge.description.sensor_tags import is_same_collision
 from aras_sim_bridge.sensors.base import RateSensor
 from aras_sim_bridge.world import Model, World
-from aras_sim_bridge.world.bullet import contacts_of
+from aras_sim_bridge.world.bullet import find_contacts
 from aras_visual_servo_base.poses import Vector3
 
 
 @dataclass(frozen=True)
-class Touch:
-    """One point at which two collisions touch, in the world's axes.
+class ContactPoint:
+    """Contact point of two collisions, in world coordinates.
 
-    position: m. normal: into the first one. depth: m, to which they are in each other. force (N)
-    and torque (N m) on the first one's link, about its centre of mass.
+    Attributes:
+        position: position of the contact, m.
+        normal: unit vector that points into the first collision.
+        depth: penetration depth, m.
+        force: force on the link of the first collision, N.
+        torque: torque on this link about its centre of mass, N m.
     """
 
     position: Vector3
@@ -31,18 +35,21 @@ class Touch:
 
 @dataclass(frozen=True)
 class ContactReading:
-    """What touches: by the names of two collisions, `model::link::collision`, the sensor's own
-    first, all points at which they do."""
+    """All contacts of a sensor at one time.
+
+    `contacts` maps a pair of collision names (`model::link::collision`, the one of the sensor
+    first) to the contact points of this pair.
+    """
 
     stamp_ns: int
-    contacts: dict[tuple[str, str], list[Touch]]
+    contacts: dict[tuple[str, str], list[ContactPoint]]
 
 
 class ContactSensor(RateSensor[None]):
-    """libgazebo_ros_bumper.so. Forces are those of the last step.
+    """Contact sensor of libgazebo_ros_bumper.so; the forces are those of the last physics step.
 
-    Bullet tells which links touch, not by which of their collisions: a link's contacts bear the
-    name of its first one, and a sensor of any of them tells them all.
+    Bullet reports contacts per link, not per collision. Therefore all contacts of a link carry the
+    name of its first collision, and a sensor on any collision of the link reports all of them.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
@@ -50,42 +57,46 @@ class ContactSensor(RateSensor[None]):
         super().__init__(description, model, world, seed)
         self._links = [
             name for name, link in model.description.links.items()
-            if any(same(one, collision.name) for collision in link.collisions
-                   for one in description.collisions)
+            if any(is_same_collision(own_name, collision.name) for collision in link.collisions
+                   for own_name in description.collisions)
         ]
 
-    def _state(self) -> None:
+    def _read_state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> ContactReading:
-        model, others = self.model, {one.body_id: one for one in self._world.models.values()}
+    def _measure(self, before: None, time_ns: int, seconds: float) -> ContactReading:
+        model, others = self.model, {other.body_id: other for other in self._world.models.values()}
         own = {model.link_index(name): name for name in self._links}
-        found: dict[tuple[str, str], list[Touch]] = {}
-        for link, body, other_link, numbers in contacts_of(model.body_id, model.client):
+        found: dict[tuple[str, str], list[ContactPoint]] = {}
+        for link, body, other_link, numbers in find_contacts(model.body_id, model.client):
             depth = numbers[15]
             if link not in own or (depth < 0.0 and numbers[3] == 0.0):
-                continue  # near, and no more
+                continue  # close to each other, but not in contact
             other = others[body]
             names = {index: name for name, index in other.link_indices.items()}
-            pair = _scoped(model, own[link]), _scoped(other, names[other_link])
-            found.setdefault(pair, []).append(self._touch(own[link], numbers))
+            pair = (
+                _find_collision_name(model, own[link]),
+                _find_collision_name(other, names[other_link]),
+            )
+            found.setdefault(pair, []).append(self._make_contact_point(own[link], numbers))
         return ContactReading(time_ns, found)
 
-    def _touch(self, link: str, numbers: tuple[float, ...]) -> Touch:
+    def _make_contact_point(self, link: str, numbers: tuple[float, ...]) -> ContactPoint:
         position = np.array(numbers[:3])
         forces = [numbers[i] * np.array(numbers[i + 1:i + 4]) for i in (3, 7, 11)]
         force = sum(forces)
-        # Bullet's direction is that of the force on its first body: its size's sign turns it.
+        # Bullet reports the direction of the force on its first body; the sign of the normal force
+        # reverses it.
         normal = np.copysign(1.0, numbers[3]) * np.array(numbers[4:7])
         inertial = self.model.description.links[link].inertial
         pose = self.model.link_pose(link)
         centre = pose.xyz if inertial is None else pose.apply(inertial.origin_xyz)
         torque = np.cross(position - centre, force)
-        return Touch(tuple(position.tolist()), tuple(normal.tolist()), numbers[15],
+        return ContactPoint(tuple(position.tolist()), tuple(normal.tolist()), numbers[15],
                      tuple(force.tolist()), tuple(torque.tolist()))
 
 
-def _scoped(model: Model, link: str) -> str:
-    """Name of a link's first collision, as Gazebo has it."""
+def _find_collision_name(model: Model, link: str) -> str:
+    """Return the scoped name of the first collision of a link, as Gazebo writes it."""
     collisions = model.description.links[link].collisions
-    return f"{model.scoped(link)}::{collisions[0].name if collisions else ''}"
+    return f"{model.get_scoped_name(link)}::{collisions[0].name if collisions else ''}"

@@ -1,4 +1,4 @@
-"""libgazebo_ros_joint_state_publisher.so: positions and speeds of some joints of a model."""
+"""Joint state sensor of libgazebo_ros_joint_state_publisher.so: positions and velocities."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from aras_sim_bridge.world import Model, World
 
 @dataclass(frozen=True)
 class JointStateReading:
-    """names, positions (rad or m) and velocities (per s), in the plug-in's order."""
+    """Positions (rad or m) and velocities (per s) of the joints, in the plug-in's order."""
 
     stamp_ns: int
     names: tuple[str, ...]
@@ -20,17 +20,17 @@ class JointStateReading:
 
 
 class JointStateSensor(RateSensor[None]):
-    """Publishes true positions and velocities, and no efforts, as upstream's."""
+    """Sensor of true joint positions and velocities; like the upstream plug-in, without efforts."""
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
                  ) -> None:
         super().__init__(description, model, world, seed)
         self._slots = [model.joint_names.index(name) for name in description.joints]
 
-    def _state(self) -> None:
+    def _read_state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
+    def _measure(self, before: None, time_ns: int, seconds: float) -> JointStateReading:
         positions, velocities, _ = self.model.read_joints()
         return JointStateReading(time_ns, self.description.joints,
                             tuple(positions[slot] for slot in self._slots),

@@ -1,4 +1,4 @@
-"""Where a link is and how it moves: poses as `link_states` has them, and IMUs."""
+"""Pose sensors and inertial measurement units (IMUs) on links."""
 
 from __future__ import annotations
 
@@ -17,16 +17,16 @@ from aras_visual_servo_base.poses import (
     conjugate,
     cross,
     multiply,
-    normalised,
+    normalise,
     rotate,
-    scaled,
+    scale,
     subtract,
 )
 
 
 @dataclass(frozen=True)
 class PoseReading:
-    """Pose and twist of a link's frame, in the axes of the sensor's frame."""
+    """Pose and twist of a link frame, expressed in the reference frame of the sensor."""
 
     stamp_ns: int
     pose: Pose
@@ -35,8 +35,11 @@ class PoseReading:
 
 @dataclass(frozen=True)
 class ImuReading:
-    """orientation in the world, or from that at the start; angular_velocity (rad/s) and
-    linear_acceleration (m/s²) in the sensor's axes."""
+    """One reading of an IMU.
+
+    `orientation` is relative to the world or to the orientation at the start. `angular_velocity`
+    (rad/s) and `linear_acceleration` (m/s²) are expressed in the sensor frame.
+    """
 
     stamp_ns: int
     orientation: Quaternion
@@ -45,35 +48,38 @@ class ImuReading:
 
 
 class PoseSensor(RateSensor[None]):
-    """libgazebo_ros_p3d.so: in the world to the bit what `link_states` tells."""
+    """Pose sensor of libgazebo_ros_p3d.so.
 
-    def _state(self) -> None:
+    In the world frame its readings are bit-identical to those of /gazebo/link_states.
+    """
+
+    def _read_state(self) -> None:
         return None
 
-    def _measured(self, before: None, time_ns: int, seconds: float) -> PoseReading:
-        given = self.description
-        pose, twist = self.model.link_state(given.link)
-        if given.frame not in WORLDS:
-            frame, moving = self.model.link_state(given.frame)
+    def _measure(self, before: None, time_ns: int, seconds: float) -> PoseReading:
+        description = self.description
+        pose, twist = self.model.link_state(description.link)
+        if description.frame not in WORLDS:
+            frame, frame_twist = self.model.link_state(description.frame)
             lever = subtract(pose.xyz, frame.xyz)
-            back = conjugate(frame.quat)
-            # As a frame that turns sees it: what it carries along is no motion.
-            carried = add(moving.linear, cross(moving.angular, lever))
-            twist = Twist(rotate(back, subtract(twist.linear, carried)),
-                          rotate(back, subtract(twist.angular, moving.angular)))
+            inverse = conjugate(frame.quat)
+            # Relative to a moving frame: subtract the velocity of a point fixed in this frame.
+            transport = add(frame_twist.linear, cross(frame_twist.angular, lever))
+            twist = Twist(rotate(inverse, subtract(twist.linear, transport)),
+                          rotate(inverse, subtract(twist.angular, frame_twist.angular)))
             pose = frame.inverse() @ pose
-        xyz, rpy = given.offset
+        xyz, rpy = description.offset
         if any(xyz) or any(rpy):
             turn = Pose.from_rpy((0.0, 0.0, 0.0), rpy).quat
-            pose = Pose(add(pose.xyz, xyz), normalised(multiply(turn, pose.quat)))
-        return PoseReading(time_ns, pose, Twist(*self._noisy(*twist, time_ns)))
+            pose = Pose(add(pose.xyz, xyz), normalise(multiply(turn, pose.quat)))
+        return PoseReading(time_ns, pose, Twist(*self._add_noise(*twist, time_ns)))
 
 
 class Imu(RateSensor[Vector3]):
-    """libgazebo_ros_imu_sensor.so: its acceleration is what a real one feels, g upwards at rest.
+    """IMU of libgazebo_ros_imu_sensor.so; at rest it measures g upwards, like a real one.
 
-    The acceleration is the mean over a period of the sensor's own rate, which may be another one
-    than that of its readings, or over one step.
+    The acceleration is averaged over one period of the sensor's sampling rate, which may differ
+    from the rate of its readings. With sampling rate 0 it is averaged over one physics step.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
@@ -82,40 +88,42 @@ class Imu(RateSensor[Vector3]):
         self._link_T_imu = Pose.from_rpy(*description.pose)
         rate = description.sample_rate
         self._span_ns = round(1e9 / rate) if rate > 0.0 else 0
-        self._start = self._moving()[0]
+        self._start = self._read_motion()[0]
 
-    def _state(self) -> Vector3:
-        return self._moving()[1]
+    def _read_state(self) -> Vector3:
+        return self._read_motion()[1]
 
-    def _moving(self) -> tuple[Quaternion, Vector3, Vector3]:
-        """Orientation, velocity and angular velocity of the sensor, world axes."""
+    def _read_motion(self) -> tuple[Quaternion, Vector3, Vector3]:
+        """Return orientation, velocity and angular velocity of the sensor in world axes."""
         pose, twist = self.model.link_state(self.description.link)
         arm = rotate(pose.quat, self._link_T_imu.xyz)
         velocity = add(twist.linear, cross(twist.angular, arm))
         return (pose @ self._link_T_imu).quat, velocity, twist.angular
 
-    def _felt(self, acceleration: Vector3) -> Vector3:
+    def _sense_acceleration(self, acceleration: Vector3) -> Vector3:
         return subtract(acceleration, self._world.gravity)
 
-    def _measured(self, before: Vector3, time_ns: int, seconds: float) -> ImuReading:
-        quat, velocity, turning = self._moving()
-        felt = self._felt(scaled(subtract(velocity, before), 1.0 / seconds))
-        back = conjugate(quat)
-        turning, felt = self._noisy(rotate(back, turning), rotate(back, felt), time_ns)
-        return ImuReading(time_ns, self._orientation(quat), turning, felt)
+    def _measure(self, before: Vector3, time_ns: int, seconds: float) -> ImuReading:
+        quat, velocity, omega = self._read_motion()
+        acceleration = self._sense_acceleration(scale(subtract(velocity, before), 1.0 / seconds))
+        inverse = conjugate(quat)
+        omega, acceleration = self._add_noise(
+            rotate(inverse, omega), rotate(inverse, acceleration), time_ns
+        )
+        return ImuReading(time_ns, self._compute_orientation(quat), omega, acceleration)
 
-    def _orientation(self, quat: Quaternion) -> Quaternion:
-        given = self.description
-        if given.from_start:
-            quat = normalised(multiply(conjugate(self._start), quat))
-        if any(given.offset[1]):
-            turn = Pose.from_rpy((0.0, 0.0, 0.0), given.offset[1]).quat
-            quat = normalised(multiply(turn, quat))
+    def _compute_orientation(self, quat: Quaternion) -> Quaternion:
+        description = self.description
+        if description.from_start:
+            quat = normalise(multiply(conjugate(self._start), quat))
+        if any(description.offset[1]):
+            turn = Pose.from_rpy((0.0, 0.0, 0.0), description.offset[1]).quat
+            quat = normalise(multiply(turn, quat))
         return quat
 
 
 class BodyImu(Imu):
-    """libgazebo_ros_imu.so: its acceleration is that of the link, without gravity."""
+    """IMU of libgazebo_ros_imu.so; it measures the acceleration of the link without gravity."""
 
-    def _felt(self, acceleration: Vector3) -> Vector3:
+    def _sense_acceleration(self, acceleration: Vector3) -> Vector3:
         return acceleration

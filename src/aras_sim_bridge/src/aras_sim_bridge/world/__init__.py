@@ -1,4 +1,4 @@
-"""The physics world: the only folder that calls Bullet's dynamics."""
+"""Physics world; no other package calls Bullet's dynamics."""
 
 from aras_visual_servo_base.lazy import lazy_exports
 

@@ -1,10 +1,10 @@
-"""A bolted model as a tree of bodies that its joints move: numbers for joint_dynamics.py."""
+"""Kinematic tree of a model with a fixed base, as arrays for joint_dynamics.py."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.description.inertia import tensor
+from aras_sim_bridge.description.inertia import inertia_tensor
 from aras_sim_bridge.description.types import Inertial, RobotDescription, Vector3
 from aras_sim_bridge.world.joint_dynamics import (
     FASTEST,
@@ -18,22 +18,28 @@ from aras_sim_bridge.world.joint_dynamics import (
 )
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
-_BODY = 50  # numbers of a body
-_RETURN_SPEED = 1.0  # rad/s or m/s, of a joint without a velocity limit back into its limits
+_BODY = 50  # columns of a row of `bodies`
+# rad/s or m/s: speed at which a joint without a velocity limit returns into its position limits
+_RETURN_SPEED = 1.0
 
 
 class Articulation:
-    """What one joint moves, with all that is fixed to it, is one body; the root stands still.
+    """Rigid bodies of a fixed-base model, one per moving joint.
+
+    A body consists of the child link of a moving joint and all links that are fixed to it. The base
+    consists of the root link and all links that are fixed to it.
 
     Attributes:
-        bodies (n, 50): of each joint, in the order of `names`: its frame in its parent body's at
-            position 0 (0:27 three matrices for rotation = 0 + cos q * 9 + sin q * 18, 27:30
-            origin), 30:33 axis, mass 33, first moment 34:37 and second 37:43 (xx xy xz yy yz zz) in
-            the joint's frame, about its origin; 43:47 mass and first moment that gravity pulls at;
-            47:50 axis in the parent's frame.
-        base (50,): the same of all that no joint moves, in the root's frame.
-        tree (n, 4): see joint_dynamics.py.
-        link_joint: by link, the joint that moves it, by number; -1: none does.
+        names: moving joints; row k of the arrays belongs to joint names[k].
+        bodies (n, 50): one row per moving joint. Columns 0:30 give the joint frame in the frame of
+            the parent body: three (3, 3) matrices A, B, C for the rotation
+            A + B cos(q) + C sin(q), then the origin (m). Columns 30:33 are the axis in the joint
+            frame, 33 the mass (kg), 34:37 the first moments (kg m) and 37:43 the second moments of
+            mass (kg m²; xx xy xz yy yz zz) in the joint frame about its origin, 43:47 the mass and
+            first moments of the links that gravity acts on, 47:50 the axis in the parent's frame.
+        base (50,): the same columns for the base, in the root frame.
+        tree (n, 4): topology, see joint_dynamics.py.
+        link_joint: index of the joint that moves each link; -1 for the links of the base.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
@@ -47,7 +53,7 @@ class Articulation:
         for joint in description.joints.values():
             children.setdefault(joint.parent, []).append(joint)
         order: list[int] = []
-        # link, the joint that moves it, its frame in that joint's
+        # link, index of the joint that moves it, pose of the link in that joint's frame
         pending: list[tuple[str, int, Pose]] = [(description.root, -1, IDENTITY)]
         while pending:
             name, mover, pose = pending.pop()
@@ -71,24 +77,25 @@ class Articulation:
         self.tree[:, 3] = range(count)
 
     def _set_frame(self, body: int, at: Pose, axis: Vector3) -> None:
-        """Put the joint's frame at `at` in the parent's."""
-        turn, u = at.matrix()[:3, :3], np.array(axis)
+        """Write the pose `at` of the joint frame in the parent frame, and the axis."""
+        rotation, u = at.matrix()[:3, :3], np.array(axis)
         along = np.outer(u, u)
         skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
         row = self.bodies[body]
         for k, part in enumerate((along, np.eye(3) - along, skew)):
-            row[9 * k : 9 * k + 9] = (turn @ part).ravel()
+            row[9 * k : 9 * k + 9] = (rotation @ part).ravel()
         row[27:30] = at.xyz
         row[30:33] = u
-        row[47:50] = turn @ u
+        row[47:50] = rotation @ u
 
 
 def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) -> None:
-    """Add a link's inertia to the body's; `pose` is the link's frame in the joint's."""
+    """Add the inertia of a link to the row of its body; `pose` is the link's frame in the joint's.
+    """
     frame = pose @ inertial.pose
-    turn = frame.matrix()[:3, :3]
+    rotation = frame.matrix()[:3, :3]
     centre = np.array(frame.xyz)
-    about_centre = turn @ tensor(inertial.inertia) @ turn.T
+    about_centre = rotation @ inertia_tensor(inertial.inertia) @ rotation.T
     second = about_centre + inertial.mass * (
         centre @ centre * np.eye(3) - np.outer(centre, centre)
     )
@@ -100,9 +107,13 @@ def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) ->
         row[44:47] += inertial.mass * centre
 
 
-def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.ndarray) -> np.ndarray:
-    """(n, 11) `joints` of joint_dynamics.py without damping and friction; mimicking ones enter
-    their leaders into `tree`."""
+def make_joint_rows(
+    description: RobotDescription, names: Sequence[str], tree: np.ndarray
+) -> np.ndarray:
+    """Return the (n, 11) array `joints` of joint_dynamics.py, without damping and friction.
+
+    For each mimicking joint, the index of its leader is written to tree[:, 3].
+    """
     rows = np.zeros((len(names), 11))
     rows[:, RATIO] = 1.0
     rows[:, LOWER], rows[:, UPPER], rows[:, FASTEST] = -np.inf, np.inf, np.inf
@@ -117,7 +128,7 @@ def joint_rows(description: RobotDescription, names: Sequence[str], tree: np.nda
             if limits.velocity > 0.0:
                 rows[k, RETURN] = limits.velocity
         ratio, offset = 1.0, 0.0
-        while joint.mimic is not None:  # a file whose mimics form a loop is refused
+        while joint.mimic is not None:  # ends: the reader rejects files whose mimics form a loop
             offset += ratio * joint.mimic.offset
             ratio *= joint.mimic.multiplier
             joint = description.joints[joint.mimic.joint]

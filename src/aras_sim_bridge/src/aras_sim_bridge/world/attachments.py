@@ -1,6 +1,6 @@
-"""Fixed joints between links of any two models, made and taken away while time passes.
+"""Fixed joints that are added and removed between links of two models during the simulation.
 
-The plug-ins gazebo_ros_link_attacher and gazebo_grasp_fix hold things in this way.
+The counterparts of the plug-ins gazebo_ros_link_attacher and gazebo_grasp_fix use them.
 """
 
 from __future__ import annotations
@@ -13,13 +13,13 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Pose
 
-# N and N m that a joint gives at most: more than any motor here, and little enough that a
-# thing that is caught in a wall does not make the solver diverge.
-_STRONGEST = 1e6
+# N and N m, the largest force and torque of such a joint: above that of any motor here, and small
+# enough that the solver does not diverge when an attached object is caught in a wall.
+_LARGEST_FORCE = 1e6
 
 
-class Ends(NamedTuple):
-    """The two links that a fixed joint connects, by their models' names."""
+class AttachedLinks(NamedTuple):
+    """Two links that a fixed joint connects, and the names of their models."""
 
     model: str
     link: str
@@ -28,36 +28,37 @@ class Ends(NamedTuple):
 
 
 class Attachments:
-    """The fixed joints of a world.
+    """Fixed joints between the models of a world.
 
-    Two links that are attached do not collide, as ODE has it of bodies that a joint connects. A
-    model that is attached makes its steps in Bullet, together with what it holds.
+    Two attached links do not collide with each other, as in ODE. While a model is attached, Bullet
+    steps it together with the model at the other end of the joint.
     """
 
     def __init__(self, client: int, models: Mapping[str, Model],
-                 changed: Callable[[], None]) -> None:
-        """`changed` is called when a joint came or went."""
-        self._client, self._models, self._changed = client, models, changed
-        self._frames: dict[Ends, Pose] = {}
-        self._constraints: dict[Ends, int] = {}
-        self._untouchable: set[Ends] = set()
+                 on_change: Callable[[], None]) -> None:
+        """Create an empty set of joints; `on_change` is called after one is added or removed."""
+        self._client, self._models, self._on_change = client, models, on_change
+        self._frames: dict[AttachedLinks, Pose] = {}
+        self._constraints: dict[AttachedLinks, int] = {}
+        self._without_contacts: set[AttachedLinks] = set()
 
     def __bool__(self) -> bool:
         return bool(self._frames)
 
-    def __contains__(self, ends: Ends) -> bool:
+    def __contains__(self, ends: AttachedLinks) -> bool:
         return ends in self._frames
 
-    def attach(self, ends: Ends, collides: bool = True) -> None:
-        """Hold the second link where it is now in the first one's frame.
+    def attach(self, ends: AttachedLinks, collides: bool = True) -> None:
+        """Fix the second link at its present pose in the frame of the first link.
 
         Args:
-            collides: whether the second link touches anything meanwhile.
+            ends: links to connect.
+            collides: whether the second link still collides with other bodies.
 
         Raises:
-            WorldError: a model or link that does not exist, or twice the same link.
+            WorldError: a model or link does not exist, or both links are the same.
         """
-        first, second = self._end(ends.model, ends.link), self._end(ends.other_model,
+        first, second = self._find_link(ends.model, ends.link), self._find_link(ends.other_model,
                                                                     ends.other_link)
         if first == second:
             raise WorldError(f"link '{ends.link}' of model '{ends.model}' cannot be attached to "
@@ -67,63 +68,65 @@ class Attachments:
         self._frames[ends] = (first[0].link_pose(ends.link).inverse()
                               @ second[0].link_pose(ends.other_link))
         if not collides:
-            self._untouchable.add(ends)
-        self._mark()
-        self._changed()
+            self._without_contacts.add(ends)
+        self._update_models()
+        self._on_change()
 
-    def detach(self, ends: Ends) -> None:
-        """Let the second link go; WorldError where it is not held."""
+    def detach(self, ends: AttachedLinks) -> None:
+        """Remove the joint between two links; WorldError if they are not attached."""
         if ends not in self._frames:
-            held = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
+            attached = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"
-                             f"{ends.other_link}' are not attached; attached are: {held}")
+                             f"{ends.other_link}' are not attached; attached are: {attached}")
         self._forget(ends)
-        self._mark()
-        self._changed()
+        self._update_models()
+        self._on_change()
 
-    def leaves(self, model: Model) -> None:
-        """A model goes: whatever is attached to it is free."""
-        for ends in self._of(model):
+    def detach_model(self, model: Model) -> None:
+        """Remove all joints of a model that is about to be deleted."""
+        for ends in self._find_attachments(model):
             self._forget(ends)
-        self._mark()
+        self._update_models()
 
     def clear(self) -> None:
-        """Forget all of them: Bullet has none any more."""
-        self._untouchable.clear()
+        """Forget all joints, after Bullet was reset."""
+        self._without_contacts.clear()
         self._frames.clear()
         self._constraints.clear()
-        self._mark()
+        self._update_models()
 
     def suspend(self, model: Model) -> None:
-        """A model is about to be loaded again: take its joints out of Bullet until `renew`."""
-        for ends in self._of(model):
-            self._remove(ends)
+        """Remove the joints of a model from Bullet before it is reloaded; `renew` restores them."""
+        for ends in self._find_attachments(model):
+            self._remove_constraint(ends)
 
     def renew(self) -> None:
-        """Give Bullet the joints that it does not have."""
+        """Create the joints in Bullet that it does not have yet."""
         for ends in self._frames:
             if ends not in self._constraints:
-                self._make(ends)
+                self._make_constraint(ends)
 
-    def hide(self) -> None:
-        """Keep Bullet from looking at links that touch nothing while they are held."""
-        for ends in self._untouchable:
-            second, index = self._end(ends.other_model, ends.other_link)
+    def disable_contacts(self) -> None:
+        """Disable all contacts of the links that were attached with `collides=False`."""
+        for ends in self._without_contacts:
+            second, index = self._find_link(ends.other_model, ends.other_link)
             pybullet.setCollisionFilterGroupMask(second.body_id, index, 0, 0,
                                                  physicsClientId=self._client)
 
-    def _forget(self, ends: Ends) -> None:
-        self._remove(ends)
+    def _forget(self, ends: AttachedLinks) -> None:
+        self._remove_constraint(ends)
         del self._frames[ends]
-        self._untouchable.discard(ends)
+        self._without_contacts.discard(ends)
 
-    def _bodies(self, ends: Ends) -> tuple[Model, Model]:
-        return self._end(ends.model, ends.link)[0], self._end(ends.other_model, ends.other_link)[0]
+    def _find_bodies(self, ends: AttachedLinks) -> tuple[Model, Model]:
+        return self._find_link(ends.model, ends.link)[0], self._find_link(
+            ends.other_model, ends.other_link
+        )[0]
 
-    def _of(self, model: Model) -> list[Ends]:
-        return [one for one in self._frames if model in self._bodies(one)]
+    def _find_attachments(self, model: Model) -> list[AttachedLinks]:
+        return [one for one in self._frames if model in self._find_bodies(one)]
 
-    def _end(self, model: str, link: str) -> tuple[Model, int]:
+    def _find_link(self, model: str, link: str) -> tuple[Model, int]:
         if model not in self._models:
             raise WorldError(f"model '{model}' does not exist; there are: "
                              f"{', '.join(self._models) or 'none'}")
@@ -131,31 +134,41 @@ class Attachments:
         found = next((one for one in bodies if link in one.link_indices), bodies[0])
         return found, found.link_index(link)
 
-    def _mark(self) -> None:
-        held = {id(body) for one in self._frames for body in self._bodies(one)}
+    def _update_models(self) -> None:
+        attached = {id(body) for one in self._frames for body in self._find_bodies(one)}
         for model in self._models.values():
-            model.attached = id(model) in held
+            model.is_attached = id(model) in attached
 
-    def _make(self, ends: Ends) -> None:
-        (first, index), (second, other) = (self._end(ends.model, ends.link),
-                                           self._end(ends.other_model, ends.other_link))
-        own = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
-        theirs = second.body.inertial_poses[ends.other_link].inverse()
+    def _make_constraint(self, ends: AttachedLinks) -> None:
+        (first, index), (second, other) = (self._find_link(ends.model, ends.link),
+                                           self._find_link(ends.other_model, ends.other_link))
+        first_frame = first.body.inertial_poses[ends.link].inverse() @ self._frames[ends]
+        second_frame = second.body.inertial_poses[ends.other_link].inverse()
         joint = pybullet.createConstraint(
-            first.body_id, index, second.body_id, other, pybullet.JOINT_FIXED, (0.0, 0.0, 0.0),
-            own.xyz, theirs.xyz, own.quat, theirs.quat, physicsClientId=self._client)
-        pybullet.changeConstraint(joint, maxForce=_STRONGEST, physicsClientId=self._client)
+            first.body_id,
+            index,
+            second.body_id,
+            other,
+            pybullet.JOINT_FIXED,
+            (0.0, 0.0, 0.0),
+            first_frame.xyz,
+            second_frame.xyz,
+            first_frame.quat,
+            second_frame.quat,
+            physicsClientId=self._client,
+        )
+        pybullet.changeConstraint(joint, maxForce=_LARGEST_FORCE, physicsClientId=self._client)
         self._constraints[ends] = joint
-        self._collide(ends, False)
+        self._set_collision(ends, False)
 
-    def _remove(self, ends: Ends) -> None:
+    def _remove_constraint(self, ends: AttachedLinks) -> None:
         joint = self._constraints.pop(ends, None)
         if joint is not None:
             pybullet.removeConstraint(joint, physicsClientId=self._client)
-            self._collide(ends, True)
+            self._set_collision(ends, True)
 
-    def _collide(self, ends: Ends, collide: bool) -> None:
-        (first, index), (second, other) = (self._end(ends.model, ends.link),
-                                           self._end(ends.other_model, ends.other_link))
+    def _set_collision(self, ends: AttachedLinks, collide: bool) -> None:
+        (first, index), (second, other) = (self._find_link(ends.model, ends.link),
+                                           self._find_link(ends.other_model, ends.other_link))
         pybullet.setCollisionFilterPair(first.body_id, second.body_id, index, other, collide,
                                         physicsClientId=self._client)

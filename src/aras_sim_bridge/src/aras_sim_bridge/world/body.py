@@ -1,32 +1,33 @@
-"""A description brought into Bullet: the body, its numbering, its dynamics."""
+"""Body of a model in Bullet: loading, indices of links and joints, and dynamics parameters."""
 
 import math
 
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import WorldError
-from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
-DEFAULT_FRICTION = 1.0  # Gazebo's
-_UNBOUNDED_VELOCITY = 1e9  # Bullet would cut joint velocities at 100 rad/s
-# m, by which Bullet makes the hulls of meshes larger. A root's is what it lets bodies
-# that rest sink in by, so that they stand at their own height; of links it does not let it be set.
+DEFAULT_FRICTION = 1.0  # Gazebo's default
+_UNBOUNDED_VELOCITY = 1e9  # Bullet limits joint velocities to 100 rad/s by default
+# m, Bullet's collision margins. Convex hulls of meshes grow by the margin, and resting bodies sink
+# in by the root's; it is small so that they rest at their true height. The margin of the other
+# links cannot be changed.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
 
 
 class Body:
-    """What Bullet holds of a model: its body, the numbers of its parts, and their dynamics.
+    """Body of one model in Bullet, with the indices of its links and joints.
 
     Attributes:
-        body_id: Bullet's, another one after each load.
-        links: Bullet's index by link; -1 is the root.
-        joint_indices: Bullet's index by joint.
-        inertial_poses: link_T_principal, Bullet's frame of a link, by link.
-        asleep: whether Bullet's steps leave it alone.
-        weightless: mass of the links that gravity does not pull at, kg.
-        friction: contact friction coefficient by Bullet's index of the link.
+        body_id: Bullet's body id; it changes with each load.
+        links: Bullet's link index by link name; -1 is the root.
+        joint_indices: Bullet's joint index by joint name.
+        inertial_poses: link_T_principal by link name; the principal frame is Bullet's link frame.
+        is_asleep: whether the body is put to sleep, so that Bullet's steps do not move it.
+        weightless_link_masses: masses of the links that gravity does not act on, kg.
+        friction: contact friction coefficient by Bullet's link index.
     """
 
     def __init__(self, client: int, name: str, fixed_base: bool) -> None:
@@ -34,23 +35,23 @@ class Body:
         self.name = name
         self.fixed_base = fixed_base
         self.body_id = -1
-        self.asleep = False
+        self.is_asleep = False
 
     def load(self, description: RobotDescription, pose: Pose) -> None:
-        """Bring a description into Bullet with its root at `pose`, at rest.
+        """Load a description into Bullet, at rest, with its root at `pose`.
 
         Raises:
-            WorldError: Bullet cannot load it.
+            WorldError: Bullet cannot load the model.
         """
-        bodies = bullet_file.with_massive_root(description)
+        bodies = bullet_files.give_root_mass(description)
         window = pybullet.getConnectionInfo(self.client)["connectionMethod"] == pybullet.GUI
-        with bullet_file.BulletFiles(bodies, self.fixed_base, window) as files:
-            self._draw(window, False)  # else a frame for each shape
+        with bullet_files.BulletFiles(bodies, self.fixed_base, window) as files:
+            self._draw(window, False)  # otherwise the window is redrawn for each shape
             try:
                 self.body_id = pybullet.loadURDF(
                     files.urdf, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
                     flags=pybullet.URDF_USE_INERTIA_FROM_FILE
-                    | pybullet.URDF_USE_IMPLICIT_CYLINDER,  # else prisms, which do not roll
+                    | pybullet.URDF_USE_IMPLICIT_CYLINDER,  # else a prism, which does not roll
                     physicsClientId=self.client)
             except pybullet.error as error:
                 raise WorldError(
@@ -60,15 +61,15 @@ class Body:
                 self._draw(window, True)
         self.inertial_poses = {
             link.name: IDENTITY if link.inertial is None
-            else bullet_file.principal_inertial(link.inertial)[0]
+            else bullet_files.find_principal_frame(link.inertial)[0]
             for link in bodies.links.values()
         }
-        self.weightless = {
+        self.weightless_link_masses = {
             link.name: link.inertial.mass for link in bodies.links.values()
             if not link.gravity and link.inertial is not None
         }
-        self.asleep = False
-        self._number(description)
+        self.is_asleep = False
+        self._read_indices(description)
         self._set_dynamics(bodies)
 
     def _draw(self, window: bool, on: bool) -> None:
@@ -77,12 +78,12 @@ class Body:
                                               physicsClientId=self.client)
 
     def remove(self) -> None:
-        """Take the body out of Bullet."""
+        """Remove the body from Bullet."""
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
-    def put_to_sleep(self, asleep: bool) -> None:
-        """Let Bullet's steps leave the body alone, or move it again from the next but one on."""
-        self.asleep = asleep
+    def set_asleep(self, asleep: bool) -> None:
+        """Put the body to sleep, or wake it up; a woken body moves from the second step on."""
+        self.is_asleep = asleep
         states = ((pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
                    pybullet.ACTIVATION_STATE_DISABLE_WAKEUP, pybullet.ACTIVATION_STATE_SLEEP)
                   if asleep else (pybullet.ACTIVATION_STATE_DISABLE_SLEEPING,
@@ -91,13 +92,13 @@ class Body:
             pybullet.changeDynamics(self.body_id, -1, activationState=state,
                                     physicsClientId=self.client)
 
-    def _number(self, description: RobotDescription) -> None:
+    def _read_indices(self, description: RobotDescription) -> None:
         links: dict[str, int] = {description.root: -1}
         joints: dict[str, int] = {}
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
             if info[1].decode() not in description.joints:
-                continue  # Bullet's first link, see bullet_file.py
+                continue  # the empty first link of bullet_files.py
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
         missing = set(description.links) - set(links)
@@ -109,13 +110,13 @@ class Body:
                          for index, mu in coefficients.items()}
 
     def _set_dynamics(self, bodies: RobotDescription) -> None:
-        """No hidden forces: Bullet's motors, damping and velocity bound off, ours on."""
+        """Disable Bullet's own motors, damping and velocity limit, and set ours."""
         client, body = self.client, self.body_id
-        # Of the whole body: with one of these in it, PyBullet applies a link's call to the root.
+        # For the whole body: with one of these settings, PyBullet applies a link call to the root.
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
                                 maxJointVelocity=_UNBOUNDED_VELOCITY, collisionMargin=ROOT_MARGIN,
                                 physicsClientId=client)
-        gripping = _gripping(bodies)
+        gripping = _find_gripping_links(bodies)
         for name, index in self.links.items():
             link = bodies.links[name]
             settings = {
@@ -123,21 +124,26 @@ class Body:
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):
-                # Bullet zeroes tensors that break the triangle inequality: say it again.
-                settings["localInertiaDiagonal"] = bullet_file.principal_inertial(link.inertial)[1]
+                # Bullet zeroes tensors that violate the triangle inequality: set the true moments.
+                settings["localInertiaDiagonal"] = bullet_files.find_principal_frame(link.inertial)[
+                    1
+                ]
             pybullet.changeDynamics(body, index, physicsClientId=client, **settings)
 
 
-def _gripping(description: RobotDescription) -> set[str]:
-    """Links that may hold something by friction: those that a joint with stops moves. Bullet keeps
-    in place what they hold; it creeps by a millimetre in ten seconds else, for the sweeps of the
-    solver end early. Wheels have no stops, and would gain speed by it."""
-    above = {joint.child: joint for joint in description.joints.values()}
+def _find_gripping_links(description: RobotDescription) -> set[str]:
+    """Return the links that may hold an object by friction: those moved by a joint with stops.
+
+    These links get Bullet's friction anchors. Without anchors a grasped object creeps by a
+    millimetre in ten seconds, because the solver stops iterating early. Wheels have no stops and
+    get no anchors: anchors would make them gain speed.
+    """
+    parent_joints = {joint.child: joint for joint in description.joints.values()}
     found = set()
-    for link in above:
-        joint = above[link]
-        while not joint.moves and joint.parent in above:
-            joint = above[joint.parent]
-        if joint.moves and math.isfinite(sum(joint.stops)):
+    for link in parent_joints:
+        joint = parent_joints[link]
+        while not joint.is_movable and joint.parent in parent_joints:
+            joint = parent_joints[joint.parent]
+        if joint.is_movable and math.isfinite(sum(joint.stops)):
             found.add(link)
     return found

@@ -1,4 +1,4 @@
-"""PyBullet, without the lines that it writes from C, past sys.stdout and sys.stderr."""
+"""PyBullet without the lines that its C code prints, and the management of Bullet clients."""
 
 import ctypes
 import os
@@ -9,95 +9,100 @@ from contextlib import contextmanager
 
 
 @contextmanager
-def quiet() -> Iterator[None]:
-    """Let what C code writes to standard output and error go nowhere meanwhile.
+def silence_output() -> Iterator[None]:
+    """Discard all that C and Python code writes to standard output and error.
 
-    What goes wrong still arrives as an exception.
+    Errors still arrive as exceptions.
     """
-    flush = ctypes.CDLL(None).fflush  # C keeps what it writes to a pipe or file
+    flush = ctypes.CDLL(None).fflush  # C buffers its output to pipes and files
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
     flush(None)
-    kept = {fd: os.dup(fd) for fd in (1, 2)}
-    nowhere = os.open(os.devnull, os.O_WRONLY)
+    saved = {fd: os.dup(fd) for fd in (1, 2)}
+    null_device = os.open(os.devnull, os.O_WRONLY)
     try:
-        for fd in kept:
-            os.dup2(nowhere, fd)
+        for fd in saved:
+            os.dup2(null_device, fd)
         yield
     finally:
         flush(None)
-        for fd, copy in kept.items():
+        for fd, copy in saved.items():
             os.dup2(copy, fd)
             os.close(copy)
-        os.close(nowhere)
+        os.close(null_device)
 
 
 if "pybullet" not in sys.modules:
-    with quiet():  # "pybullet build time: …"
+    with silence_output():  # it prints "pybullet build time: …"
         import pybullet
 else:
     import pybullet
 
-__all__ = ["connected", "contacts_of", "give_back", "pybullet", "quiet"]
+__all__ = ["connect", "find_contacts", "release_client", "pybullet", "silence_output"]
 
-# Bullets without a window that were given back before their first step. Connecting takes 14 ms of a
-# study's run; one that made steps is not used again, since only a fresh one is deterministic.
-_spare: list[int] = []
+# Clients without a window that were released before their first step. Connecting takes 14 ms of a
+# study's run. A client that has made steps is not reused: only a fresh one is deterministic.
+_idle_clients: list[int] = []
 
 
-# Bullet ends the whole process where it cannot open its window: another one tries first.
-_WINDOW = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
-WINDOW_TIME = 30.0  # s
+# Bullet ends the process if it cannot open its window, so another process tries first.
+_WINDOW_PROGRAM = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
+WINDOW_TIMEOUT = 30.0  # s
 
 
 def check_window() -> None:
-    """Try to open Bullet's window in a process that may end.
+    """Check in a separate process that Bullet can open its window.
 
     Raises:
-        pybullet.error: it cannot be opened on this display.
+        pybullet.error: the window cannot be opened on this display.
     """
     display = os.environ.get("DISPLAY", "")
     try:
-        done = subprocess.run(
-            [sys.executable, "-c", _WINDOW], capture_output=True, text=True, check=False,
-            timeout=WINDOW_TIME, stdin=subprocess.DEVNULL,
+        result = subprocess.run(
+            [sys.executable, "-c", _WINDOW_PROGRAM], capture_output=True, text=True, check=False,
+            timeout=WINDOW_TIMEOUT, stdin=subprocess.DEVNULL,
         )
     except subprocess.TimeoutExpired:
         raise pybullet.error(f"display '{display}' does not answer") from None
-    if done.returncode:
-        said = [line.strip() for line in done.stderr.splitlines() if line.strip()]
-        why = next((line for line in reversed(said) if "build time" not in line), "it ends")
-        raise pybullet.error(f"display '{display}': {why}")
+    if result.returncode:
+        lines = [line.strip() for line in result.stderr.splitlines() if line.strip()]
+        reason = next((line for line in reversed(lines) if "build time" not in line), "it ends")
+        raise pybullet.error(f"display '{display}': {reason}")
 
 
-def connected(window: bool) -> int:
-    """An empty Bullet's client id, or a negative number; pybullet.error without a display."""
+def connect(window: bool) -> int:
+    """Return the id of an empty Bullet client, or a negative number on failure.
+
+    Raises:
+        pybullet.error: the window cannot be opened.
+    """
     if window:
         check_window()
         return pybullet.connect(pybullet.GUI)
     try:
-        return _spare.pop()
+        return _idle_clients.pop()
     except IndexError:
         return pybullet.connect(pybullet.DIRECT)
 
 
-def give_back(client: int, fresh: bool) -> None:
-    """Be done with a client; `fresh`: it has no window and has never made a step."""
-    if fresh and not _spare:
+def release_client(client: int, is_unused: bool) -> None:
+    """Release a client; `is_unused` means that it has no window and has never made a step."""
+    if is_unused and not _idle_clients:
         pybullet.resetSimulation(physicsClientId=client)
-        _spare.append(client)
+        _idle_clients.append(client)
     else:
         pybullet.disconnect(client)
 
 
-def contacts_of(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
-    """What touches a body: its link, the other body, that one's link, and sixteen numbers: the
-    point (m, world), three forces on the body (normal, two of friction), each as its size (N) and
-    a direction, and the depth (m) to which the two are in each other.
+def find_contacts(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
+    """Return the contacts of a body: its link, the other body, the other link, sixteen numbers.
 
-    Asked for one body's contacts, PyBullet turns their normals round to suit but not their
-    friction; so all are asked for here, and turned as they should be.
+    The numbers are the contact point (m, world), three forces on the body (normal and two of
+    friction), each as magnitude (N) and unit direction, and the penetration depth (m).
+
+    For the contacts of a single body, PyBullet flips the normals where needed, but not the friction
+    directions. Therefore all contacts are read, and both are flipped here.
     """
     found = []
     for c in pybullet.getContactPoints(physicsClientId=client):

@@ -1,4 +1,4 @@
-"""What can be simulated: a model is checked before Bullet hears of it."""
+"""Checks that a model can be simulated, made before it is loaded into Bullet."""
 
 import math
 from collections.abc import Iterator
@@ -7,24 +7,24 @@ from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
 from aras_sim_bridge.errors import WorldError
 
-LARGEST = 1e9  # m, kg: beyond it doubles hold no micrometre, and Bullet's boxes overflow
-SMALLEST = 1e-9  # m, kg
-MOST_LINKS = 128  # of a model; PyBullet answers nothing about one with more
+LARGEST = 1e9  # m, kg: beyond it doubles do not resolve a micrometre, and Bullet's boxes overflow
+SMALLEST = 1e-9  # m, kg: smallest size and mass
+MOST_LINKS = 128  # of one model; PyBullet returns no data for a larger one
 
 
 def check_simulable(description: RobotDescription, name: str) -> None:
-    """Refuse what no dynamics, or not Bullet's, can have.
+    """Check that a model has finite sizes, valid inertias and at most MOST_LINKS links.
 
     Raises:
-        WorldError: naming model, link or joint, what is wrong with it and how to fix it.
+        WorldError: the message names the model, the link or joint, the fault and the remedy.
     """
     if len(description.links) > MOST_LINKS:
         raise WorldError(f"model '{name}' has {len(description.links)} links; Bullet simulates "
-                         f"{MOST_LINKS} in one model: join those that are fixed to each other, or "
-                         "make several models of it")
+                         f"at most {MOST_LINKS} in one model: merge links that are fixed to each "
+                         "other, or split the model")
     for link in description.links.values():
-        for where, size in _sizes(link):
-            if not size <= LARGEST:  # NaN neither
+        for where, size in _list_sizes(link):
+            if not size <= LARGEST:  # also refuses NaN
                 raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
                                  f"beyond {LARGEST:.0e} m")
             if where.endswith("size") and size < SMALLEST:
@@ -33,26 +33,28 @@ def check_simulable(description: RobotDescription, name: str) -> None:
         if link.inertial is not None and not description.static:
             _check_inertial(link.inertial, f"model '{name}', link '{link.name}'")
     for joint in description.joints.values():
-        far = math.hypot(*joint.origin_xyz)
-        if not far <= LARGEST:
-            raise WorldError(f"model '{name}', joint '{joint.name}': an origin {far:.4g} m away is "
-                             f"beyond {LARGEST:.0e} m")
+        distance = math.hypot(*joint.origin_xyz)
+        if not distance <= LARGEST:
+            raise WorldError(
+                f"model '{name}', joint '{joint.name}': an origin {distance:.4g} m away is "
+                f"beyond {LARGEST:.0e} m"
+            )
     if not description.static:
         _check_joints(description, name)
 
 
-def _sizes(link: Link) -> Iterator[tuple[str, float]]:
-    """What is measured in m in a link, with its name."""
+def _list_sizes(link: Link) -> Iterator[tuple[str, float]]:
+    """Yield the name and value of each length of a link, in m."""
     if link.inertial is not None:
         yield "a centre of mass", math.hypot(*link.inertial.origin_xyz)
     for kind, parts in (("visual", link.visuals), ("collision", link.collisions)):
         for part in parts:
             yield f"a {kind}'s origin", math.hypot(*part.origin_xyz)
-            for size in _extents(part.geometry):
+            for size in _list_extents(part.geometry):
                 yield f"a {kind}'s {part.geometry.kind} size", size
 
 
-def _extents(geometry: Geometry) -> tuple[float, ...]:
+def _list_extents(geometry: Geometry) -> tuple[float, ...]:
     if geometry.kind == "box":
         return geometry.size
     if geometry.kind == "mesh":
@@ -70,25 +72,25 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
     if moments[0] < -1e-9 * moments[2] or not moments[2] > 0.0:
         raise WorldError(f"{where}: the inertia tensor has the principal moments "
                          f"{', '.join(f'{m:.4g}' for m in moments)} kg m²; they must be positive")
-    arm = math.sqrt(moments[2] / inertial.mass)
-    if not SMALLEST <= arm <= LARGEST:
-        raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² is none for "
-                         f"{inertial.mass:.4g} kg; its radius of gyration would be {arm:.4g} m")
+    radius = math.sqrt(moments[2] / inertial.mass)
+    if not SMALLEST <= radius <= LARGEST:
+        raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² does not fit a mass of "
+                         f"{inertial.mass:.4g} kg; the radius of gyration would be {radius:.4g} m")
 
 
 def _check_joints(description: RobotDescription, name: str) -> None:
-    """No joints that move no mass."""
+    """Check that every moving joint moves some mass."""
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-    heavy: set[str] = set()  # links with mass at or below them
+    with_mass: set[str] = set()  # links that have mass, or carry links with mass
     for link in description.links.values():
-        above = link.name if link.inertial is not None else None
-        while above is not None and above not in heavy:
-            heavy.add(above)
-            above = parents.get(above)
+        name_above = link.name if link.inertial is not None else None
+        while name_above is not None and name_above not in with_mass:
+            with_mass.add(name_above)
+            name_above = parents.get(name_above)
     for joint in description.joints.values():
-        if joint.moves and joint.child not in heavy:
+        if joint.is_movable and joint.child not in with_mass:
             raise WorldError(
                 f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
                 "no mass; give it an <inertial>"

@@ -1,9 +1,9 @@
-"""libgazebo_grasp_fix.so: what fingers press from opposite sides is attached to the palm.
+"""Counterpart of libgazebo_grasp_fix.so: a grasped object is attached to the palm of the gripper.
 
-Friction alone does not hold things for long in a simulated gripper. The plug-in counts, some times
-a second, whether two fingers push an object with opposed forces; beyond a threshold the object is
-attached to the palm, and it is let go once the count has fallen and a finger has moved away from
-the place where it touched (JenniferBuehler/gazebo-pkgs, GazeboGraspFix).
+Friction alone does not hold an object for long in a simulated gripper. Several times a second, the
+plug-in checks whether two fingers press an object with opposed forces, and counts up or down. Above
+a threshold the object is attached to the palm. It is released when the count has fallen and a
+finger has moved away from its contact point (JenniferBuehler/gazebo-pkgs, GazeboGraspFix).
 """
 
 from __future__ import annotations
@@ -17,26 +17,29 @@ from itertools import combinations
 import numpy as np
 
 from aras_sim_bridge.description.types import GraspArm, GraspDescription
-from aras_sim_bridge.world.attachments import Attachments, Ends
-from aras_sim_bridge.world.bullet import contacts_of, pybullet
+from aras_sim_bridge.world.attachments import AttachedLinks, Attachments
+from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.world import World
 from aras_visual_servo_base.poses import Pose
 
 log = logging.getLogger(__name__)
 
-_LEAST_FORCE = 1e-4  # N; upstream passes over smaller ones
-_LEAST_RATIO = 0.3  # of the smaller of two opposed forces to the greater, as upstream
+_LEAST_FORCE = 1e-4  # N; smaller forces are ignored, as upstream
+_LEAST_RATIO = 0.3  # of the smaller to the larger of two opposed forces, as upstream
 _NEVER = 1 << 62  # ns
-Thing = tuple[str, str]  # model and link
+LinkId = tuple[str, str]  # names of model and link
 
 
 @dataclass
-class Pressed:
-    """Sums over the steps in which a finger pressed a thing.
+class FingerContact:
+    """Sums over the steps in which a finger pressed an object.
 
-    force: on the thing, in the world, N. point, origin: of the contact and of the thing, in the
-    finger's frame, m.
+    Attributes:
+        steps: number of these steps.
+        force: force on the object in world axes, N.
+        point: contact point in the finger's frame, m.
+        origin: origin of the object in the finger's frame, m.
     """
 
     steps: int = 0
@@ -45,7 +48,7 @@ class Pressed:
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def add(self, force: np.ndarray, point: np.ndarray, origin: np.ndarray) -> None:
-        """One step more."""
+        """Add the values of one step."""
         self.steps += 1
         self.force += force
         self.point += point
@@ -53,16 +56,19 @@ class Pressed:
 
 
 @dataclass
-class Grasped:
-    """What an arm holds, by which joint, and where its fingers touched when it was attached."""
+class GraspedLink:
+    """Object that an arm holds, its joint, and the finger contacts when it was attached."""
 
-    thing: Thing
-    ends: Ends
-    touched: dict[str, Pressed]
+    link: LinkId
+    ends: AttachedLinks
+    finger_contacts: dict[str, FingerContact]
 
 
-def opposed(forces: Iterable[np.ndarray], angle: float) -> bool:
-    """Whether two of these forces are at more than `angle` (rad) and of comparable size."""
+def has_opposed_forces(forces: Iterable[np.ndarray], angle: float) -> bool:
+    """Return whether two of the forces have similar magnitudes and opposed directions.
+
+    Directions are opposed if they differ by more than `angle` (rad).
+    """
     for one, other in combinations(forces, 2):
         sizes = sorted((float(np.linalg.norm(one)), float(np.linalg.norm(other))))
         if sizes[0] < _LEAST_FORCE or sizes[0] < _LEAST_RATIO * sizes[1]:
@@ -74,23 +80,24 @@ def opposed(forces: Iterable[np.ndarray], angle: float) -> bool:
 
 
 class GraspFix:
-    """The plug-in of one model, in simulated time (upstream's counts by the wall clock).
+    """Grasp plug-in of one model, in simulated time (upstream's uses the wall clock).
 
     Attributes:
-        model: whose grippers grasp. held: what an arm holds, by the arm's name.
+        model: model with the grippers.
+        grasped: grasped object by name of the arm.
     """
 
     def __init__(self, description: GraspDescription, model: Model, world: World) -> None:
         self.description, self.model = description, model
         self._world = world
         self._arm_of = {finger: arm for arm in description.arms for finger in arm.fingers}
-        self.held: dict[str, Grasped] = {}
-        self._begin()
+        self.grasped: dict[str, GraspedLink] = {}
+        self._clear()
 
-    def _begin(self) -> None:
-        self.held.clear()
-        self._counts: dict[Thing, int] = {}
-        self._pressed: dict[Thing, dict[str, Pressed]] = {}
+    def _clear(self) -> None:
+        self.grasped.clear()
+        self._counts: dict[LinkId, int] = {}
+        self._finger_contacts: dict[LinkId, dict[str, FingerContact]] = {}
         self._due_ns = 0
 
     @property
@@ -99,25 +106,27 @@ class GraspFix:
 
     @property
     def idle_until_ns(self) -> int:
-        """Up to when, ns, steps may end without `after_step`: nothing touches what makes its own
-        steps."""
-        if self.model.joints.own and not self._counts and not self._pressed:
+        """Time in ns until which `after_step` need not be called.
+
+        A model that Bullet does not step touches nothing, so its fingers need no checks.
+        """
+        if self.model.joints.has_own_dynamics and not self._counts and not self._finger_contacts:
             return _NEVER
         return self._due_ns - 1
 
     def reset(self) -> None:
-        """Begin anew: the clock jumped, and nothing is attached any more."""
-        self._begin()
+        """Reset all counts after the clock jumped and all objects were detached."""
+        self._clear()
 
     def after_step(self, time_ns: int) -> None:
-        """Note what the fingers press in the step that ended at `time_ns`, and count."""
-        if not self.model.joints.own:
-            self._feel()
+        """Record the finger contacts of the step that ended at `time_ns`, and update the counts."""
+        if not self.model.joints.has_own_dynamics:
+            self._collect_contacts()
         if time_ns >= self._due_ns:
             self._due_ns = time_ns + round(1e9 / self.description.rate)
-            self._count()
+            self._update_counts()
 
-    def _feel(self) -> None:
+    def _collect_contacts(self) -> None:
         model = self.model
         fingers = {model.link_index(name): name for name in self._arm_of}
         if not any(pybullet.getContactPoints(bodyA=model.body_id, linkIndexA=index,
@@ -125,86 +134,88 @@ class GraspFix:
             return
         others = {one.body_id: one for one in self._world.models.values()}
         names = {}
-        found: dict[tuple[str, Thing], list[tuple[float, ...]]] = {}
-        for link, body, other_link, numbers in contacts_of(model.body_id, model.client):
+        found: dict[tuple[str, LinkId], list[tuple[float, ...]]] = {}
+        for link, body, other_link, numbers in find_contacts(model.body_id, model.client):
             other = others[body]
             if link not in fingers or numbers[3] == 0.0 or other.description.static:
                 continue
             if body not in names:
                 names[body] = {index: name for name, index in other.link_indices.items()}
-            thing = other.whole.name, names[body][other_link]
+            thing = other.main_model.name, names[body][other_link]
             found.setdefault((fingers[link], thing), []).append(numbers)
         for (finger, thing), points in found.items():
             values = np.array(points)
             on_finger = sum(values[:, [k]] * values[:, k + 1:k + 4] for k in (3, 7, 11))
             back = model.link_pose(finger).inverse()
-            origin = self._pose(thing).xyz
-            pressed = self._pressed.setdefault(thing, {}).setdefault(finger, Pressed())
+            origin = self._read_pose(thing).xyz
+            pressed = self._finger_contacts.setdefault(thing, {}).setdefault(
+                finger, FingerContact()
+            )
             pressed.add(-on_finger.mean(axis=0), np.array(back.apply(values[:, :3].mean(axis=0))),
                         np.array(back.apply(origin)))
 
-    def _count(self) -> None:
-        pressed = {thing: fingers for thing, fingers in self._pressed.items()
+    def _update_counts(self) -> None:
+        pressed = {thing: fingers for thing, fingers in self._finger_contacts.items()
                    if self._exists(thing)}
-        self._pressed = {}
-        for name, grasped in list(self.held.items()):
-            if grasped.ends not in self._attachments:  # its model is gone
-                del self.held[name]
+        self._finger_contacts = {}
+        for name, grasped in list(self.grasped.items()):
+            if grasped.ends not in self._attachments:  # the model of the object was deleted
+                del self.grasped[name]
         gripped = [thing for thing, fingers in pressed.items()
-                   if opposed((one.force / one.steps for one in fingers.values()),
+                   if has_opposed_forces((one.force / one.steps for one in fingers.values()),
                               self.description.angle)]
         for thing in gripped:
             count = min(self._counts.get(thing, 0) + 1, self.description.most)
             self._counts[thing] = count
             if count > self.description.threshold:
-                self._hold(thing, pressed[thing])
+                self._attach(thing, pressed[thing])
         for thing in [one for one in self._counts if one not in gripped]:
             self._counts[thing] -= 1
             if self._counts[thing] <= self.description.threshold:
                 self._release(thing)
-            if self._counts[thing] <= 0 and thing not in self._things():
+            if self._counts[thing] <= 0 and thing not in self._arms_by_link():
                 del self._counts[thing]
 
-    def _exists(self, thing: Thing) -> bool:
-        return self._body(thing) is not None
+    def _exists(self, link: LinkId) -> bool:
+        return self._find_body(link) is not None
 
-    def _body(self, thing: Thing) -> Model | None:
-        model = self._world.models.get(thing[0])
+    def _find_body(self, link: LinkId) -> Model | None:
+        model = self._world.models.get(link[0])
         bodies = model.bodies if model is not None else ()
-        return next((one for one in bodies if thing[1] in one.link_indices), None)
+        return next((one for one in bodies if link[1] in one.link_indices), None)
 
-    def _pose(self, thing: Thing) -> Pose:
-        return self._body(thing).link_pose(thing[1])
+    def _read_pose(self, link: LinkId) -> Pose:
+        return self._find_body(link).link_pose(link[1])
 
-    def _things(self) -> dict[Thing, str]:
-        return {grasped.thing: name for name, grasped in self.held.items()}
+    def _arms_by_link(self) -> dict[LinkId, str]:
+        return {grasped.link: name for name, grasped in self.grasped.items()}
 
-    def _hold(self, thing: Thing, fingers: dict[str, Pressed]) -> None:
-        """Attach a thing to the arm most of whose fingers press it."""
-        if thing in self._things():
+    def _attach(self, link: LinkId, fingers: dict[str, FingerContact]) -> None:
+        """Attach an object to the arm that presses it with the most fingers."""
+        if link in self._arms_by_link():
             return
         arms = [self._arm_of[finger] for finger in fingers]
         arm: GraspArm = max(arms, key=arms.count)
-        if arm.name in self.held:
+        if arm.name in self.grasped:
             return
-        ends = Ends(self.model.name, arm.palm, *thing)
+        ends = AttachedLinks(self.model.name, arm.palm, *link)
         touched = {finger: one for finger, one in fingers.items() if finger in arm.fingers}
         self._attachments.attach(ends, collides=self.description.collides)
-        self.held[arm.name] = Grasped(thing, ends, touched)
-        log.info("model '%s': arm '%s' holds '%s::%s'", self.model.name, arm.name, *thing)
+        self.grasped[arm.name] = GraspedLink(link, ends, touched)
+        log.info("model '%s': arm '%s' holds '%s::%s'", self.model.name, arm.name, *link)
 
-    def _release(self, thing: Thing) -> None:
-        """Let a thing go where a finger has moved away from the place where it touched."""
-        name = self._things().get(thing)
+    def _release(self, link: LinkId) -> None:
+        """Release an object if a finger has moved away from its contact point."""
+        name = self._arms_by_link().get(link)
         if name is None:
             return
-        origin = np.array(self._pose(thing).xyz)
-        for finger, one in self.held[name].touched.items():
+        origin = np.array(self._read_pose(link).xyz)
+        for finger, one in self.grasped[name].finger_contacts.items():
             point = one.point / one.steps
             before = np.linalg.norm(point - one.origin / one.steps)
             now = np.linalg.norm(self.model.link_pose(finger).apply(point) - origin)
             if abs(now - before) > self.description.release_tolerance:
-                self._attachments.detach(self.held.pop(name).ends)
-                self._counts[thing] = 0
-                log.info("model '%s': arm '%s' lets '%s::%s' go", self.model.name, name, *thing)
+                self._attachments.detach(self.grasped.pop(name).ends)
+                self._counts[link] = 0
+                log.info("model '%s': arm '%s' releases '%s::%s'", self.model.name, name, *link)
                 return

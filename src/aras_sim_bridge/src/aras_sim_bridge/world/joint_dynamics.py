@@ -1,62 +1,70 @@
-"""Dynamics of a bolted tree of bodies in its joints, and one time step of it; compiled.
+"""Joint-space dynamics of a fixed-base kinematic tree, and one time step of it; compiled.
 
-All vectors stand in the root's axes, spatial ones about the root's origin (angular part first), so
-that inertias and forces of a subtree add up without being moved. The mass matrix is that of
-composite bodies, gravity and velocity terms come by recursive Newton-Euler (Featherstone, Rigid
-Body Dynamics Algorithms, 2008, chapters 5 and 6).
+All vectors are in the axes of the root frame. Spatial vectors are about its origin, angular part
+first, so that the inertias and forces of a subtree are summed without being transformed. The mass
+matrix comes from the composite-rigid-body algorithm, gravity and velocity terms from the recursive
+Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6).
 
-A step is semi-implicit Euler with implicit damping, and solves exactly for what acts back:
+A step is semi-implicit Euler. Damping, springs, friction and stops are implicit:
 
     (M + dt D + dt² K) v+ = M v + dt (effort - bias - K (q - q0)) - dt (friction + stops),
     q+ = q + dt v+
 
-where K and q0 are of springs, |friction_i| <= f_i holds a joint's speed at its target (0; a
-velocity motor's), or takes f_i from it, and stops push as hard as it takes for q+ to be within the
-limits. This is a convex problem with one solution; the set of joints that stick, slide and stand at
-a stop is carried from step to step as a first guess, and mostly right.
+K and q0 are the stiffness and the rest position of the springs. The friction of joint i is at most
+f_i: below f_i the joint moves at its target speed (0, or that of a velocity motor), otherwise the
+friction equals f_i against the relative motion. The stops apply the effort that keeps q+ within the
+limits. This is a convex problem with one solution. The set of joints that stick, slide or are at a
+stop is stored as the first guess for the next step, and this guess is mostly right.
 
-Rows of the arrays, one per joint unless said otherwise:
+Arrays, with one row or column per joint unless stated otherwise:
 
-    bodies (n, 50): what Articulation.bodies holds
-    tree (n, 4): joint at this place of an order from the root outwards; parent (-1: the root);
-        whether it slides; the joint that it mimics, or itself
-    joints (n, 11): see the constants below
+    bodies (n, 50): see Articulation.bodies
+    tree (n, 4): tree[k, 0] is the k-th joint in an order from the root outwards; then for joint j:
+        its parent joint (-1: the root), whether it is prismatic, and the joint that it mimics (its
+        own index if none)
+    joints (n, 11): columns by the constants below
     state (3, n): position, velocity, effort (rad or m, per s, N m or N)
-    wrenches (n, 6): on each joint's body from outside, torque and force, for one step
+    wrenches (n, 6): external torque and force on each body in the next step
     gravity (3,): m/s²
-    frames (n, 46), matrices (3, n, n): room to work in; matrices[0] ends up as the mass matrix
-    rows (9, n): bias; effort of damping, springs and stops; new velocity; that before; room to work
-    modes (n,): the set carried from step to step
+    frames (n, 46), matrices (3, n, n): work space; matrices[0] receives the mass matrix
+    rows (9, n): bias; effort of damping, springs and stops; new velocity; old velocity; work space
+    modes (n,): the set that is stored from step to step
 """
 
 from math import cos, inf, isfinite, sin, sqrt
 
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 
-# columns of `joints`
+# column indices of the array `joints`
 (DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
  REST) = range(11)
-# values of `modes`: at the target speed, faster, slower, held at the lower or upper bound
+# values of `modes`: at the target speed, above it, below it, at the lower or the upper bound
 _AT, _ABOVE, _BELOW, _LOW, _HIGH = range(5)
-# Share of the way back into its limits that a joint found outside makes in one step.
+# Share of its position error that a joint outside its limits, or a mimicking joint, corrects per
+# step.
 _BACK = 0.2
-# A world is given up beyond it: at 1 ms a joint turns by 160 turns a step, and no force depends on
-# its position any more. rad/s or m/s.
+# rad/s or m/s: beyond it the simulation counts as diverged. With steps of 1 ms, a joint then makes
+# 160 turns per step, and no force can depend on its position.
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
-_GUESSES, _SWEEPS = 20, 4000  # of sets, before sweeps are made; of those
-_SMALL = 1e-12  # of the sizes at hand: what rounding leaves
+_GUESSES, _SWEEPS = 20, 4000  # largest numbers of mode corrections, and of sweeps after them
+_ROUNDING = 1e-12  # relative rounding error
 
-# rows of `rows`
+# row indices of the array `rows`
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
-_TREE = "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
-STEP = f"{_TREE}, f8[:,::1], i8[::1], f8"
-_SET = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
+_TREE_TYPES = (
+    "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
+)
+STEP_TYPES = f"{_TREE_TYPES}, f8[:,::1], i8[::1], f8"
+_SOLVER_TYPES = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
 
 
-@compiled("f8[::1], f8[::1], f8[::1]", allocates=False)
-def _weigh(b, f, gravity):
-    """Inertia of a body, and the force that its motion asks for beyond gravity's, into `f`."""
+@jit("f8[::1], f8[::1], f8[::1]", allocates=False)
+def _compute_inertia(b, f, gravity):
+    """Compute the spatial inertia of a body and its inverse-dynamics force into `f`.
+
+    The force includes gravity, with the accelerations of the joints set to 0.
+    """
     px, py, pz = f[9], f[10], f[11]
     m = b[33]
     # first moment about the body's origin, then about the root's
@@ -64,7 +72,7 @@ def _weigh(b, f, gravity):
     gy = f[3] * b[34] + f[4] * b[35] + f[5] * b[36]
     gz = f[6] * b[34] + f[7] * b[35] + f[8] * b[36]
     hx, hy, hz = gx + m * px, gy + m * py, gz + m * pz
-    # R I Rt
+    # second moments in the root's axes: R I R^T
     for i in range(3):
         x, y, z = f[3 * i], f[3 * i + 1], f[3 * i + 2]
         u = x * b[37] + y * b[38] + z * b[39]
@@ -82,7 +90,7 @@ def _weigh(b, f, gravity):
     f[39] += m * (pp - pz * pz) + 2.0 * (pg - pz * gz)
     f[30], f[31], f[32], f[33] = m, hx, hy, hz
     ixx, ixy, ixz, iyy, iyz, izz = f[34], f[35], f[36], f[37], f[38], f[39]
-    # momentum, and its rate with the acceleration so far
+    # momentum, and its time derivative with the acceleration so far
     wx, wy, wz, vx, vy, vz = f[18], f[19], f[20], f[21], f[22], f[23]
     lx = ixx * wx + ixy * wy + ixz * wz + hy * vz - hz * vy
     ly = ixy * wx + iyy * wy + iyz * wz + hz * vx - hx * vz
@@ -100,7 +108,7 @@ def _weigh(b, f, gravity):
     f[43] = m * ax + by * hz - bz * hy + wy * kz - wz * ky
     f[44] = m * ay + bz * hx - bx * hz + wz * kx - wx * kz
     f[45] = m * az + bx * hy - by * hx + wx * ky - wy * kx
-    # gravity, at the part of the mass that it pulls at
+    # gravity, on the part of the mass that it acts on
     n = b[43]
     gx, gy, gz = (
         f[0] * b[44] + f[1] * b[45] + f[2] * b[46] + n * px,
@@ -115,12 +123,13 @@ def _weigh(b, f, gravity):
     f[45] -= n * gravity[2]
 
 
-@compiled("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]", allocates=False)
-def _move(bodies, tree, state, gravity, frames):
-    """Poses, joint axes, velocities, inertias and forces of all bodies into `frames`.
+@jit("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]", allocates=False)
+def _compute_kinematics(bodies, tree, state, gravity, frames):
+    """Compute poses, joint axes, velocities, inertias and forces of all bodies into `frames`.
 
-    Columns: 0 rotation, 9 origin, 12 axis (angular, linear), 18 velocity, 24 acceleration without
-    the joints', 30 mass, 31 first moment, 34 second moment (xx xy xz yy yz zz), 40 force.
+    Columns: 0 rotation, 9 origin, 12 joint axis (angular, linear), 18 velocity, 24 acceleration for
+    joint accelerations of 0, 30 mass, 31 first moments, 34 second moments (xx xy xz yy yz zz),
+    40 force.
     """
     for place in range(len(tree)):
         j = tree[place, 0]
@@ -175,12 +184,15 @@ def _move(bodies, tree, state, gravity, frames):
         if parent >= 0:
             for i in range(24, 30):
                 f[i] += frames[parent, i]
-        _weigh(b, f, gravity)
+        _compute_inertia(b, f, gravity)
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
-def _gather(tree, frames, mass, bias):
-    """Mass matrix and bias efforts from what `_move` left, the outermost bodies first."""
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
+def _compute_mass_matrix(tree, frames, mass, bias):
+    """Compute mass matrix and bias efforts from the output of `_compute_kinematics`.
+
+    The bodies are visited from the tips to the root.
+    """
     n = len(tree)
     mass[:] = 0.0
     for place in range(n - 1, -1, -1):
@@ -213,28 +225,29 @@ def _gather(tree, frames, mass, bias):
                 p[k] += f[k]
 
 
-@compiled(_TREE, allocates=False)
-def _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
-    """Mass matrix and bias."""
-    _move(bodies, tree, state, gravity, frames)
+@jit(_TREE_TYPES, allocates=False)
+def _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
+    """Compute the mass matrix and the bias efforts."""
+    _compute_kinematics(bodies, tree, state, gravity, frames)
     for j in range(len(tree)):
         for k in range(6):
             frames[j, 40 + k] -= wrenches[j, k]
-    _gather(tree, frames, matrices[0], rows[BIAS])
+    _compute_mass_matrix(tree, frames, matrices[0], rows[BIAS])
 
 
-@compiled("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
-def _begin(state, wrenches, rows):
-    """The equations stand: note the speeds, and forget what pushes."""
+@jit("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
+def _start_step(state, wrenches, rows):
+    """Store the speeds before the step, and clear the external wrenches."""
     for j in range(len(wrenches)):
         rows[BEFORE, j] = state[1, j]
         for k in range(6):
             wrenches[j, k] = 0.0
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]", allocates=False)
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]", allocates=False)
 def _reduce(tree, joints, state, dt, matrices, rows):
-    """The problem in the joints that mimic no other: matrix, right-hand side, bounds, friction."""
+    """Reduce the problem to the joints that mimic no other: matrix, right side, bounds, friction.
+    """
     n = len(tree)
     mass, a = matrices[0], matrices[1]
     a[:] = 0.0
@@ -258,7 +271,7 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         if joints[j, TARGET] != 0.0:
             rows[_GOAL, c] = joints[j, TARGET] / ratio
         q, lower, upper = state[0, j], joints[j, LOWER], joints[j, UPPER]
-        # A joint found outside goes no further; `advance` puts it back.
+        # A joint beyond a limit moves no further out; `advance` moves it back.
         low = max(min((lower - q) / dt, 0.0), -joints[j, FASTEST])
         high = min(max((upper - q) / dt, 0.0), joints[j, FASTEST])
         if ratio < 0.0:
@@ -269,9 +282,9 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         rows[_TOP, c] = max(min(rows[_TOP, c], high), rows[_BOTTOM, c])
 
 
-@compiled(_SET, allocates=False)
-def _speeds_of(tree, modes, matrices, rows):
-    """New speeds for this set of joints that stick, slide and stand at stops (Cholesky)."""
+@jit(_SOLVER_TYPES, allocates=False)
+def _solve_speeds(tree, modes, matrices, rows):
+    """Solve for the new speeds with the joints in the given modes (Cholesky)."""
     n = len(tree)
     a, low = matrices[1], matrices[2]
     v = rows[SPEED]
@@ -303,8 +316,8 @@ def _speeds_of(tree, modes, matrices, rows):
                 low[c, k] = value = value / low[k, k]
                 pivot -= value * value
                 rest -= value * v[k]
-        # A joint that moves no mass stands still.
-        low[c, c] = sqrt(pivot) if pivot > _SMALL * a[c, c] else inf
+        # A joint that moves no mass keeps a speed of 0.
+        low[c, c] = sqrt(pivot) if pivot > _ROUNDING * a[c, c] else inf
         v[c] = rest / low[c, c]
     for c in range(n - 1, -1, -1):
         if tree[c, 3] != c or modes[c] == _AT or modes[c] >= _LOW:
@@ -315,56 +328,58 @@ def _speeds_of(tree, modes, matrices, rows):
                 v[k] -= low[c, k] * v[c]
 
 
-@compiled(_SET, allocates=False)
-def _correct(tree, modes, matrices, rows):
-    """Correct the set where the speeds contradict it; whether anything had to be corrected."""
+@jit(_SOLVER_TYPES, allocates=False)
+def _correct_modes(tree, modes, matrices, rows):
+    """Correct the modes that the speeds contradict; return whether any mode was wrong."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
-    wrong = False
+    changed = False
     for c in range(n):
         if tree[c, 3] != c:
             continue
-        mode, hold, goal = modes[c], rows[_HOLD, c], rows[_GOAL, c]
+        mode, friction, target = modes[c], rows[_HOLD, c], rows[_GOAL, c]
         bottom, top = rows[_BOTTOM, c], rows[_TOP, c]
         new = mode
         if mode in (_ABOVE, _BELOW):
-            slack = _SMALL * abs(v[c])
+            slack = _ROUNDING * abs(v[c])
             if v[c] > top + slack:
                 new = _HIGH
             elif v[c] < bottom - slack:
                 new = _LOW
-            elif mode == _ABOVE and v[c] < goal - slack or mode == _BELOW and v[c] > goal + slack:
+            elif (
+                mode == _ABOVE and v[c] < target - slack or mode == _BELOW and v[c] > target + slack
+            ):
                 new = _AT
         else:
-            taken = rows[_RIGHT, c]
-            size = abs(taken)
+            residual = rows[_RIGHT, c]
+            size = abs(residual)
             for k in range(n):
                 part = a[c, k] * v[k]
-                taken -= part
+                residual -= part
                 size += abs(part)
-            slack = _SMALL * size
+            slack = _ROUNDING * size
             if mode == _AT:
-                if goal > top:
+                if target > top:
                     new = _HIGH
-                elif goal < bottom:
+                elif target < bottom:
                     new = _LOW
-                elif taken > hold + slack:
+                elif residual > friction + slack:
                     new = _ABOVE
-                elif taken < -hold - slack:
+                elif residual < -friction - slack:
                     new = _BELOW
-            elif mode == _HIGH and taken < (hold if top > goal else -hold) - slack:
-                new = _ABOVE if top > goal else _BELOW
-            elif mode == _LOW and taken > (-hold if bottom < goal else hold) + slack:
-                new = _BELOW if bottom < goal else _ABOVE
+            elif mode == _HIGH and residual < (friction if top > target else -friction) - slack:
+                new = _ABOVE if top > target else _BELOW
+            elif mode == _LOW and residual > (-friction if bottom < target else friction) + slack:
+                new = _BELOW if bottom < target else _ABOVE
         if new != mode:
             modes[c] = new
-            wrong = True
-    return wrong
+            changed = True
+    return changed
 
 
-@compiled(_SET, allocates=False)
+@jit(_SOLVER_TYPES, allocates=False)
 def _sweep(tree, modes, matrices, rows):
-    """Projected Gauss-Seidel, which ends up right from any set, if slowly."""
+    """Solve by projected Gauss-Seidel, which converges slowly, but from any set of modes."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
     for c in range(n):
@@ -378,66 +393,68 @@ def _sweep(tree, modes, matrices, rows):
             for k in range(n):
                 if k != c:
                     rest -= a[c, k] * v[k]
-            hold, goal = rows[_HOLD, c], rows[_GOAL, c]
-            new, modes[c] = goal, _AT
-            if (rest - hold) / a[c, c] > goal:
-                new, modes[c] = (rest - hold) / a[c, c], _ABOVE
-            elif (rest + hold) / a[c, c] < goal:
-                new, modes[c] = (rest + hold) / a[c, c], _BELOW
+            friction, target = rows[_HOLD, c], rows[_GOAL, c]
+            new, modes[c] = target, _AT
+            if (rest - friction) / a[c, c] > target:
+                new, modes[c] = (rest - friction) / a[c, c], _ABOVE
+            elif (rest + friction) / a[c, c] < target:
+                new, modes[c] = (rest + friction) / a[c, c], _BELOW
             if new > rows[_TOP, c]:
                 new, modes[c] = rows[_TOP, c], _HIGH
             elif new < rows[_BOTTOM, c]:
                 new, modes[c] = rows[_BOTTOM, c], _LOW
             change, size = max(change, abs(new - v[c])), max(size, abs(new))
             v[c] = new
-        if change <= _SMALL * size:
+        if change <= _ROUNDING * size:
             break
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]", allocates=False)
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1], i8[::1]", allocates=False)
 def _solve(tree, joints, state, dt, matrices, rows, modes):
-    """The new speed of every joint into rows[SPEED]; followers have their leader's, times the
-    ratio."""
+    """Compute the new speed of every joint into rows[SPEED].
+
+    A mimicking joint has the speed of its leader times its ratio.
+    """
     _reduce(tree, joints, state, dt, matrices, rows)
-    settled = False
+    converged = False
     for c in range(len(tree)):
         bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
-        if modes[c] >= _LOW and not isfinite(bound):  # a stop that is gone since the step before
+        if modes[c] >= _LOW and not isfinite(bound):  # this joint has no stop any more
             modes[c] = _AT
     for _ in range(_GUESSES):
-        _speeds_of(tree, modes, matrices, rows)
-        if not _correct(tree, modes, matrices, rows):
-            settled = True
+        _solve_speeds(tree, modes, matrices, rows)
+        if not _correct_modes(tree, modes, matrices, rows):
+            converged = True
             break
-    if not settled:
+    if not converged:
         _sweep(tree, modes, matrices, rows)
-    for j in range(len(tree)):  # a leader is its own, by ratio 1
+    for j in range(len(tree)):  # a leader has itself as leader, with ratio 1
         rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
 
-@compiled(_TREE, allocates=False)
-def dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
-    """Mass matrix (n, n) into matrices[0], bias efforts (n,) into rows[BIAS]."""
-    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+@jit(_TREE_TYPES, allocates=False)
+def compute_dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
+    """Compute the mass matrix (n, n) into matrices[0] and the bias efforts (n,) into rows[BIAS]."""
+    _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
 
 
-@compiled(STEP, allocates=False)
+@jit(STEP_TYPES, allocates=False)
 def advance(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
-    """One step of `dt` s: the new positions and velocities into `state`.
+    """Make one step of `dt` s: write the new positions and velocities to `state`.
 
     Returns:
-        -1, or the first joint whose speed or position is no number or beyond all sense.
+        -1, or the first joint whose position is not finite or whose speed exceeds FASTEST_SPEED.
     """
-    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
-    _begin(state, wrenches, rows)
+    _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _start_step(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
     n = len(tree)
     for j in range(n):
         state[1, j] = rows[SPEED, j]
         state[0, j] += dt * rows[SPEED, j]
-        # Onto the stop and not beside it by rounding.
+        # Remove the rounding error of a joint at its stop.
         if tree[j, 3] == j and modes[j] >= _LOW:
             bound = joints[j, LOWER if modes[j] == _LOW else UPPER]
             if abs(state[0, j] - bound) < 1e-12 * (1.0 + abs(bound)):
@@ -445,27 +462,29 @@ def advance(
     for j in range(n):
         leader = tree[j, 3]
         if leader != j:
-            follow = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
-            state[0, j] += _BACK * (follow - state[0, j])
-        # By position and not by speed: a joint that comes back does not fly on.
-        over = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
-        if over != 0.0:
-            most = dt * joints[j, RETURN]
-            state[0, j] -= min(max(_BACK * over, -most), most)
+            target = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
+            state[0, j] += _BACK * (target - state[0, j])
+        # Correct the position only: the joint gets no speed from the correction.
+        excess = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
+        if excess != 0.0:
+            largest = dt * joints[j, RETURN]
+            state[0, j] -= min(max(_BACK * excess, -largest), largest)
     for j in range(n):
         if not (abs(state[1, j]) < FASTEST_SPEED and isfinite(state[0, j])):
             return j
     return -1
 
 
-@compiled(STEP, allocates=False)
-def react(
+@jit(STEP_TYPES, allocates=False)
+def compute_reactions(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
-    """Efforts of damping, springs and stops in the coming step of `dt` s into rows[PUSH]; friction
-    is left to whoever makes the step."""
-    _equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
-    _begin(state, wrenches, rows)
+    """Compute efforts of damping, springs and stops in the next step of `dt` s into rows[PUSH].
+
+    Friction is not included; the solver that makes the step (Bullet) applies it.
+    """
+    _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
+    _start_step(state, wrenches, rows)
     _solve(tree, joints, state, dt, matrices, rows, modes)
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
@@ -475,10 +494,16 @@ def react(
             rows[PUSH, j] -= joints[j, STIFFNESS] * (state[0, j] + dt * v[j] - joints[j, REST])
         if tree[j, 3] != j or modes[j] < _LOW:
             continue
-        taken = rows[_RIGHT, j]
+        residual = rows[_RIGHT, j]
         for k in range(n):
             if tree[k, 3] == k:
-                taken -= a[j, k] * v[k]
-        hold, goal = rows[_HOLD, j], rows[_GOAL, j]
-        rubbed = hold if v[j] > goal else -hold if v[j] < goal else min(max(taken, -hold), hold)
-        rows[PUSH, j] -= (taken - rubbed) / dt
+                residual -= a[j, k] * v[k]
+        friction_limit, target = rows[_HOLD, j], rows[_GOAL, j]
+        friction = (
+            friction_limit
+            if v[j] > target
+            else -friction_limit
+            if v[j] < target
+            else min(max(residual, -friction_limit), friction_limit)
+        )
+        rows[PUSH, j] -= (residual - friction) / dt

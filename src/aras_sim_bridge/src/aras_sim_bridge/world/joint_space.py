@@ -1,13 +1,13 @@
-"""A bolted model in the coordinates of its joints: its state, its forces, its steps."""
+"""State, forces and time steps of a fixed-base model in joint coordinates."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
-from aras_sim_bridge.description.inertia import tensor
+from aras_sim_bridge.description.inertia import inertia_tensor
 from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.world import joint_dynamics
-from aras_sim_bridge.world.articulation import Articulation, joint_rows
+from aras_sim_bridge.world.articulation import Articulation, make_joint_rows
 from aras_sim_bridge.world.joint_dynamics import (
     BEFORE,
     BIAS,
@@ -32,22 +32,24 @@ from aras_visual_servo_base.poses import (
 
 
 class JointSpace:
-    """The arrays of joint_dynamics.py for one model, in the order of `names`.
+    """Arrays of joint_dynamics.py for one model, with the joints in the order of `names`.
 
     Attributes:
-        state (3, n): position, velocity, effort; rad or m, per s, N m or N. The caller's to set.
-        before (n,): velocities before the last step. gravity (3,): m/s², in the root's axes.
-        tree, frames: of joint_dynamics.py. arrays: what its `advance` takes before dt.
-        moved_links: the links that a joint moves. return_speeds (n,): with which joints come back
-            from beyond their stops, rad/s or m/s.
+        moving_links: links that a joint moves.
+        return_speeds (n,): speeds at which joints return from beyond their stops, rad/s or m/s.
+        state (3, n): positions, velocities, efforts; rad or m, per s, N m or N. The caller sets it.
+        previous_speeds (n,): velocities before the last step, rad/s or m/s.
+        gravity (3,): m/s², in the root's axes.
+        tree, frames: see joint_dynamics.py.
+        arrays: arguments of `joint_dynamics.advance` before dt.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
         count = len(names)
         tree = Articulation(description, names)
         self._link_joint = tree.link_joint
-        self.moved_links = tuple(n for n, joint in tree.link_joint.items() if joint >= 0)
-        self._joints = joint_rows(description, names, tree.tree)
+        self.moving_links = tuple(n for n, joint in tree.link_joint.items() if joint >= 0)
+        self._joints = make_joint_rows(description, names, tree.tree)
         self._joints[:, DAMPING] = [description.joints[name].damping for name in names]
         self.return_speeds = self._joints[:, RETURN]
         self.state = np.zeros((3, count))
@@ -56,7 +58,7 @@ class JointSpace:
         self.tree, self.frames = tree.tree, np.zeros((count, 46))
         self._base = tree.base
         self._rows = np.zeros((9, count))
-        self.before = self._rows[BEFORE]
+        self.previous_speeds = self._rows[BEFORE]
         self._matrices = np.zeros((3, count, count))
         self._modes = np.zeros(count, dtype=np.int64)
         self._arrays = (tree.bodies, tree.tree, self.state, self._wrenches, self.gravity,
@@ -65,83 +67,90 @@ class JointSpace:
         self._root = IDENTITY
         self._links = LinkPoses(description, names)
 
-    def place(self, root: Pose, gravity: Vector3) -> None:
-        """Say where the root stands (world_T_root) and what pulls, m/s² in the world's axes."""
+    def set_root(self, root: Pose, gravity: Vector3) -> None:
+        """Set the pose of the root, world_T_root, and gravity in world axes, m/s²."""
         self._root = root
-        self._links.place(root)
+        self._links.set_root(root)
         self.gravity[:] = rotate(conjugate(root.quat), gravity)
 
     def link_pose(self, name: str) -> Pose:
-        """world_T_link of a link's frame."""
-        places, turns = self._links.at(self.state[0])
+        """Return world_T_link, the pose of a link's frame."""
+        origins, quaternions = self._links.compute_poses(self.state[0])
         row = self._links.row[name]
-        return Pose(tuple(places[row].tolist()), tuple(turns[row].tolist()))
+        return Pose(tuple(origins[row].tolist()), tuple(quaternions[row].tolist()))
 
     def link_frames(self, names: tuple[str, ...]) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (m, 3) and orientations (m, 4) of the frames of these links, world."""
-        places, turns = self._links.at(self.state[0])
-        rows = self._links.rows(names)
-        return places.take(rows, axis=0), turns.take(rows, axis=0)
+        """Return positions (m, 3) and quaternions (m, 4) of the links' frames in the world."""
+        origins, quaternions = self._links.compute_poses(self.state[0])
+        rows = self._links.find_rows(names)
+        return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
-        """Hold a joint at `velocity` with at most `force`, as Coulomb friction does at 0."""
+        """Drive a joint at `velocity` with at most `force`; a velocity of 0 is Coulomb friction."""
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 
-    def motor(self, slot: int) -> tuple[float, float]:
-        """Velocity and force of `set_motor`."""
+    def read_motor(self, slot: int) -> tuple[float, float]:
+        """Return the velocity and force set by `set_motor`."""
         return self._joints.item(slot, TARGET), self._joints.item(slot, FORCE)
 
     def bound_speed(self, slot: int, fastest: float) -> None:
-        """Let nothing make a joint faster than this; inf: no bound."""
+        """Limit the speed of a joint under any forces; inf removes the limit."""
         self._joints[slot, FASTEST] = fastest
 
-    def push(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:
-        """Force (N) at a point and torque (N m), all in the world's axes, for the next step."""
+    def apply_force(self, link: str, force: Vector3, position: Vector3, torque: Vector3) -> None:
+        """Apply a force (N) at a point and a torque (N m) in the next step, all in world axes."""
         body = self._link_joint[link]
         if body < 0:
-            return  # of a body that is bolted down
-        back = conjugate(self._root.quat)
-        pull = rotate(back, force)
-        arm = rotate(back, subtract(position, self._root.xyz))
-        self._wrenches[body] += (*add(cross(arm, pull), rotate(back, torque)), *pull)
+            return  # a force on the fixed base has no effect
+        root_q_world = conjugate(self._root.quat)
+        root_force = rotate(root_q_world, force)
+        lever = rotate(root_q_world, subtract(position, self._root.xyz))
+        self._wrenches[body] += (
+            *add(cross(lever, root_force), rotate(root_q_world, torque)),
+            *root_force,
+        )
 
     def advance(self, dt: float) -> int:
-        """One step of `dt` s; -1, or the number of a joint that diverged."""
+        """Make one step of `dt` s; return -1, or the index of a joint that diverged."""
         return joint_dynamics.advance(*self.arrays, dt)
 
-    def react(self, dt: float) -> list[float]:
-        """Efforts of damping, springs and stops in the coming step, if Bullet makes it."""
-        joint_dynamics.react(*self.arrays, dt)
+    def compute_reactions(self, dt: float) -> list[float]:
+        """Return the efforts of damping, springs and stops for a step of `dt` s made by Bullet."""
+        joint_dynamics.compute_reactions(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 
     def bias_efforts(self) -> list[float]:
-        """What gravity, Coriolis and centrifugal forces ask of each joint, N m or N."""
-        joint_dynamics.dynamics(*self._arrays)
+        """Return the efforts of gravity, Coriolis and centrifugal forces, N m or N."""
+        joint_dynamics.compute_dynamics(*self._arrays)
         return self._rows[BIAS].tolist()
 
     def mass_matrix(self) -> np.ndarray:
-        """Joint-space inertia (n, n), kg m² or kg, of every joint as if none mimicked another."""
-        joint_dynamics.dynamics(*self._arrays)
+        """Return the joint-space inertia matrix (n, n), kg m² or kg, without mimic constraints."""
+        joint_dynamics.compute_dynamics(*self._arrays)
         return self._matrices[0].copy()
 
     def free_mass_matrix(self) -> np.ndarray:
-        """The same with the root let go (6 + n, 6 + n): first its twist, angular part first, in its
-        own axes about its own origin."""
+        """Return the mass matrix (6 + n, 6 + n) of the model with a free base.
+
+        The first six coordinates are the twist of the root, angular part first, in its own frame.
+        """
         mass, base = self.mass_matrix(), self._base
-        whole = np.zeros((6 + len(mass), 6 + len(mass)))
-        whole[:6, :6] = _spatial(base[33], base[34:37], base[37:43])
-        whole[6:, 6:] = mass
+        matrix = np.zeros((6 + len(mass), 6 + len(mass)))
+        matrix[:6, :6] = _spatial_inertia(base[33], base[34:37], base[37:43])
+        matrix[6:, 6:] = mass
         for j, frame in enumerate(self.frames, 6):
-            carried = _spatial(frame[30], frame[31:34], frame[34:40])  # by the joint
-            whole[:6, j] = whole[j, :6] = carried @ frame[12:18]
+            # spatial inertia of all bodies beyond the joint
+            inertia = _spatial_inertia(frame[30], frame[31:34], frame[34:40])
+            matrix[:6, j] = matrix[j, :6] = inertia @ frame[12:18]
             if self.tree[j - 6, 1] < 0:
-                whole[:6, :6] += carried
-        return whole
+                matrix[:6, :6] += inertia
+        return matrix
 
 
-def _spatial(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Spatial inertia (6, 6), angular part first, of mass and moments about an origin."""
+def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
+    """Return the spatial inertia (6, 6), angular part first, from mass and moments about a point.
+    """
     x, y, z = first
     cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    return np.block([[tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])
+    return np.block([[inertia_tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])

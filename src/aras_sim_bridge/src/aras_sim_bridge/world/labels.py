@@ -1,4 +1,4 @@
-"""Numbers of links in label images, as Bullet has them."""
+"""Link numbers in label images, as in Bullet's segmentation masks."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ if TYPE_CHECKING:
     from .model import Model
 
 
-def label(body: int, index: int) -> int:
-    """Of a link of a body by its index, -1 the root."""
+def make_label(body: int, index: int) -> int:
+    """Return the label of a link of a body; link index -1 is the root."""
     return body + ((index + 1) << 24)
 
 
-def links_by_label(models: Mapping[str, Model]) -> dict[int, str]:
-    """'model::link' by number, of models by name."""
+def list_links_by_label(models: Mapping[str, Model]) -> dict[int, str]:
+    """Return the name 'model::link' of each label."""
     return {
-        label(model.body_id, index): model.scoped(link)
+        make_label(model.body_id, index): model.get_scoped_name(link)
         for model in models.values()
         for link, index in model.link_indices.items()
     }

@@ -1,24 +1,24 @@
-"""Where the links of a bolted tree stand, from the positions of its joints; compiled."""
+"""Forward kinematics of a fixed-base tree: link poses from joint positions; compiled."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from aras_sim_bridge.description.types import RobotDescription
-from aras_visual_servo_base.compiled import compiled
+from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
 
 class LinkPoses:
-    """Forward kinematics of all links at once.
+    """Forward kinematics of all links of a model.
 
     Attributes:
-        row: by link, where it stands in what `at` answers; the root comes first, and every link
-            after the one that it hangs on.
+        row: row of each link in the result of `compute_poses`. The root is first, and each link
+            comes after its parent.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
-        """`names`: of the joints that move, in the order of their positions."""
+        """Read the tree; `names` are the moving joints in the order of their positions."""
         number = {name: k for k, name in enumerate(names)}
         children: dict[str, list] = {}
         for joint in description.joints.values():
@@ -38,33 +38,37 @@ class LinkPoses:
         self._tree = np.array(tree, np.int64)
         self._offsets = np.array([(*pose.xyz, *pose.quat) for pose in offsets])
         self._axes = np.array(axes, float)
-        self._asked: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
+        self._cached_rows: tuple[tuple[str, ...], np.ndarray] = ((), np.zeros(0, np.int64))
 
-    def place(self, root: Pose) -> None:
-        """Say where the root stands, world_T_root."""
+    def set_root(self, root: Pose) -> None:
+        """Set the pose of the root, world_T_root."""
         self._offsets[0] = (*root.xyz, *root.quat)
 
-    def at(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Positions (links, 3) and unit quaternions (links, 4), xyzw, of the links' frames in the
-        world with the joints at positions (n,), rad or m."""
-        return _chained(self._tree, self._offsets, self._axes, positions)
+    def compute_poses(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions (links, 3) and unit quaternions (links, 4; xyzw) of all link frames.
 
-    def rows(self, names: tuple[str, ...]) -> np.ndarray:
-        """The rows of these links; the same are asked for again and again."""
-        if names != self._asked[0]:
-            self._asked = names, np.array([self.row[name] for name in names], np.int64)
-        return self._asked[1]
+        Poses are in the world, for joint positions (n,) in rad or m.
+        """
+        return _compute_poses(self._tree, self._offsets, self._axes, positions)
+
+    def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
+        """Return the rows of these links; the result of the last call is cached."""
+        if names != self._cached_rows[0]:
+            self._cached_rows = names, np.array([self.row[name] for name in names], np.int64)
+        return self._cached_rows[1]
 
 
-@compiled("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
-def _chained(tree, offsets, axes, positions):
-    """See LinkPoses.at.
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]")
+def _compute_poses(tree, offsets, axes, positions):
+    """Compute the poses of all links, see LinkPoses.compute_poses.
 
     Args:
-        tree (links, 3): the row of the parent, or -1; the joint, or -1; whether it slides.
-        offsets (links, 7): of the joint's frame at 0 in the parent's; axes (links, 3).
+        tree (links, 3): row of the parent, or -1; joint, or -1; whether the joint is prismatic.
+        offsets (links, 7): pose of the joint frame at position 0 in the parent's frame.
+        axes (links, 3): joint axes in the joint frames.
+        positions (n,): joint positions, rad or m.
     """
-    places, turns = np.empty((len(tree), 3)), np.empty((len(tree), 4))
+    origins, quaternions = np.empty((len(tree), 3)), np.empty((len(tree), 4))
     for n in range(len(tree)):
         parent, joint = tree[n, 0], tree[n, 1]
         x, y, z = offsets[n, 0], offsets[n, 1], offsets[n, 2]
@@ -72,7 +76,7 @@ def _chained(tree, offsets, axes, positions):
         if joint >= 0:
             q, u, v, w = positions[joint], axes[n, 0], axes[n, 1], axes[n, 2]
             if tree[n, 2] == 1:
-                # The axis turned by the offset, times the way.
+                # Rotate the axis by the offset and multiply it by the displacement.
                 s, t, r = 2.0 * (b * w - c * v), 2.0 * (c * u - a * w), 2.0 * (a * v - b * u)
                 x += q * (u + d * s + b * r - c * t)
                 y += q * (v + d * t + c * s - a * r)
@@ -87,12 +91,17 @@ def _chained(tree, offsets, axes, positions):
                     d * e - a * u - b * v - c * w,
                 )
         if parent >= 0:
-            i, j, k, h = turns[parent, 0], turns[parent, 1], turns[parent, 2], turns[parent, 3]
+            i, j, k, h = (
+                quaternions[parent, 0],
+                quaternions[parent, 1],
+                quaternions[parent, 2],
+                quaternions[parent, 3],
+            )
             s, t, r = 2.0 * (j * z - k * y), 2.0 * (k * x - i * z), 2.0 * (i * y - j * x)
             x, y, z = (
-                places[parent, 0] + x + h * s + j * r - k * t,
-                places[parent, 1] + y + h * t + k * s - i * r,
-                places[parent, 2] + z + h * r + i * t - j * s,
+                origins[parent, 0] + x + h * s + j * r - k * t,
+                origins[parent, 1] + y + h * t + k * s - i * r,
+                origins[parent, 2] + z + h * r + i * t - j * s,
             )
             a, b, c, d = (
                 h * a + i * d + j * c - k * b,
@@ -101,6 +110,11 @@ def _chained(tree, offsets, axes, positions):
                 h * d - i * a - j * b - k * c,
             )
         unit = 1.0 / np.sqrt(a * a + b * b + c * c + d * d)
-        places[n, 0], places[n, 1], places[n, 2] = x, y, z
-        turns[n, 0], turns[n, 1], turns[n, 2], turns[n, 3] = a * unit, b * unit, c * unit, d * unit
-    return places, turns
+        origins[n, 0], origins[n, 1], origins[n, 2] = x, y, z
+        quaternions[n, 0], quaternions[n, 1], quaternions[n, 2], quaternions[n, 3] = (
+            a * unit,
+            b * unit,
+            c * unit,
+            d * unit,
+        )
+    return origins, quaternions

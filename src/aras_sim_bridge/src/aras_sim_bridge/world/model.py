@@ -1,4 +1,4 @@
-"""Model: one robot or object in the World: a body in Bullet, its joints, its link frames."""
+"""A robot or object in the World: its body in Bullet, its joints and its link frames."""
 
 from __future__ import annotations
 
@@ -24,41 +24,51 @@ from aras_visual_servo_base.poses import (
 
 
 class Model:
-    """A spawned description. Made by `World.spawn`; stays the same object over resets.
+    """Spawned model. `World.spawn` creates it; the object stays the same over resets.
 
     Attributes:
-        body: what Bullet holds of it. joints: its moving joints; what hardware and programs use
-            most of them is at hand here too (read_joints, apply_effort, …).
-        let_go: called before the root is moved or pushed, where it is held (see standing.py).
-        attached: whether one of its links is held by a joint of attachments.py.
-        pushed: whether the root was pushed; for whoever looks, to be set back.
-        pushes: what `apply_force` was last given, the newest last; for whoever looks, to be
-            cleared.
-        whole: the model of which this is a part that no joint holds; the model itself if it is one.
-        bodies: of a whole model, itself and its parts.
+        client: Bullet's client id.
+        name: name in the world.
+        description: description from which the model was loaded.
+        main_model: model of which this one is a separate part, without a joint to it; otherwise
+            the model itself.
+        bodies: the model and its separate parts; of a part, only itself.
+        spawn_pose: world_T_root at the spawn.
+        fixed_base: whether the root is fixed in the world.
+        release: called before the root of a base that rests on the ground is moved or pushed, see
+            resting_base.py; None for other models.
+        is_attached: whether a joint of attachments.py holds one of the links.
+        is_disturbed: whether the model was pushed; the code that reads it resets it.
+        applied_forces: recent arguments of `apply_force`, newest last; the code that reads them
+            clears them.
+        body: body in Bullet.
+        joints: moving joints. Their most used methods are also methods of the model.
     """
 
     def __init__(self, client: int, description: RobotDescription, name: str, pose: Pose,
                  joint_positions: Mapping[str, float], fixed_base: bool,
-                 gravity: Vector3, on_moved: Callable[..., None],
-                 whole: Model | None = None) -> None:
-        """`on_moved` is called with the model and whether it was put elsewhere as a whole, and then
-        whether its joints were: whenever it was, they were, it gets a twist or, loose, a push."""
+                 gravity: Vector3, on_move: Callable[..., None],
+                 main_model: Model | None = None) -> None:
+        """Load the model.
+
+        `on_move(model, is_moved, has_new_positions)` is called when the whole model or its joints
+        were set to another position, when it got a twist, and when a free model was pushed.
+        """
         self.client = client
         self.name = name
         self.description = description
-        self.whole = self if whole is None else whole
+        self.main_model = self if main_model is None else main_model
         self.bodies = [self]
-        if whole is not None:
-            whole.bodies.append(self)
+        if main_model is not None:
+            main_model.bodies.append(self)
         self.spawn_pose = pose
         self.fixed_base = fixed_base
         self._spawn_positions = joint_positions
-        self._on_moved = on_moved
-        self.let_go: Callable[[], None] | None = None
-        self.attached = False
-        self.pushed = False
-        self.pushes: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
+        self._on_move = on_move
+        self.release: Callable[[], None] | None = None
+        self.is_attached = False
+        self.is_disturbed = False
+        self.applied_forces: deque[tuple[str, Vector3, Vector3, Vector3]] = deque(maxlen=100)
         self.body = Body(client, name, fixed_base)
         self.joints = ModelJoints(self.body, gravity)
         self.reload()
@@ -74,49 +84,50 @@ class Model:
 
     @property
     def body_id(self) -> int:
-        """Bullet's, of a body that is where the model is; another one after a reset or a change."""
-        self.joints.show()
+        """Bullet's body id, after the joints were updated in Bullet; it changes with each load."""
+        self.joints.update_bullet()
         return self.body.body_id
 
     @property
     def joint_names(self) -> tuple[str, ...]:
-        """Moving joints, in the order of every sequence of joint values."""
+        """Names of the moving joints, in the order of all sequences of joint values."""
         return self.joints.names
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """All links in file order, root first or not."""
+        """Names of all links in file order; the root need not be first."""
         return tuple(self.description.links)
 
-    def scoped(self, part: str) -> str:
-        """The name of a link or joint with that of the whole model before it."""
-        return f"{self.whole.name}::{part}"
+    def get_scoped_name(self, part: str) -> str:
+        """Return the name of a link or joint, prefixed with the name of the main model."""
+        return f"{self.main_model.name}::{part}"
 
     @property
     def mass(self) -> float:
-        """Of all links, kg."""
+        """Mass of all links, kg."""
         return sum(one.inertial.mass for one in self.description.links.values() if one.inertial)
 
     # ------------------------------------------------------------------ loading and stepping
 
     def reload(self) -> None:
-        """Load it into a Bullet that has none of it, as it was spawned."""
+        """Load the model into Bullet in its state at the spawn, after Bullet was emptied."""
         self.body.load(self.description, self.spawn_pose)
-        self._root = self.spawn_pose
+        self._root_pose = self.spawn_pose
         self.joints.load(self.description, self._spawn_positions)
-        self.joints.place(self.spawn_pose)
+        self.joints.set_root(self.spawn_pose)
 
     def remove(self) -> None:
-        """Take it out of Bullet."""
+        """Remove the model from Bullet."""
         self.joints.remove_constraints()
         self.body.remove()
 
     def rebuild(self, description: RobotDescription) -> None:
-        """Go on from the present state as `description`: the same links and joints, other numbers.
+        """Reload the model with a changed description, and continue from the present state.
 
-        Bullet cannot move a centre of mass; so the body is loaded anew, with a new body id.
+        Links and joints must be the same; masses, limits and other parameters may differ. Bullet
+        cannot move a centre of mass, so the body is loaded again and gets a new body id.
         """
-        states = self.joints.states()
+        states = self.joints.read_states()
         pose, twist = self.link_state(self.description.root)
         self.remove()
         self.description = description
@@ -126,91 +137,95 @@ class Model:
             self.set_twist(twist)
         self.joints.restore(states)
 
-    def bolt(self, bolted: bool) -> None:
-        """Go on from the present state with the root bolted down, or free."""
-        applied, pending = self.joints.applied, self.joints.pending_efforts
-        self.fixed_base = self.body.fixed_base = bolted
+    def set_fixed_base(self, fixed: bool) -> None:
+        """Fix the root in the world or free it, and continue from the present state."""
+        applied, pending = self.joints.applied_efforts, self.joints.pending_efforts
+        self.fixed_base = self.body.fixed_base = fixed
         self.rebuild(self.description)
-        self.joints.applied = applied
+        self.joints.applied_efforts = applied
         for name, effort in zip(self.joint_names, pending, strict=True):
             self.apply_effort(name, effort)
 
     @property
     def needs_steps(self) -> bool:
-        """Whether `before_step` has anything to do, ever."""
-        return bool(self.joint_names or self.body.weightless)
+        """True if `before_step` has any effect."""
+        return bool(self.joint_names or self.body.weightless_link_masses)
 
     def before_step(self, dt: float) -> None:
-        """Hand efforts and what stands in for gravity to Bullet; called by `World.step`."""
+        """Pass efforts and gravity compensation to Bullet; called by `World.step`."""
         if self.joints.names:
             self.joints.before_step(dt)
-        for link, mass in self.body.weightless.items():
+        for link, mass in self.body.weightless_link_masses.items():
             centre = self.link_pose(link).apply(self.body.inertial_poses[link].xyz)
-            self._push(link, tuple(-mass * g for g in self.joints.gravity), centre)
+            self._apply_force(link, tuple(-mass * g for g in self.joints.gravity), centre)
 
-    def physics_changed(self, gravity: Vector3) -> None:
-        """Time step or gravity was changed; called by `World.set_physics`."""
+    def update_physics(self, gravity: Vector3) -> None:
+        """Apply a changed time step or gravity; called by `World.set_physics`."""
         self.joints.gravity = gravity
         if self.fixed_base:
-            self.joints.place(self.pose())
+            self.joints.set_root(self.pose())
         elif self.joints.damping is not None:
-            self.joints.damping.changed()
+            self.joints.damping.invalidate()
 
     # ------------------------------------------------------------------ frames
 
     def pose(self) -> Pose:
-        """world_T_root: the frame of the root link."""
-        # What is bolted down stands where it was put.
-        return self._root if self.fixed_base else self.link_pose(self.description.root)
+        """Return world_T_root, the pose of the root link's frame."""
+        # A fixed base is at the pose that was set; Bullet need not be read.
+        return self._root_pose if self.fixed_base else self.link_pose(self.description.root)
 
     def twist(self) -> Twist:
-        """Twist of the root link's frame, in world axes."""
+        """Return the twist of the root link's frame, in world axes."""
         return self.link_twist(self.description.root)
 
     def link_pose(self, name: str) -> Pose:
-        """world_T_link of the link's own (URDF) frame, unpacks as (xyz, quat xyzw).
+        """Return world_T_link of the link's URDF frame; it unpacks as (xyz, quat xyzw).
 
         Raises:
             WorldError: unknown link.
         """
         index = self.link_index(name)
-        if self.joints.own:
+        if self.joints.has_own_dynamics:
             return self.joints.space.link_pose(name)
-        return self._com_pose(index) @ self.body.inertial_poses[name].inverse()
+        return self._read_com_pose(index) @ self.body.inertial_poses[name].inverse()
 
     def link_twist(self, name: str) -> Twist:
-        """Twist of the link's frame: velocity of its origin, in world axes (m/s, rad/s)."""
+        """Return the velocity of the link frame's origin in world axes (m/s, rad/s)."""
         return self.link_state(name)[1]
 
     def link_state(self, name: str) -> tuple[Pose, Twist]:
-        """(world_T_link, twist of the link's origin in world axes)."""
+        """Return (world_T_link, twist of the link's origin in world axes)."""
         index = self.link_index(name)
         inertial = self.body.inertial_poses[name]
         if index == -1:
-            com = self._com_pose(index)
+            com = self._read_com_pose(index)
             linear, angular = pybullet.getBaseVelocity(self.body_id, self.client)
         else:
             state = pybullet.getLinkState(self.body_id, index, True, True, self.client)
             com, linear, angular = Pose(state[0], state[1]), state[6], state[7]
-        return _frame_state(com, linear, angular, inertial)
+        return _compute_frame_state(com, linear, angular, inertial)
 
     def link_states(self) -> dict[str, tuple[Pose, Twist]]:
-        """`link_state` of every link in file order, in one call to Bullet."""
+        """Return `link_state` of every link in file order, with one call to Bullet."""
         names = [n for n in self.link_names if self.body.links[n] >= 0]
         indices = [self.body.links[n] for n in names]
         states = (pybullet.getLinkStates(self.body_id, indices, True, True, self.client) if names
                   else ())
         found = {
-            n: _frame_state(Pose(s[0], s[1]), s[6], s[7], self.body.inertial_poses[n])
+            n: _compute_frame_state(Pose(s[0], s[1]), s[6], s[7], self.body.inertial_poses[n])
             for n, s in zip(names, states, strict=True)
         }
         found[self.description.root] = self.link_state(self.description.root)
         return {n: found[n] for n in self.link_names}
 
-    def frames(self, names: tuple[str, ...]) -> tuple[Sequence[Vector3], Sequence[Quaternion]]:
-        """Positions and orientations of the frames of links other than the root, in one go; `pose`
-        is the root's."""
-        if self.joints.own:
+    def read_link_frames(
+        self, names: tuple[str, ...]
+    ) -> tuple[Sequence[Vector3], Sequence[Quaternion]]:
+        """Return positions and quaternions of several link frames at once.
+
+        The root must not be among the links; `pose` returns its pose.
+        """
+        if self.joints.has_own_dynamics:
             return self.joints.space.link_frames(names)
         indices = [self.body.links[name] for name in names]
         states = pybullet.getLinkStates(self.body_id, indices, False, True, self.client)
@@ -222,53 +237,53 @@ class Model:
         return MappingProxyType(self.body.links)
 
     def link_index(self, name: str) -> int:
-        """Bullet's index of a link, -1 for the root; WorldError when there is none."""
+        """Return Bullet's index of a link, -1 for the root; WorldError if it does not exist."""
         index = self.body.links.get(name)
         if index is None:
             raise UnknownLinkError(self.name, name, self.link_names)
         return index
 
-    def base_links(self) -> frozenset[int]:
-        """Bullet's indices of the root and of all that is fixed to it."""
+    def list_base_links(self) -> frozenset[int]:
+        """Return Bullet's indices of the root and of all links that are fixed to it."""
         found, pending = {-1}, [self.description.root]
         while pending:
             link = pending.pop()
             for joint in self.description.joints.values():
-                if joint.parent == link and not joint.moves:
+                if joint.parent == link and not joint.is_movable:
                     found.add(self.body.links[joint.child])
                     pending.append(joint.child)
         return frozenset(found)
 
-    def _com_pose(self, index: int) -> Pose:
+    def _read_com_pose(self, index: int) -> Pose:
         if index == -1:
             return Pose(*pybullet.getBasePositionAndOrientation(self.body_id, self.client))
         state = pybullet.getLinkState(self.body_id, index, False, True, self.client)
         return Pose(state[0], state[1])
 
     def set_pose(self, pose: Pose) -> None:
-        """Move the whole model rigidly so that its root frame is at `pose`; joints keep angles."""
+        """Move the whole model so that its root frame is at `pose`; joint positions stay."""
         if len(self.bodies) > 1:
             moved = pose @ self.pose().inverse()
             for part in self.bodies[1:]:
                 part.set_pose(moved @ part.pose())
-        self._release()
-        self._root = pose
+        self._release_base()
+        self._root_pose = pose
         com = pose @ self.body.inertial_poses[self.description.root]
         pybullet.resetBasePositionAndOrientation(self.body_id, com.xyz, com.quat,
                                                  physicsClientId=self.client)
         if self.fixed_base:
-            self.joints.place(pose)
-        self._on_moved(self, True)
+            self.joints.set_root(pose)
+        self._on_move(self, True)
 
     def set_twist(self, twist: Twist) -> None:
-        """Give the model `twist` (of its root frame, world axes) as one rigid body.
+        """Give the model the twist of one rigid body (of its root frame, in world axes).
 
-        Joint velocities become zero. A model with a fixed base keeps still.
+        Joint velocities become zero. A model with a fixed base does not move.
         """
         for part in self.bodies[1:]:
             lever = subtract(part.pose().xyz, self.pose().xyz)
             part.set_twist(Twist(add(twist.linear, cross(twist.angular, lever)), twist.angular))
-        self._release()
+        self._release_base()
         self.joints.stop_joints()
         if self.fixed_base:
             return
@@ -277,34 +292,34 @@ class Model:
         linear = add(twist.linear, cross(twist.angular, arm))
         pybullet.resetBaseVelocity(self.body_id, linear, twist.angular,
                                    physicsClientId=self.client)
-        self._on_moved(self, False)
+        self._on_move(self, False)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """See ModelJoints."""
+        """Set joint positions, see ModelJoints.set_joint_positions."""
         self.joints.set_joint_positions(positions)
-        self._on_moved(self, False, True)
+        self._on_move(self, False, True)
 
-    def _release(self) -> None:
-        if self.let_go is not None:
-            self.let_go()
+    def _release_base(self) -> None:
+        if self.release is not None:
+            self.release()
 
     def apply_force(self, link: str, force: Vector3, position: Vector3,
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Force (N) at a world position and torque (N m), world axes, for the next step only."""
-        self._push(link, force, position, torque)
-        self.pushes.append((link, force, position, torque))
+        """Apply a force (N) at a world position and a torque (N m), world axes, for one step."""
+        self._apply_force(link, force, position, torque)
+        self.applied_forces.append((link, force, position, torque))
         if not self.fixed_base:
-            self._on_moved(self, False)
+            self._on_move(self, False)
 
-    def _push(self, link: str, force: Vector3, position: Vector3,
+    def _apply_force(self, link: str, force: Vector3, position: Vector3,
               torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
         index = self.link_index(link)
-        if self.let_go is not None and index in self.base_links():
-            self._release()
-        self.pushed = True
+        if self.release is not None and index in self.list_base_links():
+            self._release_base()
+        self.is_disturbed = True
         if self.joints.space is not None:
-            self.joints.space.push(link, force, position, torque)
-        if self.joints.own:
+            self.joints.space.apply_force(link, force, position, torque)
+        if self.joints.has_own_dynamics:
             return
         if any(force):
             pybullet.applyExternalForce(self.body_id, index, force, position,
@@ -314,8 +329,10 @@ class Model:
                                          physicsClientId=self.client)
 
 
-def _frame_state(com: Pose, linear: tuple, angular: tuple, inertial: Pose) -> tuple[Pose, Twist]:
-    """Pose and twist of a link frame from those of its centre of mass."""
+def _compute_frame_state(
+    com: Pose, linear: tuple, angular: tuple, inertial: Pose
+) -> tuple[Pose, Twist]:
+    """Return pose and twist of a link frame from those of its centre of mass."""
     pose = com @ inertial.inverse()
     lever = subtract(pose.xyz, com.xyz)
     return pose, Twist(add(linear, cross(angular, lever)), angular)

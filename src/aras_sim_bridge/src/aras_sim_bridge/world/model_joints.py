@@ -1,4 +1,4 @@
-"""The joints of a model: reading, efforts, placing them, motors, mimic gears."""
+"""Joints of a model: reading, efforts, setting positions, motors and mimic constraints."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -9,58 +9,62 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import UnknownJointError, WorldError
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
-from aras_sim_bridge.world.free_damping import FreeDamping
+from aras_sim_bridge.world.closed_chains import close_loop
+from aras_sim_bridge.world.joint_damping import JointDamping
 from aras_sim_bridge.world.joint_dynamics import FASTEST_SPEED, NO_LIMIT_FORCE
 from aras_sim_bridge.world.joint_space import JointSpace
-from aras_sim_bridge.world.loops import close_loop
-from aras_sim_bridge.world.stops import Stops
+from aras_sim_bridge.world.stops import JointStops
 from aras_visual_servo_base.poses import Pose, Vector3
 
 
 class ModelJoints:
-    """The moving joints of a model, mimicking ones too.
+    """Moving joints of a model, mimicking ones included.
 
-    names: in file order; every sequence of joint values is in this order. Efforts are set for one
-    step and gone after it, as a simulator's are; applied: those of the last step.
+    All sequences of joint values are in the order of `names`. Efforts act for one step.
 
-    The state of a model that is bolted down stands here in `space` while `own` is true: then
-    `advance` makes its steps, and Bullet's copy is brought up to date by `show` before somebody
-    asks Bullet. Otherwise the state is Bullet's, which makes the steps.
+    If a fixed-base model has its own dynamics, `space` holds the state, `advance` makes the steps,
+    and `update_bullet` updates Bullet's copy before Bullet is queried. Otherwise Bullet makes the
+    steps and holds the state.
+
+    Attributes:
+        names: names of the joints in file order.
+        has_own_dynamics: whether `space` steps the model instead of Bullet.
+        applied_efforts: efforts of the last step, N m or N.
     """
 
     def __init__(self, body: Body, gravity: Vector3) -> None:
         self.body = body
         self.gravity = gravity
-        self.own = False
-        self._shown = True
+        self.has_own_dynamics = False
+        self._is_bullet_current = True
         self.space: JointSpace | None = None
-        self.damping: FreeDamping | None = None
+        self.damping: JointDamping | None = None
         self._speed_bounds: dict[str, float] = {}
 
     def load(self, description: RobotDescription, positions: Mapping[str, float]) -> None:
-        """Take up the joints of a body that was loaded, at `positions`, at rest; 0 where absent."""
+        """Read the joints of a body that was just loaded, at rest at `positions` (default 0)."""
         body = self.body
-        self.own, self._shown = False, True
-        self.names: tuple[str, ...] = () if description.static else description.moving_joints()
+        self.has_own_dynamics, self._is_bullet_current = False, True
+        self.names: tuple[str, ...] = () if description.static else description.list_moving_joints()
         joints = [description.joints[name] for name in self.names]
         self.damping_coefficients = [joint.damping for joint in joints]
         self.friction = [joint.friction for joint in joints]
         self.stiffness = [joint.stiffness for joint in joints]
-        self._rest = [joint.rest for joint in joints]
+        self._rest_positions = [joint.rest for joint in joints]
         self._mimics = [joint.mimic for joint in joints]
         self._slot = {name: slot for slot, name in enumerate(self.names)}
         self._indices = [body.joint_indices[name] for name in self.names]
         self._stops = [joint.stops for joint in joints]
         jointed = bool(self.names)
         space = JointSpace(description, self.names) if jointed else None
-        self.space, self._loose = (space, None) if body.fixed_base else (None, space)
-        self._bullet_stops = Stops(body, self._indices, self._stops,
+        self.space, self._free_space = (space, None) if body.fixed_base else (None, space)
+        self._bullet_stops = JointStops(body, self._indices, self._stops,
                                    space.return_speeds if jointed else ())
         for slot, index in enumerate(self._indices):
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
-        if self.space is not None:  # a base that was let go is bounded again when it is held
+        if self.space is not None:  # a base may have been free, and without limits, in between
             for name, fastest in self._speed_bounds.items():
                 self.space.bound_speed(self._slot[name], fastest)
         for name, position in positions.items():
@@ -68,228 +72,237 @@ class ModelJoints:
         self._gears = self._make_gears()
         self._loops = [made for loop in description.loops for made in close_loop(body, loop)]
         self.pending_efforts = [0.0] * len(self.names)
-        self.applied = [0.0] * len(self.names)
-        self._dirty = False
+        self.applied_efforts = [0.0] * len(self.names)
+        self._has_pending_efforts = False
         self._cache: tuple[Sequence[float], Sequence[float]] | None = None
-        self.damping = FreeDamping(self) if jointed and not body.fixed_base else None
+        self.damping = JointDamping(self) if jointed and not body.fixed_base else None
 
     def remove_constraints(self) -> None:
-        """Take the constraints of mimicking joints and of closed chains out of Bullet."""
+        """Remove the constraints of mimicking joints and of closed chains from Bullet."""
         for constraint in (*self._gears, *self._loops):
             pybullet.removeConstraint(constraint, physicsClientId=self.body.client)
 
     def _set_state(self, slot: int, position: float, velocity: float = 0.0) -> None:
-        if self.own:
+        if self.has_own_dynamics:
             self.space.state[0, slot], self.space.state[1, slot] = position, velocity
-            self._shown = False
+            self._is_bullet_current = False
             return
         pybullet.resetJointState(self.body.body_id, self._indices[slot], position, velocity,
                                  physicsClientId=self.body.client)
 
-    def set_own(self, own: bool) -> None:
-        """Take the state over from Bullet, which nothing needs as long as nothing can touch the
-        model, or give it back."""
-        if self.space is None or own == self.own:
+    def set_own_dynamics(self, own: bool) -> None:
+        """Choose whether `space` or Bullet steps the joints, and transfer their state.
+
+        Own dynamics require that no other body can touch the model.
+        """
+        if self.space is None or own == self.has_own_dynamics:
             return
         positions, velocities, _ = self.read()
         if own:
             self.space.state[0], self.space.state[1] = positions, velocities
-            self.own = True
+            self.has_own_dynamics = True
             return
-        self.show()
-        self.own = False
+        self.update_bullet()
+        self.has_own_dynamics = False
         for slot in range(len(self.names)):
-            self._motor(slot, *self.space.motor(slot))
+            self._set_bullet_motor(slot, *self.space.read_motor(slot))
 
-    def show(self) -> None:
-        """Bring Bullet's copy of the joints up to date."""
-        if self._shown:
+    def update_bullet(self) -> None:
+        """Write the joint states to Bullet if its copy is out of date."""
+        if self._is_bullet_current:
             return
-        self._shown = True
+        self._is_bullet_current = True
         for index, position, velocity in zip(self._indices, *self.read()[:2], strict=True):
             pybullet.resetJointState(self.body.body_id, index, position, velocity,
                                      physicsClientId=self.body.client)
 
     @property
-    def moved_links(self) -> tuple[str, ...]:
-        """The links that a joint moves, of a model that is bolted down."""
-        return () if self.space is None else self.space.moved_links
+    def moving_links(self) -> tuple[str, ...]:
+        """Links of a fixed-base model that a joint moves."""
+        return () if self.space is None else self.space.moving_links
 
-    def place(self, root: Pose) -> None:
-        """Take note of where the root stands now, or of another gravity."""
+    def set_root(self, root: Pose) -> None:
+        """Set the pose of the root in the world, and apply the present gravity."""
         if self.space is not None:
-            self.space.place(root, self.gravity)
+            self.space.set_root(root, self.gravity)
 
     def read(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """(positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
+        """Return (positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
 
-        Efforts are those applied in the last step. The sequences belong to the model: read, don't
-        write.
+        Efforts are those applied in the last step. Callers must not modify the sequences.
 
         Raises:
-            WorldError: the simulation diverged (a position is not finite).
+            WorldError: the simulation diverged (a position is not finite, or a speed too high).
         """
         cache = self._cache
         if cache is None:
             cache = self._refresh()
-        return cache[0], cache[1], self.applied
+        return cache[0], cache[1], self.applied_efforts
 
     def _refresh(self) -> tuple[Sequence[float], Sequence[float]]:
         if not self.names:
             self._cache = ((), ())
             return self._cache
-        if self.own:
+        if self.has_own_dynamics:
             positions, velocities, _ = self.space.state.tolist()
             self._cache = (positions, velocities)
             return self._cache
         states = pybullet.getJointStates(self.body.body_id, self._indices, self.body.client)
         positions, velocities, _, _ = zip(*states, strict=True)
         if not max(max(velocities), -min(velocities)) + abs(sum(positions)) < FASTEST_SPEED:
-            bad = next((slot for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
-                        if not (abs(v) < FASTEST_SPEED and math.isfinite(p))), None)
-            if bad is not None:
-                raise self._diverged(bad)
+            diverged = next(
+                (
+                    slot
+                    for slot, (p, v) in enumerate(zip(positions, velocities, strict=True))
+                    if not (abs(v) < FASTEST_SPEED and math.isfinite(p))
+                ),
+                None,
+            )
+            if diverged is not None:
+                raise self._make_divergence_error(diverged)
         self._cache = (positions, velocities)
         return self._cache
 
-    def _diverged(self, slot: int) -> WorldError:
+    def _make_divergence_error(self, slot: int) -> WorldError:
         return WorldError(
             f"model '{self.body.name}', joint '{self.names[slot]}': the simulation diverged; lower "
             "the gains or the time step, then call reset_simulation and unpause_physics"
         )
 
     def apply_effort(self, joint: str, effort: float) -> None:
-        """Add `effort` (N m or N) to what acts on `joint` in the next step.
+        """Add `effort` (N m or N) to the effort on `joint` in the next step.
 
         Raises:
             WorldError: unknown joint.
         """
         slot = self._slot.get(joint)
-        self.pending_efforts[self._require(joint) if slot is None else slot] += effort
-        self._dirty = True
+        self.pending_efforts[self._find_slot(joint) if slot is None else slot] += effort
+        self._has_pending_efforts = True
 
     def check_efforts(self) -> None:
-        """WorldError when a pending effort is not finite; all of this model's are dropped then."""
+        """Raise WorldError if a pending effort is not finite; all pending ones are then dropped."""
         if not math.isfinite(sum(self.pending_efforts)):
-            bad = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
+            invalid = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
                    if not math.isfinite(e)]
             self.pending_efforts = [0.0] * len(self.names)
-            raise WorldError(f"model '{self.body.name}', joint {bad}: the effort is not finite")
+            raise WorldError(f"model '{self.body.name}', joint {invalid}: the effort is not finite")
 
     def before_step(self, dt: float) -> None:
-        """Hand the pending efforts, which are finite, to Bullet."""
+        """Pass the pending efforts, which must be finite, to Bullet."""
         self._bullet_stops.before_step(self.read()[0], dt)
         efforts = total = self.pending_efforts
         if self.space is not None:
-            self.take_note()
+            self.read_bullet_state()
             self.space.state[2] = efforts
-            total = [e + t for e, t in zip(efforts, self.space.react(dt), strict=True)]
+            total = [e + t for e, t in zip(efforts, self.space.compute_reactions(dt), strict=True)]
         else:
             self.damping.before_step(dt)
             if self.damping.springs:
                 positions, speeds, _ = self.read()
-                total, self._dirty = list(efforts), True
+                total, self._has_pending_efforts = list(efforts), True
                 for slot, k in self.damping.springs.items():
-                    total[slot] -= k * (positions[slot] + dt * speeds[slot] - self._rest[slot])
-        if self._dirty or self.space is not None:
+                    total[slot] -= k * (
+                        positions[slot] + dt * speeds[slot] - self._rest_positions[slot]
+                    )
+        if self._has_pending_efforts or self.space is not None:
             pybullet.setJointMotorControlArray(
                 self.body.body_id, self._indices, pybullet.TORQUE_CONTROL, forces=total,
                 physicsClientId=self.body.client)
-        self.applied, self.pending_efforts = efforts, [0.0] * len(efforts)
-        self._dirty = False
+        self.applied_efforts, self.pending_efforts = efforts, [0.0] * len(efforts)
+        self._has_pending_efforts = False
 
-    def take_note(self) -> None:
-        """Take Bullet's state of the joints over into `space`, whose steps Bullet makes."""
+    def read_bullet_state(self) -> None:
+        """Copy Bullet's joint states to `space`, for a model that Bullet steps."""
         self.space.state[0], self.space.state[1], _ = self.read()
 
     def advance(self, dt: float) -> None:
-        """Make a step with the pending efforts, which are finite; `own` is true.
+        """Make a step of `dt` s in `space` with the pending efforts, which must be finite.
 
         Raises:
             WorldError: the simulation diverged.
         """
         self.space.state[2] = self.pending_efforts
         self.pending_efforts = [0.0] * len(self.names)
-        self._dirty = False
-        self.advanced(self.space.advance(dt))
+        self._has_pending_efforts = False
+        self.finish_steps(self.space.advance(dt))
 
-    def advanced(self, bad: int) -> None:
-        """Be as after steps of `space` with the efforts in space.state[2].
+    def finish_steps(self, diverged_joint: int) -> None:
+        """Update efforts and caches after steps of `space` with the efforts in space.state[2].
 
         Args:
-            bad: what the last of them said (see joint_dynamics.advance).
+            diverged_joint: result of the last `joint_dynamics.advance`; -1 if none diverged.
 
         Raises:
             WorldError: the simulation diverged.
         """
-        self.applied = self.space.state[2].tolist()
-        self._shown = False
+        self.applied_efforts = self.space.state[2].tolist()
+        self._is_bullet_current = False
         self._cache = None
-        if bad >= 0:
-            raise self._diverged(bad)
+        if diverged_joint >= 0:
+            raise self._make_divergence_error(diverged_joint)
 
     @property
-    def calm(self) -> bool:
-        """Whether `own` is true and no effort waits."""
-        return self.own and not self._dirty
+    def is_calm(self) -> bool:
+        """True if `space` steps the model (not Bullet) and no effort is pending."""
+        return self.has_own_dynamics and not self._has_pending_efforts
 
     def after_step(self) -> None:
-        """Forget what was read before the step."""
+        """Discard the joint states that were read before the step."""
         self._cache = None
 
-    def states(self) -> list[tuple[float, float]]:
-        """(position, velocity) of each joint, for `restore`."""
+    def read_states(self) -> list[tuple[float, float]]:
+        """Return (position, velocity) of each joint, for `restore`."""
         return list(zip(*self.read()[:2], strict=True))
 
     def restore(self, states: Sequence[tuple[float, float]]) -> None:
-        """Put all joints back into `states`."""
+        """Set the states of all joints."""
         for slot, (position, velocity) in enumerate(states):
             self._set_state(slot, position, velocity)
         self._cache = None
 
     def set_position(self, joint: str, position: float) -> float:
-        """Put `joint` there at rest, kinematically, as Gazebo's Joint::SetPosition does: at its
-        stop where `position` is beyond. Returns where it was put.
+        """Set the position of a joint, at rest, as Gazebo's Joint::SetPosition does.
 
-        For drives that do so every step.
+        Drives that set positions call it in every step.
 
+        Returns:
+            The position, clamped to the stops.
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+            WorldError: unknown joint or a number that is not finite; nothing has changed then.
         """
-        self._place({joint: position})
-        return self._within_stops(self._slot[joint], position)
+        self._set_positions({joint: position})
+        return self._clamp_to_stops(self._slot[joint], position)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """Put joints at `positions` (rad or m), at rest, at their stops where those are beyond;
-        the others stay.
+        """Set joint positions (rad or m), at rest, clamped to the stops; other joints stay.
 
-        Mimicking joints follow unless they are listed themselves.
+        Mimicking joints follow their leaders unless they are listed themselves.
 
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing is changed then.
+            WorldError: unknown joint or a number that is not finite; nothing has changed then.
         """
-        self._place(positions)
+        self._set_positions(positions)
         if self.damping is not None:
-            self.damping.changed()
+            self.damping.invalidate()
 
-    def _place(self, positions: dict[str, float]) -> None:
+    def _set_positions(self, positions: dict[str, float]) -> None:
         slots = {}
         for joint, position in positions.items():
-            slot = self._require(joint)
+            slot = self._find_slot(joint)
             if not math.isfinite(position):
                 raise WorldError(
                     f"model '{self.body.name}', joint '{joint}': position {position} is not finite"
                 )
-            slots[slot] = self._within_stops(slot, float(position))
-        for slot, value in self._with_followers(slots).items():
+            slots[slot] = self._clamp_to_stops(slot, float(position))
+        for slot, value in self._add_followers(slots).items():
             self._set_state(slot, value)
         self._cache = None
 
-    def _within_stops(self, slot: int, position: float) -> float:
+    def _clamp_to_stops(self, slot: int, position: float) -> float:
         low, high = self._stops[slot]
         return min(max(position, low), high)
 
-    def _with_followers(self, slots: dict[int, float]) -> dict[int, float]:
+    def _add_followers(self, slots: dict[int, float]) -> dict[int, float]:
         if not self._gears:
             return slots
         result = dict(slots)
@@ -298,39 +311,39 @@ class ModelJoints:
                 if mimic is not None and i not in slots:
                     leader = self._slot[mimic.joint]
                     if leader in result:
-                        follows = mimic.multiplier * result[leader] + mimic.offset
-                        result[i] = self._within_stops(i, follows)
+                        position = mimic.multiplier * result[leader] + mimic.offset
+                        result[i] = self._clamp_to_stops(i, position)
         return result
 
     def stop_joints(self) -> None:
-        """Joint velocities to zero; positions stay."""
+        """Set all joint velocities to zero; positions stay."""
         positions, _, _ = self.read()
         for slot, position in enumerate(positions):
             self._set_state(slot, position)
         self._cache = None
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive `joint` at `velocity` with at most `max_effort`, from now on.
+        """Drive `joint` at `velocity` with at most `max_effort`, until it is set again.
 
-        It takes the place of the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
+        The motor replaces the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
         """
-        slot = self._require(joint)
+        slot = self._find_slot(joint)
         if not (math.isfinite(velocity) and max_effort >= 0.0):
             raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
-                             f"effort {max_effort} need a finite and a non-negative number")
+                             f"max_effort {max_effort} must be finite and non-negative")
         self._set_motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Let nothing at all make `joint` faster than this, rad/s or m/s, from now on.
+        """Limit the speed of `joint` to `fastest` (rad/s or m/s) under any forces.
 
         Raises:
-            WorldError: unknown joint, a bound that is not positive, or a model that is not bolted
-                down.
+            WorldError: unknown joint, a limit that is not positive, or a model without a fixed
+                base.
         """
-        slot = self._require(joint)
+        slot = self._find_slot(joint)
         if self.space is None:
-            raise WorldError(f"model '{self.body.name}', joint '{joint}': hard velocity limits are "
-                             "for models whose root is bolted down; bolt it, or leave them off")
+            raise WorldError(f"model '{self.body.name}', joint '{joint}': hard velocity limits "
+                             "need a model with a fixed base; fix it or disable the limits")
         if not fastest > 0.0:
             raise WorldError(f"model '{self.body.name}', joint '{joint}': a hard velocity limit of "
                              f"{fastest} would lock it; give it a positive <limit velocity>")
@@ -338,37 +351,37 @@ class ModelJoints:
         self.space.bound_speed(slot, fastest)
 
     def set_damping_motor(self, slot: int, share: float) -> None:
-        """A motor that takes `share` of the velocity a step (see free_damping.py)."""
-        self._motor(slot, 0.0, NO_LIMIT_FORCE, share)
+        """Set a motor that removes `share` of the velocity per step (see joint_damping.py)."""
+        self._set_bullet_motor(slot, 0.0, NO_LIMIT_FORCE, share)
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
-        """Bullet's explicit damping of a joint (see free_damping.py)."""
+        """Set Bullet's explicit damping of a joint (see joint_damping.py)."""
         pybullet.changeDynamics(self.body.body_id, self._indices[slot], jointDamping=value,
                                 physicsClientId=self.body.client)
 
-    def _require(self, joint: str) -> int:
+    def _find_slot(self, joint: str) -> int:
         slot = self._slot.get(joint)
         if slot is None:
             raise UnknownJointError(self.body.name, joint, self.names)
         return slot
 
     def bias_efforts(self) -> list[float]:
-        """Efforts that gravity, Coriolis and centrifugal forces ask of each joint, N m or N.
+        """Return the efforts of gravity, Coriolis and centrifugal forces, N m or N.
 
-        In `names` order: what would keep the joint velocities as they are without friction
-        and damping. For models with a fixed base.
+        Without friction and damping, these efforts would keep the joint velocities constant. Only
+        for models with a fixed base.
         """
-        if not self.own:
-            self.take_note()
+        if not self.has_own_dynamics:
+            self.read_bullet_state()
         return self.space.bias_efforts()
 
     def inverse_inertia(self) -> np.ndarray:
-        """(n, n): accelerations of the joints by their efforts, 1/(kg m²) or 1/kg."""
+        """Return the matrix (n, n) that maps joint efforts to accelerations, 1/(kg m²) or 1/kg."""
         if self.space is None:
-            self._loose.state[0] = self.read()[0]
-            return np.linalg.inv(self._loose.free_mass_matrix())[6:, 6:]
-        if not self.own:
-            self.take_note()
+            self._free_space.state[0] = self.read()[0]
+            return np.linalg.inv(self._free_space.free_mass_matrix())[6:, 6:]
+        if not self.has_own_dynamics:
+            self.read_bullet_state()
         return np.linalg.inv(self.space.mass_matrix())
 
     def _make_gears(self) -> list[int]:
@@ -387,16 +400,18 @@ class ModelJoints:
         return gears
 
     def restore_friction(self, slot: int) -> None:
-        """Coulomb friction of a joint: a motor towards standstill of at most that effort."""
+        """Set the Coulomb friction of a joint: a motor at zero velocity with that effort limit."""
         self._set_motor(slot, 0.0, self.friction[slot])
 
     def _set_motor(self, slot: int, velocity: float, force: float) -> None:
         if self.space is not None:
             self.space.set_motor(slot, velocity, force)
-        if not self.own:
-            self._motor(slot, velocity, force)
+        if not self.has_own_dynamics:
+            self._set_bullet_motor(slot, velocity, force)
 
-    def _motor(self, slot: int, velocity: float, force: float, gain: float = 1.0) -> None:
+    def _set_bullet_motor(
+        self, slot: int, velocity: float, force: float, gain: float = 1.0
+    ) -> None:
         pybullet.setJointMotorControl2(
             self.body.body_id, self._indices[slot], pybullet.VELOCITY_CONTROL,
             targetVelocity=velocity, force=force, velocityGain=gain,

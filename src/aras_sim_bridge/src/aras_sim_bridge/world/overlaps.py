@@ -1,18 +1,18 @@
-"""What the moving links of a model run into, as it stands now."""
+"""Overlaps of the moving links of a model with other models, in the present state."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
-from aras_sim_bridge.world.bullet import contacts_of, pybullet
+from aras_sim_bridge.world.bullet import find_contacts, pybullet
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import leave_out_pairs
+from aras_sim_bridge.world.reach import disable_distant_pairs
 from aras_sim_bridge.world.world import World
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """A link of a model within a link of another one; depth: m, to which they are in each other."""
+    """Overlap of a link of a model with a link of another model; `depth` is in m."""
 
     link: str
     model: str
@@ -20,29 +20,31 @@ class Overlap:
     depth: float
 
 
-def overlaps(world: World, model: Model, posed: bool = False) -> list[Overlap]:
-    """The links of a model that joints move and that touch something, the deepest first.
+def find_overlaps(world: World, model: Model, before_step: bool = False) -> list[Overlap]:
+    """Return the overlaps of the moving links of a model with other models, deepest first.
 
-    Links of one model pass through each other here, as in Gazebo.
+    Links of one model may overlap, as in Gazebo; such overlaps are not reported.
 
     Args:
-        world: in which the model is. posed: it was put there and no step was made since; without,
-            contacts are those of the last step.
+        world: world that contains the model.
+        model: model to check.
+        before_step: whether no step was made since the model was moved. Contacts are then computed
+            here; otherwise those of the last step are used.
     """
-    if posed:
-        model.joints.show()
-        # Contacts of an earlier posture would stay while boxes overlap; this makes all pairs anew.
-        leave_out_pairs(list(world.models.values()))
+    if before_step:
+        model.joints.update_bullet()
+        # Bullet keeps contacts of earlier poses while boxes overlap; this makes new pairs.
+        disable_distant_pairs(list(world.models.values()))
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}
     others = {other.body_id: other for other in world.models.values()}
-    still = model.base_links()
+    base_links = model.list_base_links()
     found = []
-    for link, body, other_link, numbers in contacts_of(model.body_id, world.client):
+    for link, body, other_link, numbers in find_contacts(model.body_id, world.client):
         depth = numbers[15]
-        if link in still or depth <= 0.0:
+        if link in base_links or depth <= 0.0:
             continue
         other = others[body]
-        named = {index: name for name, index in other.link_indices.items()}
-        found.append(Overlap(names[link], other.name, named[other_link], depth))
+        other_names = {index: name for name, index in other.link_indices.items()}
+        found.append(Overlap(names[link], other.name, other_names[other_link], depth))
     return sorted(found, key=lambda one: -one.depth)

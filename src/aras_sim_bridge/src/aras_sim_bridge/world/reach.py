@@ -1,7 +1,7 @@
-"""Pairs of shapes that never touch, however the joints move: Bullet looks at them in each step.
+"""Collision filters for pairs of links that can never touch, so that Bullet does not test them.
 
-Their boxes overlap all the same: those of the links of one model, and a ground plane's with
-everything. An arm that hangs above the ground pays a tenth of its step for such pairs.
+The bounding boxes of such pairs may overlap all the same: links of one model overlap each other,
+and a ground plane overlaps everything. For an arm above the ground they take a tenth of a step.
 """
 
 import math
@@ -16,14 +16,14 @@ from aras_visual_servo_base.poses import (
     add,
     multiply,
     rotate,
-    scaled,
+    scale,
 )
 from aras_visual_servo_base.urdf import Joint
 
-# m: Bullet's own margins, and stops that give way a little
+# m, covers Bullet's collision margins and stops that yield slightly
 MARGIN = 0.1
 _DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1  # Bullet's filter groups
-_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # free ones, for a model each
+_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # unused groups, one for each model
 
 
 class Box(NamedTuple):
@@ -32,64 +32,64 @@ class Box(NamedTuple):
     low: Vector3
     high: Vector3
 
-    def grown(self, margin: float) -> "Box":
-        """Larger by `margin` on every side."""
+    def grow(self, margin: float) -> "Box":
+        """Return the box enlarged by `margin` on every side."""
         return Box(*(tuple(v + side for v in corner)
                      for corner, side in zip(self, (-margin, margin), strict=True)))
 
     def gap(self, other: "Box") -> float:
-        """Distance of the two along the axis that parts them most, m; negative: they overlap."""
+        """Return the largest distance along an axis, m; negative if the boxes overlap."""
         return max(max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True))
 
 
 class HalfSpace(NamedTuple):
-    """What a plane bounds: all below it."""
+    """Half-space below a plane."""
 
     point: Vector3
     normal: Vector3
 
     def gap(self, box: Box) -> float:
-        """Height of the lowest corner, m; negative: it lies below."""
+        """Return the height of the box's lowest corner above the plane, m; negative if below."""
         corner = (low if n > 0.0 else high
                   for low, high, n in zip(*box, self.normal, strict=True))
         return sum(n * (c - p) for n, c, p in zip(self.normal, corner, self.point, strict=True))
 
 
-def leave_out_pairs(models: list[Model]) -> None:
-    """Keep Bullet from looking at pairs that never touch: links of one model, links out of reach.
+def disable_distant_pairs(models: list[Model]) -> None:
+    """Disable collisions within each model, and of links that cannot reach each other.
 
-    To be called whenever models came, went, were moved as a whole or have other joints.
+    Call it after models were added, removed or moved, or their joints changed.
     """
     fixed = [model for model in models if model.fixed_base]
     own = iter(_OWN_GROUPS)
     for model in models:
-        if model.whole is not model:
-            _pass_through(model)
-        # Bullet has no groups for more models; the links of those that follow are paired in vain.
+        if model.main_model is not model:
+            _disable_own_contacts(model)
+        # Bullet has no groups for more models: their own links are tested in vain.
         group = next(own, 0)
-        reach = reach_of(model) if model.fixed_base else None
+        reach = compute_reach(model) if model.fixed_base else None
         others = [other for other in fixed if other is not model]
         for link, index in model.link_indices.items():
             if index == -1 and model.fixed_base:
                 continue
             meets = reach is None or (link in reach and any(
-                _may_meet(reach[link].grown(MARGIN), other) for other in others))
+                _can_meet_root(reach[link].grow(MARGIN), other) for other in others))
             left_out = group if meets else group | _STATIC_GROUP
             pybullet.setCollisionFilterGroupMask(model.body_id, index, group or _DEFAULT_GROUP,
                                                  _ALL & ~left_out, physicsClientId=model.client)
 
 
-def _pass_through(part: Model) -> None:
-    """Let a part that no joint holds pass through the rest of its model, as in Gazebo."""
-    for other in part.whole.bodies:
+def _disable_own_contacts(part: Model) -> None:
+    """Disable collisions of a separate part with the rest of its model, as in Gazebo."""
+    for other in part.main_model.bodies:
         for a in part.link_indices.values() if other is not part else ():
             for b in other.link_indices.values():
                 pybullet.setCollisionFilterPair(part.body_id, other.body_id, a, b, 0,
                                                 physicsClientId=part.client)
 
 
-def solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
-    """What of these links, by Bullet's index, may be touched, where it stands now."""
+def find_solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
+    """Return boxes and half-spaces of the collisions of these links (Bullet's indices)."""
     found: list[Box | HalfSpace] = []
     body = model.body_id
     for name, index in model.link_indices.items():
@@ -105,14 +105,14 @@ def solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
     return found
 
 
-def reach_of(model: Model) -> dict[str, Box]:
-    """A box that a link's shapes never leave, by link; without the root, which stands still."""
+def compute_reach(model: Model) -> dict[str, Box]:
+    """Return a box for each link, except the root, that its shapes never leave."""
     description = model.description
     children: dict[str, list[Joint]] = {}
     for joint in description.joints.values():
         children.setdefault(joint.parent, []).append(joint)
     boxes: dict[str, Box] = {}
-    # link, where its origin can be, its orientation, None where a joint above turns it
+    # link, box of all positions of its origin, its orientation (None if a joint can rotate it)
     root = model.pose()
     pending: list[tuple[str, Box, Quaternion | None]] = [
         (description.root, Box(root.xyz, root.xyz), root.quat)
@@ -120,16 +120,16 @@ def reach_of(model: Model) -> dict[str, Box]:
     while pending:
         link, origins, quat = pending.pop()
         if link != description.root and description.links[link].collisions:
-            boxes[link] = origins.grown(_extent(model, link))
+            boxes[link] = origins.grow(_compute_extent(model, link))
         for joint in children.get(link, ()):
-            lower, upper = _travel(joint)
+            lower, upper = _compute_travel(joint)
             if quat is None:
                 reach = math.hypot(*joint.origin_xyz) + max(abs(lower), abs(upper))
-                pending.append((joint.child, origins.grown(reach), None))
+                pending.append((joint.child, origins.grow(reach), None))
                 continue
             offset = rotate(quat, joint.origin_xyz)
             below = multiply(quat, joint.pose.quat)
-            ends = [add(offset, rotate(below, scaled(joint.axis, q))) for q in (lower, upper)]
+            ends = [add(offset, rotate(below, scale(joint.axis, q))) for q in (lower, upper)]
             moved = Box(*(tuple(v + pick(e) for v, e in zip(corner, zip(*ends, strict=True),
                                                             strict=True))
                           for corner, pick in zip(origins, (min, max), strict=True)))
@@ -138,24 +138,24 @@ def reach_of(model: Model) -> dict[str, Box]:
     return boxes
 
 
-def _travel(joint: Joint) -> tuple[float, float]:
-    """From where to where a joint moves its link's origin along its axis, m."""
+def _compute_travel(joint: Joint) -> tuple[float, float]:
+    """Return the range over which a joint moves its link's origin along its axis, m."""
     return joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
 
 
-def _extent(model: Model, link: str) -> float:
-    """Greatest distance of a link's shapes from its origin, m, or a little more."""
+def _compute_extent(model: Model, link: str) -> float:
+    """Return an upper bound of the distance of a link's shapes from its origin, m."""
     origin = model.link_pose(link).xyz
     low, high = pybullet.getAABB(model.body_id, model.link_index(link), model.client)
     return math.hypot(*(max(o - a, b - o) for o, a, b in zip(origin, low, high, strict=True)))
 
 
-def _may_meet(box: Box, other: Model) -> bool:
-    """Whether something in `box` may touch the root link of another, fixed model."""
-    return any(solid.gap(box) <= 0.0 for solid in solids(other, (-1,)))
+def _can_meet_root(box: Box, other: Model) -> bool:
+    """Return whether an object in `box` may touch the root link of a fixed-base model."""
+    return any(solid.gap(box) <= 0.0 for solid in find_solids(other, (-1,)))
 
 
-def may_meet(moved: Iterable[Box], other: Model) -> bool:
-    """Whether something in these boxes may ever touch a link of another, fixed model."""
-    found = [*solids(other, (-1,)), *reach_of(other).values()]
-    return any(solid.gap(box) <= 0.0 for box in moved for solid in found)
+def can_meet(boxes: Iterable[Box], other: Model) -> bool:
+    """Return whether an object in these boxes may ever touch a link of a fixed-base model."""
+    found = [*find_solids(other, (-1,)), *compute_reach(other).values()]
+    return any(solid.gap(box) <= 0.0 for box in boxes for solid in found)

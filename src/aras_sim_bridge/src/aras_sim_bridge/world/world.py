@@ -1,4 +1,4 @@
-"""World: models in Bullet, stepped together."""
+"""World: models in Bullet that are stepped together."""
 
 import logging
 import math
@@ -22,172 +22,178 @@ from aras_sim_bridge.errors import (
     WindowError,
     WorldError,
 )
-from aras_sim_bridge.world import bullet_file
+from aras_sim_bridge.world import bullet_files
 from aras_sim_bridge.world.attachments import Attachments
-from aras_sim_bridge.world.bullet import connected, give_back, pybullet, quiet
+from aras_sim_bridge.world.bullet import connect, pybullet, release_client, silence_output
 from aras_sim_bridge.world.checks import LARGEST, check_simulable
 from aras_sim_bridge.world.deep_contacts import DeepContacts
 from aras_sim_bridge.world.friction import ContactFriction
-from aras_sim_bridge.world.islands import Islands
+from aras_sim_bridge.world.isolation import IsolationMonitor
 from aras_sim_bridge.world.model import Model
-from aras_sim_bridge.world.reach import leave_out_pairs
+from aras_sim_bridge.world.reach import disable_distant_pairs
+from aras_sim_bridge.world.resting_base import FIXED_BASE_ARRAYS, RestingBases
 from aras_sim_bridge.world.sliding import SlidingFriction
-from aras_sim_bridge.world.standing import BOLTED, FreeBases
-from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, checked_pose, checked_vector
+from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, check_vector
 
 logger = logging.getLogger(__name__)
 
 SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
-LARGEST_STEP = 0.1  # s; beyond it no PID of ours and no contact is stable
-GRAVITY_BOUND = 100.0  # m/s², dynamic_reconfigure's range
-# Bullet stops iterating when the squared impulse change of a sweep falls below this; its default
-# of 1e-7 leaves joints 2e-4 rad off, 1e-12 leaves 6e-7 rad and costs 3 us a step more.
+LARGEST_STEP = 0.1  # s; with longer steps neither the PID controllers nor contacts are stable
+GRAVITY_BOUND = 100.0  # m/s², as in Gazebo's dynamic_reconfigure
+# Bullet stops iterating when the squared impulse change of a sweep is below this value. The default
+# of 1e-7 leaves position errors of 2e-4 rad; 1e-12 leaves 6e-7 rad and costs 3 us more per step.
 SOLVER_RESIDUAL = 1e-12
 
 
 class World:
-    """The physics world: Bullet without its hidden damping, motors and velocity bounds.
+    """Physics world: Bullet without its hidden damping, motors and velocity limits.
 
-    It has models with links and joints, gravity, contacts and joint friction; `Simulation.world` is
-    one. `spawn` and `delete` change its models, `step` moves them by one time step. Poses are in
-    the world's frame, z up; lengths in m, angles in rad, forces in N and N m.
+    It contains models with links and joints, and simulates gravity, contacts and joint friction.
+    `spawn` and `delete` change the set of models, `step` advances them by one time step. Poses are
+    in the world frame, z up; lengths in m, angles in rad, forces in N and N m. `Simulation.world`
+    is an instance.
 
     Args:
         time_step: s.
-        gravity: m/s².
-        gui: open PyBullet's window.
-        solver_iterations: bound on the sweeps of the constraint solver.
+        gravity: gravity vector, m/s².
+        gui: whether to open PyBullet's window.
+        solver_iterations: largest number of sweeps of the constraint solver.
 
     Attributes:
-        client: Bullet client id, for renderers.
-        models: by name, in spawn order; a part that no joint holds to its model comes after it as
-            <model>::<its root link>.
-        revision: counts spawns, deletions and resets; a copy of the scene is out of date when it
+        client: Bullet's client id, for renderers.
+        models: models by name, in spawn order. Separate parts of a model, without a joint to it,
+            follow it as <model>::<root link of the part>.
+        revision: number of spawns, deletions and resets; a copy of the scene is out of date when it
             has changed.
-        islands: decides which bolted models make steps of their own.
-        bases: holds the bases of free models that are at rest.
+        isolation: decides which fixed-base models joint_dynamics.py steps instead of Bullet.
+        resting_bases: free models at rest, whose bases are treated as fixed.
         attachments: fixed joints between models.
-        friction: gives each contact the smaller of its two coefficients.
+        friction: gives each contact the smaller of its two friction coefficients.
 
     Raises:
-        WorldError: impossible step or gravity, or Bullet does not start.
+        WorldError: invalid time step or gravity, or Bullet does not start.
     """
 
     def __init__(self, time_step: float = 0.001,
                  gravity: tuple[float, float, float] = (0.0, 0.0, -9.8), gui: bool = False,
                  solver_iterations: int = 50) -> None:
-        self._time_step = _checked_step(time_step)
-        self._gravity = _checked_gravity(gravity)
-        self._iterations = _checked_iterations(solver_iterations)
+        self._time_step = _check_step(time_step)
+        self._gravity = _check_gravity(gravity)
+        self._iterations = _check_iterations(solver_iterations)
         self.models: dict[str, Model] = {}
-        self._own: list[Model] = []
-        self._bullets: list[Model] = []
-        self._bullet_steps = self._pairs_left_out = False
-        self.islands = Islands(self.models, gui)
+        self._own_dynamics_models: list[Model] = []
+        self._bullet_models: list[Model] = []
+        self._bullet_steps = self._has_disabled_pairs = False
+        self.isolation = IsolationMonitor(self.models, gui)
         self.revision = 0
         try:
-            self.client = connected(gui)
+            self.client = connect(gui)
         except pybullet.error as error:
             raise WindowError(
                 f"Bullet cannot open its window ({error}); start with gui:=false") from None
         if self.client < 0:
             raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
-        self._gui = self._stepped = gui
-        # Bullet keeps 30 MB for a robot: also of a world that is dropped without `close`.
-        self._leave = weakref.finalize(self, pybullet.disconnect, self.client)
-        self._leave.atexit = False
-        if gui:  # without panels of sliders and empty previews, and shadows: half a picture's cost
+        self._gui = self._has_stepped = gui
+        # Bullet takes 30 MB for a robot: release it even if `close` is not called.
+        self._finalizer = weakref.finalize(self, pybullet.disconnect, self.client)
+        self._finalizer.atexit = False
+        if gui:  # hide the side panels, and the shadows, which take half of the drawing time
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
-        self._direct = False
+        self._has_direct_solver = False
         self.friction = ContactFriction(self.client)
         self._sliding = SlidingFriction(self.client)
         self._deep = DeepContacts(self.client, self.models)
-        self.bases = FreeBases(self.models, self._models_changed)
-        self.attachments = Attachments(self.client, self.models, self._attachments_changed)
+        self.resting_bases = RestingBases(self.models, self._update_models)
+        self.attachments = Attachments(self.client, self.models, self._update_attachments)
         self._configure()
 
     def _configure(self) -> None:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self._time_step, numSolverIterations=self._iterations,
             solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
-            # Meshes and files are read anew for each model: they may have changed.
+            # Meshes and files are read again for each model: they may have changed.
             enableFileCaching=False,
             # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
             useSplitImpulse=False,
-            restitutionVelocityThreshold=0.0,  # impacts.py decides
-            # Both sides of a pair have to want it; Bullet is content with one.
+            restitutionVelocityThreshold=0.0,  # impacts.py sets the restitution of each impact
+            # Both links must accept a pair; by default Bullet tests a pair that one accepts.
             collisionFilterMode=0,
             physicsClientId=self.client)
         pybullet.setGravity(*self._gravity, physicsClientId=self.client)
 
     def _choose_solver(self) -> None:
-        """Solve friction, stops and motors of joints directly where every model is bolted down.
+        """Use a direct solver for friction, stops and motors if all bases are fixed.
 
-        Sweeps need hundreds of iterations where joints are coupled as tightly as the ARAS arm's: 50
-        of them leave J5 creeping at 2e-5 rad/s when it rests and take twice as long as a direct
-        solution (Dantzig's). With contacts Bullet goes back to sweeps by itself, step by step; a
-        body that stands on the ground would be shaken by the changes, so then it is sweeps always.
+        An iterative solver needs hundreds of sweeps for joints that are coupled as tightly as those
+        of the ARAS arm: after 50 sweeps, J5 still moves at 2e-5 rad/s at rest, and they take twice
+        as long as a direct solution (Dantzig's). In steps with contacts, Bullet itself falls back
+        to sweeps. These changes would shake a body on the ground, so with free models or
+        attachments the iterative solver is always used.
         """
         direct = not self.attachments and all(model.fixed_base and not model.description.loops
                                               for model in self.models.values())
-        if direct != self._direct:
-            self._direct = direct
+        if direct != self._has_direct_solver:
+            self._has_direct_solver = direct
             solver = (pybullet.CONSTRAINT_SOLVER_LCP_DANTZIG if direct
                       else pybullet.CONSTRAINT_SOLVER_LCP_SI)
-            with quiet():  # "switched solver"
+            with silence_output():  # Bullet prints "switched solver"
                 pybullet.setPhysicsEngineParameter(constraintSolverType=solver,
                                                    physicsClientId=self.client)
 
     @property
     def time_step(self) -> float:
-        """Physics step, s."""
+        """Time step, s."""
         return self._time_step
 
     @property
     def gravity(self) -> tuple[float, float, float]:
-        """m/s²."""
+        """Gravity vector, m/s²."""
         return self._gravity
 
     @property
     def solver_iterations(self) -> int:
-        """Bound on the sweeps of the constraint solver."""
+        """Largest number of sweeps of the constraint solver."""
         return self._iterations
 
     def set_physics(self, time_step: float | None = None,
                     gravity: tuple[float, float, float] | None = None,
                     solver_iterations: int | None = None) -> None:
-        """Change what is given; WorldError, and nothing changed, when one of them is impossible."""
-        step = self._time_step if time_step is None else _checked_step(time_step)
-        down = self._gravity if gravity is None else _checked_gravity(gravity)
+        """Change physics parameters; None leaves one unchanged.
+
+        Raises:
+            WorldError: a value is invalid; nothing has changed then.
+        """
+        step = self._time_step if time_step is None else _check_step(time_step)
+        new_gravity = self._gravity if gravity is None else _check_gravity(gravity)
         sweeps = (self._iterations if solver_iterations is None
-                  else _checked_iterations(solver_iterations))
-        self.bases.release()
-        self._time_step, self._gravity, self._iterations = step, down, sweeps
+                  else _check_iterations(solver_iterations))
+        self.resting_bases.release()
+        self._time_step, self._gravity, self._iterations = step, new_gravity, sweeps
         self._configure()
         for model in self.models.values():
-            model.physics_changed(down)
+            model.update_physics(new_gravity)
 
     # ------------------------------------------------------------------ models
 
     def spawn(self, description: RobotDescription, name: str, pose: Pose = IDENTITY,
               joint_positions: Mapping[str, float] | None = None,
               fixed_base: bool | None = None) -> Model:
-        """Put a model into the world, at rest.
+        """Add a model to the world, at rest.
 
         Args:
-            description: what it is.
-            name: its name here.
+            description: description of the model.
+            name: name of the model in the world.
             pose: world_T_root.
-            joint_positions: rad or m; absent joints start at 0 (mimicking ones follow).
-            fixed_base: bolt the root link where it is put; None follows the description: a root
-                named 'world' or without mass, `<kinematic>` on it, or `<static>` fix it. One
-                without mass is bolted in any case.
+            joint_positions: rad or m; other joints start at 0 (mimicking ones follow).
+            fixed_base: whether the root link is fixed. With None, the description decides: a root
+                named 'world', `<kinematic>` on the root or `<static>` fix it. A root without mass
+                is always fixed.
 
         Raises:
-            WorldError: name taken or empty, pose or position impossible, joint kinds or masses
-                that cannot be simulated; the world is unchanged then.
-            DescriptionError: a mesh file that is damaged; the same.
+            WorldError: the name is taken or empty, or a pose, position, joint or mass is invalid;
+                the world is unchanged then.
+            DescriptionError: a mesh file is damaged; the world is unchanged then.
         """
         if not isinstance(name, str) or not name:
             raise WorldError("a model needs a name that is not empty")
@@ -196,39 +202,53 @@ class World:
         whole = (description, *description.parts)
         for one in whole:
             check_simulable(one, name)
-            for text in shapes.read_all(one, name):
+            for text in shapes.read_mesh_files(one, name):
                 logger.warning("%s", text)
-        pose = checked_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
+        pose = check_pose(pose, f"model '{name}'", WorldError, zero_is_identity=True)
         if math.hypot(*pose.xyz) > LARGEST:
             raise WorldError(f"model '{name}': position {pose.xyz} is beyond {LARGEST:.0e} m")
-        starts = _start_positions(whole, name, joint_positions or {})
+        starts = _compute_start_positions(whole, name, joint_positions or {})
         bodies = pybullet.getNumBodies(physicsClientId=self.client)
-        made: list[Model] = []
+        spawned: list[Model] = []
         try:
             for one, start in zip(whole, starts, strict=True):
-                own, at = name, pose
-                if made:
-                    own, at = f"{name}::{one.root}", pose @ Pose.from_rpy(*one.initial_pose)
-                fixed = bullet_file.root_is_fixed(one, None if made else fixed_base)
-                made.append(Model(self.client, one, own, at, start, fixed, self._gravity,
-                                  self._model_moved, made[0] if made else None))
+                own_name, own_pose = name, pose
+                if spawned:
+                    own_name, own_pose = (
+                        f"{name}::{one.root}",
+                        pose @ Pose.from_rpy(*one.initial_pose),
+                    )
+                fixed = bullet_files.is_root_fixed(one, None if spawned else fixed_base)
+                spawned.append(
+                    Model(
+                        self.client,
+                        one,
+                        own_name,
+                        own_pose,
+                        start,
+                        fixed,
+                        self._gravity,
+                        self._on_model_move,
+                        spawned[0] if spawned else None,
+                    )
+                )
         except WorldError:
             for i in range(pybullet.getNumBodies(physicsClientId=self.client) - 1, bodies - 1, -1):
                 pybullet.removeBody(pybullet.getBodyUniqueId(i, physicsClientId=self.client),
                                     physicsClientId=self.client)
             raise
-        for model in made:
+        for model in spawned:
             self.models[model.name] = model
-            self.bases.came(model)
-        self._models_changed()
+            self.resting_bases.release_for(model)
+        self._update_models()
         logger.debug("spawned '%s': %d links, %d joints, %s base", name,
-                     sum(len(model.link_names) for model in made),
-                     sum(len(model.joint_names) for model in made),
-                     "fixed" if made[0].fixed_base else "free")
-        return made[0]
+                     sum(len(model.link_names) for model in spawned),
+                     sum(len(model.joint_names) for model in spawned),
+                     "fixed" if spawned[0].fixed_base else "free")
+        return spawned[0]
 
     def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
-        """Gazebo's ground plane: z = 0, grey, 100 m wide to the eye, endless to the touch."""
+        """Add Gazebo's ground plane: z = 0, grey, drawn 100 m wide, infinite for contacts."""
         plane = Geometry("plane", size=(100.0, 100.0, 0.0))
         link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane),),
                     (Collision("collision", (0, 0, 0), (0, 0, 0), plane),), mu=100.0)
@@ -236,200 +256,217 @@ class World:
                                            colours={"link": COLOURS["Gazebo/Grey"]}), name)
 
     @property
-    def whole_models(self) -> dict[str, Model]:
-        """The models by name, without the parts of others."""
-        return {name: model for name, model in self.models.items() if model.whole is model}
+    def main_models(self) -> dict[str, Model]:
+        """Models by name, without separate parts."""
+        return {name: model for name, model in self.models.items() if model.main_model is model}
 
     def model(self, name: str) -> Model:
-        """The model called `name`; WorldError naming those that exist."""
+        """Return the model called `name`; the WorldError for a wrong name lists all models."""
         model = self.models.get(name)
-        if model is None or model.whole is not model:
-            raise UnknownModelError(name, self.whole_models)
+        if model is None or model.main_model is not model:
+            raise UnknownModelError(name, self.main_models)
         return model
 
     def delete(self, name: str) -> None:
-        """Take a model out; WorldError when there is none of that name."""
+        """Remove a model; WorldError if it does not exist."""
         for model in self.model(name).bodies:
-            self.bases.leaves(model)
-            self.attachments.leaves(model)
+            self.resting_bases.release_from(model)
+            self.attachments.detach_model(model)
             model.remove()
             del self.models[model.name]
-        self._models_changed()
+        self._update_models()
 
-    def change(self, name: str, description: RobotDescription) -> None:
-        """Give a model other masses, damping or limits (see changes.py); its state goes on.
+    def change_model(self, name: str, description: RobotDescription) -> None:
+        """Change masses, damping or limits of a model (see description_changes.py).
+
+        The model continues from its present state.
 
         Raises:
-            WorldError, DescriptionError: no such model, a joint that moves no mass, or a mesh file
-                that was damaged since; nothing is changed then.
+            WorldError, DescriptionError: unknown model, a joint that moves no mass, or a mesh file
+                that was damaged meanwhile; nothing has changed then.
         """
         model = self.models.get(name) or self.model(name)
         check_simulable(description, name)
-        shapes.read_all(description, name)
-        self.bases.release()
+        shapes.read_mesh_files(description, name)
+        self.resting_bases.release()
         self.attachments.suspend(model)
         model.rebuild(description)
-        self._models_changed()
+        self._update_models()
 
-    def _attachments_changed(self) -> None:
-        """Models were attached or let go: a base that holds something does not stand still."""
-        self.bases.release()
-        self._models_changed()
+    def _update_attachments(self) -> None:
+        """Update the models after an attachment changed; all resting bases are freed."""
+        self.resting_bases.release()
+        self._update_models()
 
-    def _models_changed(self) -> None:
-        """Models came, went or were loaded anew: note what a step has to do for them."""
+    def _update_models(self) -> None:
+        """Update everything that depends on the list of models, or on reloaded models."""
         self.revision += 1
         self.attachments.renew()
-        self.friction.models_changed(self.models.values())
-        self._sliding.models_changed(self.models.values())
-        self._deep.came()
+        self.friction.set_models(self.models.values())
+        self._sliding.set_models(self.models.values())
+        self._deep.start_watching()
         self._choose_solver()
-        self.islands.models_moved()
-        self._pairs_left_out = False
-        self._look()
-        self.bases.models_changed()
+        self.isolation.refresh()
+        self._has_disabled_pairs = False
+        self._update_isolation()
+        self.resting_bases.refresh()
 
-    def _model_moved(self, model: Model, put: bool, posed: bool = False) -> None:
-        """A model was `put` elsewhere as a whole; or `posed`: its joints were put elsewhere; or
-        pushed."""
-        if put or posed:
-            self._deep.put()
-        if put and model.fixed_base:
-            self.bases.leaves(model)
-            self.islands.put(model)
-            self._pairs_left_out = False
+    def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
+        """React to a model that jumped (`is_moved`), whose joints jumped, or that was pushed."""
+        if is_moved or has_new_positions:
+            self._deep.continue_watching()
+        if is_moved and model.fixed_base:
+            self.resting_bases.release_from(model)
+            self.isolation.replace_model(model)
+            self._has_disabled_pairs = False
         else:
-            self.islands.wait = 0
-            self._sliding.pushed()
+            self.isolation.steps_until_update = 0
+            self._sliding.check_all()
 
-    def _look(self) -> None:
-        """Choose who makes the steps of which model (see islands.py)."""
-        self.islands.look(self._time_step)
+    def _update_isolation(self) -> None:
+        """Choose for each model whether Bullet steps it (see isolation.py)."""
+        self.isolation.update(self._time_step)
         models = self.models.values()
-        self._own = [model for model in models if model.joints.own]
+        self._own_dynamics_models = [model for model in models if model.joints.has_own_dynamics]
         self._bullet_steps = self._gui or any(
-            not (model.fixed_base and (model.body.asleep or not model.joint_names))
+            not (model.fixed_base and (model.body.is_asleep or not model.joint_names))
             for model in models)
-        self._bullets = [model for model in models
-                         if self._bullet_steps and model.needs_steps and not model.joints.own]
-        if self._bullet_steps and not self._pairs_left_out:
-            self._pairs_left_out = True
-            leave_out_pairs(list(models))
-            self.attachments.hide()
+        self._bullet_models = [
+            model
+            for model in models
+            if self._bullet_steps and model.needs_steps and not model.joints.has_own_dynamics
+        ]
+        if self._bullet_steps and not self._has_disabled_pairs:
+            self._has_disabled_pairs = True
+            disable_distant_pairs(list(models))
+            self.attachments.disable_contacts()
 
     # ------------------------------------------------------------------ time
 
     def step(self) -> None:
-        """Advance physics by one time step, with the efforts and forces given since the last.
+        """Advance the physics by one time step, with the efforts and forces set since the last.
 
         Raises:
             WorldError: an effort is not finite; no model has moved then.
         """
-        if self.bases.fresh:
-            self.bases.begin()
-        if self.islands.wait <= 0:
-            self._look()
-        self.islands.wait -= 1
+        if self.resting_bases.is_new:
+            self.resting_bases.fix_at_start()
+        if self.isolation.steps_until_update <= 0:
+            self._update_isolation()
+        self.isolation.steps_until_update -= 1
         dt = self._time_step
-        for model in (*self._own, *self._bullets):
+        for model in (*self._own_dynamics_models, *self._bullet_models):
             model.check_efforts()
-        for model in self._own:
+        for model in self._own_dynamics_models:
             model.advance(dt)
         bullet_steps = self._bullet_steps
         if bullet_steps:
             self._step_bullet(dt)
-        if self.bases.held:
-            self.bases.check(dt, self.islands.touchable)
-        if bullet_steps and self.bases.watched:
-            self.bases.look()
+        if self.resting_bases.fixed_bases:
+            self.resting_bases.check_support(dt, self.isolation.is_base_touchable)
+        if bullet_steps and self.resting_bases.is_active:
+            self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
-        """One step of all that does not make its own."""
-        for model in self._bullets:
+        """Make one step of Bullet, for all models that it steps."""
+        for model in self._bullet_models:
             model.before_step(dt)
-        if self.friction.watched:
+        if self.friction.is_active:
             self.friction.before_step()
         if self._sliding.loose:
             self._sliding.before_step(dt)
-        if self._deep.watched:
+        if self._deep.is_active:
             self._deep.before_step(dt)
         pybullet.stepSimulation(self.client)
-        self._stepped = True
-        if self._deep.watched:
+        self._has_stepped = True
+        if self._deep.is_active:
             self._deep.after_step(dt)
-        for model in self._bullets:
+        for model in self._bullet_models:
             model.after_step()
 
     @property
-    def outlook(self) -> int:
-        """Steps that `alone`'s model may make before something else may touch it."""
-        return self.islands.wait
+    def steps_until_contact(self) -> int:
+        """Number of steps that a compiled step may make before a contact is possible."""
+        return self.isolation.steps_until_update
 
-    def alone(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
-        """What compiled steps of a model take (see cycle.py): JointSpace.arrays, the time step, and
-        how it stands; None where they may not be made without the world: something else has joints
-        or can touch it, or an effort waits. What is loose catches up in `advanced`."""
-        if self.islands.wait <= 0:
-            self._look()
-        if (self._own != [model] or self._bullets or self.bases.fresh or self.bases.watched
-                or self.islands.touchable):
+    def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
+        """Return the arguments of compiled steps of a model (see cycle.py), or None.
+
+        They are JointSpace.arrays, the time step, and the arguments of `is_supported`. The result
+        is None if the model cannot be stepped alone: another model has joints or may touch it, or
+        an effort is pending. Free bodies follow in `finish_compiled_steps`.
+        """
+        if self.isolation.steps_until_update <= 0:
+            self._update_isolation()
+        if (
+            self._own_dynamics_models != [model]
+            or self._bullet_models
+            or self.resting_bases.is_new
+            or self.resting_bases.is_active
+            or self.isolation.is_base_touchable
+        ):
             return None
-        joints, held = model.joints, self.bases.held
-        if not joints.calm:
+        joints, held = model.joints, self.resting_bases.fixed_bases
+        if not joints.is_calm:
             return None
-        stands = held[0].arrays[5:] if held else BOLTED
+        base_arrays = held[0].arrays[5:] if held else FIXED_BASE_ARRAYS
         space = joints.space
-        return *space.arrays, self._time_step, bool(held), space.before, *stands
+        return *space.arrays, self._time_step, bool(held), space.previous_speeds, *base_arrays
 
-    def advanced(self, model: Model, made: int, bad: int = -1, borne: bool = True) -> None:
-        """`made` such steps were made.
+    def finish_compiled_steps(
+        self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True
+    ) -> None:
+        """Update the world after `count` compiled steps.
 
         Args:
-            bad: joint that diverged, or -1. borne: whether the ground bore the last one.
+            model: model that made the steps.
+            count: number of steps.
+            diverged_joint: index of a joint that diverged, or -1.
+            is_base_supported: whether the ground supported the base in the last step.
 
         Raises:
             WorldError: the simulation diverged.
         """
-        model.joints.advanced(bad)
-        self.islands.wait -= made
-        for _ in range(made if self._bullet_steps else 0):
+        model.joints.finish_steps(diverged_joint)
+        self.isolation.steps_until_update -= count
+        for _ in range(count if self._bullet_steps else 0):
             self._step_bullet(self._time_step)
-        if not borne:
-            self.bases.let_go()
+        if not is_base_supported:
+            self.resting_bases.release_overload()
 
     def reset_world(self) -> None:
-        """Models back to their spawn poses, all velocities zero; joint angles stay (Gazebo)."""
+        """Move all models to their spawn poses at zero velocity; joint positions stay (Gazebo)."""
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())
-        self.bases.models_changed()
+        self.resting_bases.refresh()
 
     def reset_simulation(self) -> None:
-        """A fresh Bullet with the same models at their spawn poses and configurations, unattached.
+        """Reload all models into an empty Bullet, at their spawn poses and joint positions.
 
-        From here on every run with the same inputs is bit-identical. Model objects stay valid;
-        their body ids may change.
+        All attachments are removed. From here on, runs with the same inputs are bit-identical.
+        Model objects stay valid; their body ids may change.
 
         Raises:
-            DescriptionError: a mesh file was damaged since; nothing is changed then.
+            DescriptionError: a mesh file was damaged meanwhile; nothing has changed then.
         """
         for model in self.models.values():
-            shapes.read_all(model.description, model.name)
-        self.bases.release()
+            shapes.read_mesh_files(model.description, model.name)
+        self.resting_bases.release()
         pybullet.resetSimulation(physicsClientId=self.client)
         self.attachments.clear()
         self._deep.clear()
-        self._direct = False
+        self._has_direct_solver = False
         self._configure()
         for model in self.models.values():
             model.reload()
-        self._models_changed()
+        self._update_models()
 
     def close(self) -> None:
-        """Leave Bullet. Safe to call twice."""
-        self._leave.detach()
+        """Release the Bullet client; a second call has no effect."""
+        self._finalizer.detach()
         if self.client >= 0 and pybullet.isConnected(self.client):
-            give_back(self.client, not self._stepped)
+            release_client(self.client, not self._has_stepped)
         self.client = -1
 
     def __enter__(self) -> "World":
@@ -439,7 +476,7 @@ class World:
         self.close()
 
 
-def _checked_step(value: float) -> float:
+def _check_step(value: float) -> float:
     if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
         raise WorldError(
             f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
@@ -447,37 +484,40 @@ def _checked_step(value: float) -> float:
     return float(value)
 
 
-def _checked_gravity(value: tuple) -> tuple[float, float, float]:
-    gravity = checked_vector(value, "gravity", WorldError)
+def _check_gravity(value: tuple) -> tuple[float, float, float]:
+    gravity = check_vector(value, "gravity", WorldError)
     if max(abs(g) for g in gravity) > GRAVITY_BOUND:
         raise WorldError(f"gravity {gravity} is beyond ±{GRAVITY_BOUND} m/s²")
     return gravity
 
 
-def _checked_iterations(value: int) -> int:
+def _check_iterations(value: int) -> int:
     if not 1 <= value <= 10000 or value != int(value):
-        raise WorldError(f"{value} solver iterations: needs a whole number from 1 to 10000")
+        raise WorldError(f"{value} solver iterations: give a whole number from 1 to 10000")
     return int(value)
 
 
-def _start_positions(whole: Sequence[RobotDescription], name: str, given: Mapping[str, float]
-                     ) -> list[dict[str, float]]:
-    """Positions of the joints that are not at 0, of each body of a model."""
-    every = tuple(joint for one in whole for joint in one.moving_joints())
-    for joint, value in given.items():
+def _compute_start_positions(
+    descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
+) -> list[dict[str, float]]:
+    """Return the start positions of the joints of each body of a model."""
+    every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
+    for joint, value in positions.items():
         if joint not in every:
             raise UnknownJointError(name, joint, every)
         if not math.isfinite(value):
             raise WorldError(f"model '{name}', joint '{joint}': position {value} is not finite")
-    return [_start_of(one, given) for one in whole]
+    return [_compute_start(one, positions) for one in descriptions]
 
 
-def _start_of(description: RobotDescription, given: Mapping[str, float]) -> dict[str, float]:
-    moving = description.moving_joints()
-    start = {joint: float(value) for joint, value in given.items() if joint in moving}
+def _compute_start(
+    description: RobotDescription, positions: Mapping[str, float]
+) -> dict[str, float]:
+    moving = description.list_moving_joints()
+    start = {joint: float(value) for joint, value in positions.items() if joint in moving}
     for _ in moving:
         for joint in moving:
             mimic = description.joints[joint].mimic
-            if mimic is not None and joint not in given:
+            if mimic is not None and joint not in positions:
                 start[joint] = mimic.multiplier * start.get(mimic.joint, 0.0) + mimic.offset
     return start

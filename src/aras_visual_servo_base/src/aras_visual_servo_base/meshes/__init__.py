@@ -1,1 +1,1 @@
-"""Meshes: read once and checked, by everybody who needs them."""
+"""Triangle meshes, and cached, checked readers of mesh files."""

@@ -1,4 +1,4 @@
-"""COLLADA files (.dae), read by pycollada; what it would pass over in silence is refused here."""
+"""Reader of COLLADA files (.dae) with pycollada; errors that it ignores are reported here."""
 
 from __future__ import annotations
 
@@ -16,67 +16,73 @@ from ..errors import DescriptionError
 from ..urdf import Rgba
 from .mesh import Mesh, check_reach, from_indices
 
-# Parts of a look that pycollada does not know or that refer to nothing are left out.
-_LEFT_OUT = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
-_MOST_NODES = 100_000  # a few kB of nodes that show each other twice make more than any memory
+# pycollada ignores unsupported and unresolved parts of materials.
+_UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
+_MOST_NODES = 100_000  # nodes that reference others twice let a file of a few kB exhaust the memory
 
 
 def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
-         picture: Callable[[Path, str], str | None], grey: Rgba) -> list[Mesh]:
-    """One mesh for each primitive that the scene shows, in metres.
+         find_texture: Callable[[Path, str], str | None], default_colour: Rgba) -> list[Mesh]:
+    """Read one mesh for each primitive in the scene, in metres.
 
-    The unit is applied and the up axis is not, as in Gazebo and rviz.
+    As in Gazebo and rviz, the unit is applied, but not the up axis.
 
     Args:
-        folder: what texture files are relative to.
-        check_size: refuses numbers of triangles and of meshes.
-        picture: path of a texture, None for one that is missing: grey is drawn then.
+        folder: folder to which paths of texture files are relative.
+        check_size: raises an error for too many triangles or meshes.
+        find_texture: returns the path of a texture file, or None if it is missing.
+        default_colour: colour of surfaces whose texture is missing.
 
     Raises:
-        DescriptionError: saying what is missing or wrong.
+        DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
-    root = _checked(data)
+    root = _parse_root(data)
     try:
-        checked = ElementTree.tostring(root)  # without comments, which cost pycollada the text
-        document = collada.Collada(io.BytesIO(checked), ignore=_LEFT_OUT)
-    except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
-        raise DescriptionError(f"its parts do not fit together: {_said(error)}") from None
+        checked = ElementTree.tostring(root)  # without comments, after which pycollada loses text
+        document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
+    except Exception as error:  # pycollada raises errors of many types for damaged files
+        raise DescriptionError(f"its parts do not match: {_format_error(error)}") from None
     known = {geometry.id for geometry in document.geometries}
     for geometry in root.findall("library_geometries/geometry"):
         if geometry.find("mesh") is not None and geometry.get("id") not in known:
-            why = "; ".join(_said(error) for error in document.errors) or "it has no id"
+            why = "; ".join(_format_error(error) for error in document.errors) or "it has no id"
             raise DescriptionError(f"geometry '{safe_xml.shorten(geometry.get('id') or '')}' "
                                    f"cannot be read: {safe_xml.shorten(why, 200)}")
     for instance in root.iter("instance_geometry"):
-        if _reference(instance, "url") not in known:
-            raise DescriptionError("its scene shows a geometry that is not there: "
+        if _find_reference(instance, "url") not in known:
+            raise DescriptionError("its scene contains a geometry that does not exist: "
                                    f"'{safe_xml.shorten(instance.get('url'))}'")
     unit = document.assetInfo.unitmeter or 1.0
     metres = np.diag([unit, unit, unit, 1.0])
     meshes: list[Mesh] = []
     count = 0
-    for node, placed in _shown(document.scene):
-        looks = {look.symbol: _look(look.target, folder, picture, grey) for look in node.materials}
+    for node, placed in _find_geometries(document.scene):
+        appearances = {
+            material.symbol: _read_material(material.target, folder, find_texture, default_colour)
+            for material in node.materials
+        }
         for primitive in node.geometry.primitives:
             if isinstance(primitive, collada.polylist.Polylist):
-                primitive = _triangulated(primitive)
+                primitive = _triangulate(primitive)
             if isinstance(primitive, collada.triangleset.TriangleSet) and len(primitive):
                 count += len(primitive)
                 check_size(count, len(meshes) + 1)
-                look = looks.get(primitive.material, (None, None))
-                meshes.append(_mesh(primitive, *look).placed(metres @ placed))
+                appearance = appearances.get(primitive.material, (None, None))
+                meshes.append(_make_mesh(primitive, *appearance).apply_affine(metres @ placed))
     if not meshes:
-        raise DescriptionError("its scene shows no triangles")
+        raise DescriptionError("its scene contains no triangles")
     return meshes
 
 
-def _said(error: Exception) -> str:
+def _format_error(error: Exception) -> str:
     return str(getattr(error, "msg", error)) or type(error).__name__
 
 
-def _checked(data: bytes) -> Element:
-    """The root element, once every array holds as many finite numbers as it says: pycollada takes
-    zero for what is not finite and does not ask for the count."""
+def _parse_root(data: bytes) -> Element:
+    """Return the root element after a check that the length of each array matches its count.
+
+    pycollada replaces numbers that are not finite by zero, and does not check counts.
+    """
     try:
         text = data.decode("utf-8-sig")
     except UnicodeDecodeError:
@@ -85,22 +91,22 @@ def _checked(data: bytes) -> Element:
     if root.tag != "COLLADA":
         raise DescriptionError("its root element is not <COLLADA>")
     unit = root.find("asset/unit")
-    if unit is not None and safe_xml.number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
+    if unit is not None and safe_xml.parse_number(unit.get("meter"), "<unit>: meter", 1.0) <= 0.0:
         raise DescriptionError(f"<unit>: meter {unit.get('meter')} must be positive")
     for array in root.iterfind("library_geometries/geometry/mesh/source/float_array"):
-        values = _numbers(array, float)
-        count = safe_xml.integer(array.get("count"), "<float_array>: count", len(values))
+        values = _parse_numbers(array, float)
+        count = safe_xml.parse_integer(array.get("count"), "<float_array>: count", len(values))
         if count != len(values):
             raise DescriptionError(f"<float_array> of {count} has {len(values)} numbers")
         if not np.isfinite(values).all():
-            raise DescriptionError("<float_array> holds a number that is not finite")
+            raise DescriptionError("<float_array> contains a number that is not finite")
     for tag in ("instance_geometry", "instance_node", "instance_visual_scene"):
         for instance in root.iter(tag):
-            _reference(instance, "url")
+            _find_reference(instance, "url")
     for mesh in root.iterfind("library_geometries/geometry/mesh"):
         sources = {part.get("id") for part in mesh}
         for part in mesh.iter("input"):
-            if _reference(part, "source") not in sources:
+            if _find_reference(part, "source") not in sources:
                 raise DescriptionError(
                     f"there is no <source> '{safe_xml.shorten(part.get('source'))}'")
         for primitive in mesh:
@@ -108,7 +114,7 @@ def _checked(data: bytes) -> Element:
                 _check_primitive(primitive)
     for tag, count in (("matrix", 16), ("translate", 3), ("scale", 3), ("rotate", 4)):
         for transform in root.iter(tag):
-            values = _numbers(transform, float)
+            values = _parse_numbers(transform, float)
             if len(values) != count:
                 raise DescriptionError(f"<{tag}>: needs {count} numbers")
             check_reach(values, f"number of <{tag}>")
@@ -116,45 +122,45 @@ def _checked(data: bytes) -> Element:
 
 
 def _check_primitive(primitive: Element) -> None:
-    """As many indices as the counts ask for."""
+    """Check that a primitive has the number of indices that its counts require."""
     what = f"<{primitive.tag}>"
-    count = safe_xml.integer(primitive.get("count"), f"{what}: count")
-    offsets = [safe_xml.integer(part.get("offset"), "<input>: offset")
+    count = safe_xml.parse_integer(primitive.get("count"), f"{what}: count")
+    offsets = [safe_xml.parse_integer(part.get("offset"), "<input>: offset")
                for part in primitive.findall("input")]
     if not offsets or min(offsets) < 0 or max(offsets) > 64:
-        raise DescriptionError(f"{what} has no <input>, or one at an offset that cannot be")
+        raise DescriptionError(f"{what} has no <input>, or one with an invalid offset")
     corners = 3 * count
     if primitive.tag == "polylist":
         each = primitive.find("vcount")
-        each = np.zeros(0) if each is None else _numbers(each, float)
+        each = np.zeros(0) if each is None else _parse_numbers(each, float)
         if len(each) != count or (each < 3).any():
             raise DescriptionError(f"{what} of {count}: <vcount> has {len(each)} numbers; each "
-                                   "polygon has three corners or more")
+                                   "polygon needs at least three corners")
         corners = each.sum()
-    found = 0 if primitive.find("p") is None else len(_numbers(primitive.find("p"), float))
+    found = 0 if primitive.find("p") is None else len(_parse_numbers(primitive.find("p"), float))
     if count < 0 or found != corners * (max(offsets) + 1):
         raise DescriptionError(f"{what} of {count}: <p> has {found} indices")
 
 
-def _reference(element: Element, name: str) -> str:
-    """What '#name' refers to; other files are never read."""
+def _find_reference(element: Element, name: str) -> str:
+    """Return the id in a reference '#id'; references to other files are errors."""
     value = element.get(name) or ""
     if not value.startswith("#"):
         raise DescriptionError(f"<{element.tag}>: {name} '{safe_xml.shorten(value)}' does not "
-                               "begin with #")
+                               "start with #")
     return value[1:]
 
 
-def _numbers(element: Element, kind: type) -> np.ndarray:
+def _parse_numbers(element: Element, kind: type) -> np.ndarray:
     try:
         return np.array((element.text or "").split(), dtype=kind)
     except (ValueError, OverflowError):
-        raise DescriptionError(f"<{element.tag}> holds what is no number") from None
+        raise DescriptionError(f"<{element.tag}> contains text that is not a number") from None
 
 
-def _shown(scene: collada.scene.Scene | None
+def _find_geometries(scene: collada.scene.Scene | None
            ) -> Iterator[tuple[collada.scene.GeometryNode, np.ndarray]]:
-    """Geometries that the scene shows, with their places in it (4, 4)."""
+    """Yield the geometries in the scene with their poses (4, 4)."""
     pending = [(node, np.eye(4)) for node in reversed(scene.nodes)] if scene is not None else []
     for _ in range(_MOST_NODES):
         if not pending:
@@ -169,15 +175,15 @@ def _shown(scene: collada.scene.Scene | None
     raise DescriptionError(f"its scene has more than {_MOST_NODES} nodes", "simplify it")
 
 
-def _triangulated(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive leaves out
-        raise DescriptionError("<polygons> has one of fewer than three corners")
+def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
+    if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive does not check
+        raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 
 
-def _mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
+def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
           ) -> Mesh:
-    """The triangles in their geometry's own frame and unit."""
+    """Return the mesh of the triangles, in the frame and unit of their geometry."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
     uv = normals = np.zeros((0, 3))
@@ -190,15 +196,15 @@ def _mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture
     return from_indices(index, triangles.vertex, uv, normals, rgba, texture)
 
 
-def _look(material: collada.material.Material, folder: Path,
-          picture: Callable[[Path, str], str | None], grey: Rgba
+def _read_material(material: collada.material.Material, folder: Path,
+          find_texture: Callable[[Path, str], str | None], default_colour: Rgba
           ) -> tuple[Rgba | None, str | None]:
-    """Colour and texture file of a material's diffuse light, None where it has none."""
+    """Return the diffuse colour and the texture file of a material; None for a missing one."""
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if isinstance(diffuse, collada.material.Map):
         file = folder / diffuse.sampler.surface.image.path
-        texture = picture(file, f"material '{safe_xml.shorten(material.id)}'")
-        return None if texture else grey, texture
+        texture = find_texture(file, f"material '{safe_xml.shorten(material.id)}'")
+        return None if texture else default_colour, texture
     if diffuse is None:
         return None, None
     return (*(float(x) for x in diffuse[:3]), 1.0), None

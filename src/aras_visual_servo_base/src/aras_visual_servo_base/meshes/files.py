@@ -1,9 +1,10 @@
-"""STL, OBJ, COLLADA and glTF files: read once and checked, by everybody who needs them.
+"""Readers of STL, OBJ, COLLADA and glTF files, which check and cache them.
 
-What a file says wrongly is refused: a face that names a point that is not there, a number that is
-none, a file without a triangle. Libraries that guess there draw and collide with something else.
-STL and OBJ are read here for that reason: of OBJ files trimesh 5.2 takes corner 0 for corner 1,
-`f -4 -3 -2` for the last points of the file and `v 1 2` for a point, and importing it takes 0.6 s.
+Invalid files are rejected: a face that refers to a missing vertex, a number that cannot be parsed,
+a file without triangles. Libraries that repair such errors would render or simulate another shape
+than intended. STL and OBJ are therefore read here without a library: in OBJ files trimesh 5.2
+interprets corner 0 as corner 1, resolves `f -4 -3 -2` relative to the end of the file and accepts
+`v 1 2` as a vertex; importing it takes 0.6 s.
 """
 
 from __future__ import annotations
@@ -25,14 +26,14 @@ from ..urdf import Rgba
 from .mesh import Mesh, from_corners, from_indices
 
 LARGEST_FILE = 256 * 1024 * 1024  # bytes
-# Of one file. It is read in 3 s (STL); simulated time stands still for 3 s while Bullet and the
-# renderer take it in.
+# Triangles of one file. Reading that many takes 3 s (STL); simulated time stops for another 3 s
+# while Bullet and the renderer load them.
 MOST_TRIANGLES = 300_000
 MOST_MESHES = 10_000  # of one file
-GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # of what lacks its material or its picture
+GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # colour of surfaces whose material or texture is missing
 _log = logging.getLogger(__name__)
 _LARGEST_CACHE = 256 * 1024 * 1024  # bytes of arrays
-_STL_HEAD = 84  # bytes before the triangles of a binary STL file, the last four their number
+_STL_HEADER = 84  # bytes before the triangles of a binary STL file; the last four are their number
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 
 _State = tuple[int, int]  # size and time of the last change, ns
@@ -41,29 +42,29 @@ _cache_lock = threading.Lock()
 
 
 def read(path: str) -> tuple[Mesh, ...]:
-    """The meshes of an STL, OBJ, COLLADA (.dae) or glTF (.glb, .gltf) file, one for each material
-    and each group.
+    """Read the meshes of an STL, OBJ, COLLADA (.dae) or glTF (.glb, .gltf) file.
 
-    In the file's own unit, COLLADA and glTF in m; no axes are turned, as in Gazebo and rviz.
-    Files that did not change since are not read again.
+    There is one mesh for each material and group. The unit is that of the file, for COLLADA and
+    glTF m. As in Gazebo and rviz, axes are not rotated. Unchanged files are read only once.
 
     Raises:
-        DescriptionError: naming the file, what is wrong with it and how to fix it.
+        DescriptionError: the file is invalid; the message names the file, the problem and how to
+            fix it.
     """
     with _cache_lock:
         known = _cache.get(path)
-        if known is not None and all(_state(p) == state for p, state in known[0].items()):
+        if known is not None and all(_read_state(p) == state for p, state in known[0].items()):
             _cache.move_to_end(path)
             return known[1]
         _cache.pop(path, None)
     file = Path(path)
     reader = _READERS.get(file.suffix.lower())
     if reader is None:
-        raise DescriptionError(f"mesh file {path} is of no kind that is read",
+        raise DescriptionError(f"mesh file {path} has an unsupported format",
                                f"convert it to one of {', '.join(sorted(_READERS))}", path)
-    states = {file: _state(file)}
+    states = {file: _read_state(file)}
     try:
-        meshes = tuple(reader(_contents(file), file.parent, states))
+        meshes = tuple(reader(_read_contents(file), file.parent, states))
         count = sum(len(mesh.triangles) for mesh in meshes)
         if count == 0:
             raise DescriptionError("it has no triangles")
@@ -73,12 +74,12 @@ def read(path: str) -> tuple[Mesh, ...]:
                                error.remedy or "export it again", path) from None
     with _cache_lock:
         _cache[path] = states, meshes
-        while sum(m.nbytes for _, kept in _cache.values() for m in kept) > _LARGEST_CACHE:
+        while sum(m.nbytes for _, cached in _cache.values() for m in cached) > _LARGEST_CACHE:
             _cache.popitem(last=False)
     return meshes
 
 
-def _state(path: Path) -> _State | None:
+def _read_state(path: Path) -> _State | None:
     try:
         state = os.stat(path)
     except OSError:
@@ -86,8 +87,8 @@ def _state(path: Path) -> _State | None:
     return state.st_size, state.st_mtime_ns
 
 
-def _contents(path: Path) -> bytes:
-    """What is in a file, unless it is huge, or a device or pipe that might never end."""
+def _read_contents(path: Path) -> bytes:
+    """Return the content of a regular file that is not too large; a device might never end."""
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as file:
@@ -114,11 +115,11 @@ def _check_size(triangles: int, meshes: int = 1) -> None:
 # ---------------------------------------------------------------------- STL
 
 def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
-    count = int.from_bytes(data[_STL_HEAD - 4:_STL_HEAD], "little")
-    whole = len(data) - _STL_HEAD >= count * _STL_TRIANGLE.itemsize
-    if len(data) >= _STL_HEAD and whole and not _is_ascii(data, count):
+    count = int.from_bytes(data[_STL_HEADER - 4:_STL_HEADER], "little")
+    whole = len(data) - _STL_HEADER >= count * _STL_TRIANGLE.itemsize
+    if len(data) >= _STL_HEADER and whole and not _is_ascii(data, count):
         _check_size(count)
-        corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEAD)["corners"]
+        corners = np.frombuffer(data, _STL_TRIANGLE, count, _STL_HEADER)["corners"]
     elif data[:5].lower() == b"solid":
         words = [line.split()[1:4] for line in data.splitlines() if line.split()[:1] == [b"vertex"]]
         _check_size(len(words) // 3)
@@ -126,7 +127,7 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
             raise DescriptionError(
-                f"its {len(words)} 'vertex' lines are no triangles of three numbers a corner"
+                f"its {len(words)} 'vertex' lines do not form triangles of three numbers a corner"
             ) from None
     else:
         raise DescriptionError(
@@ -136,25 +137,28 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
 
 
 def _is_ascii(data: bytes, count: int) -> bool:
-    """Whether a file that is long enough for a binary one is ASCII: some of those begin alike."""
-    plain = len(data) == _STL_HEAD + count * _STL_TRIANGLE.itemsize
+    """Return whether an STL file that is long enough for a binary one is ASCII.
+
+    Binary files, too, may start with "solid".
+    """
+    plain = len(data) == _STL_HEADER + count * _STL_TRIANGLE.itemsize
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data
 
 
 def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write triangles as the one kind of STL that Bullet reads: binary, nothing behind."""
+    """Write triangles as binary STL without trailing bytes, the only STL variant Bullet reads."""
     corners = np.concatenate([mesh.positions[mesh.triangles] for mesh in meshes])
     triangles = np.zeros(len(corners), _STL_TRIANGLE)
     triangles["corners"] = corners
     with open(path, "wb") as file:
-        file.write(bytes(_STL_HEAD - 4) + len(triangles).to_bytes(4, "little"))
+        file.write(bytes(_STL_HEADER - 4) + len(triangles).to_bytes(4, "little"))
         file.write(triangles.tobytes())
 
 
 # ---------------------------------------------------------------------- OBJ
 
 def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write triangles as an OBJ file with an object for each piece."""
+    """Write triangles as an OBJ file with one object for each piece."""
     lines, first = [], 1
     for number in sorted({mesh.piece for mesh in meshes}):
         lines.append(f"o piece{number}")
@@ -166,7 +170,10 @@ def write_obj(meshes: tuple[Mesh, ...], path: str) -> None:
 
 
 def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
-    """One mesh for each material in each group; normals of the file where all corners have one."""
+    """Read one mesh for each material in each group.
+
+    The normals of the file are used if all corners have one.
+    """
     elements: dict[str, list[list[float]]] = {"v": [], "vt": [], "vn": []}
     faces: dict[tuple[int, str], list[list[tuple[int, ...]]]] = {}
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
@@ -176,10 +183,10 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
         kind, *words = line.split() or [""]
         try:
             if kind in elements:
-                elements[kind].append(_element(kind, words))
+                elements[kind].append(_parse_element(kind, words))
             elif kind == "f":
                 counts = [len(values) for values in elements.values()]
-                corners = [_corner(word, counts) for word in words]
+                corners = [_parse_corner(word, counts) for word in words]
                 faces.setdefault((piece, material), []).extend(
                     [corners[0], corners[i], corners[i + 1]] for i in range(1, len(corners) - 1))
                 count += max(len(corners) - 2, 0)
@@ -194,26 +201,26 @@ def _read_obj(data: bytes, folder: Path, states: dict[Path, _State | None]) -> l
                 lacking |= set() if found else {str(library)}
             _check_size(count, len(faces))
         except ValueError:
-            raise DescriptionError(f"line {number}: what should be a number is none") from None
+            raise DescriptionError(f"line {number}: it contains an invalid number") from None
         except DescriptionError as error:
             raise DescriptionError(f"line {number}: {error.fault}", error.remedy) from None
     if count == 0:
         raise DescriptionError("it has no faces")
     v, vt, vn = (np.array(values, dtype=float).reshape(-1, width)
                  for values, width in zip(elements.values(), (3, 2, 3), strict=True))
-    looks = {name: materials.get(name, (None, None)) for _, name in faces}
-    for name in looks.keys() - materials.keys() - {""}:
-        where = f"there is no {min(lacking)}" if lacking else "no library that it names defines it"
+    appearances = {name: materials.get(name, (None, None)) for _, name in faces}
+    for name in appearances.keys() - materials.keys() - {""}:
+        where = f"there is no {min(lacking)}" if lacking else "none of its libraries defines it"
         _log.warning("mesh file %s: material '%s' is drawn grey: %s", next(iter(states)),
                      shorten(name), where)
-        looks[name] = GREY, None
-    return [from_indices(np.array(corners), v, vt, vn, *looks[name], group)
+        appearances[name] = GREY, None
+    return [from_indices(np.array(corners), v, vt, vn, *appearances[name], group)
             for (group, name), corners in faces.items() if corners]
 
 
-def _element(kind: str, words: list[str]) -> list[float]:
+def _parse_element(kind: str, fields: list[str]) -> list[float]:
     count = 2 if kind == "vt" else 3
-    values = [float(word) for word in words[:count]]
+    values = [float(word) for word in fields[:count]]
     if kind == "vt" and len(values) == 1:
         values.append(0.0)  # v is optional
     if len(values) < count or not all(map(math.isfinite, values)):
@@ -222,11 +229,13 @@ def _element(kind: str, words: list[str]) -> list[float]:
     return values
 
 
-def _corner(word: str, counts: list[int]) -> tuple[int, ...]:
-    """Zero-based v/vt/vn numbers of a corner, -1 where one is missing. The file's count from 1, or
-    from -1 backwards."""
+def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
+    """Return the zero-based v/vt/vn indices of a corner, -1 for a missing one.
+
+    Indices in the file count from 1, or backwards from -1.
+    """
     indices = []
-    for part, count in zip((word.split("/") + ["", ""])[:3], counts, strict=True):
+    for part, count in zip((text.split("/") + ["", ""])[:3], counts, strict=True):
         index = int(part) if part else None
         if index is not None and not (1 <= index <= count or -count <= index <= -1):
             raise DescriptionError(f"a face refers to element {index} of {count}")
@@ -238,13 +247,13 @@ def _corner(word: str, counts: list[int]) -> tuple[int, ...]:
 
 def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
-    """Material name -> (rgba, texture file); a file that is not there has none."""
+    """Return (rgba, texture file) of each material by name; a missing file has no materials."""
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
-    states[path] = _state(path)
+    states[path] = _read_state(path)
     if states[path] is None:
         return materials
     name, rgba, texture, grey = "", None, None, False
-    for line in _contents(path).decode(errors="replace").splitlines():
+    for line in _read_contents(path).decode(errors="replace").splitlines():
         kind, *words = line.split() or [""]
         if kind == "newmtl":
             name, rgba, texture, grey = " ".join(words), None, None, False
@@ -254,14 +263,14 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
                 raise DescriptionError(f"{path.name}: material '{name}': Kd needs three numbers")
         elif kind == "map_Kd" and words:
             file = path.parent / words[-1]
-            texture = picture(file, f"material '{shorten(name)}' of {path}")
+            texture = find_texture(file, f"material '{shorten(name)}' of {path}")
             grey = texture is None
         materials[name] = (GREY if grey else rgba, texture)
     return materials
 
 
-def picture(file: Path, what: str) -> str | None:
-    """The path of a material's picture; None, with a warning, where it is missing."""
+def find_texture(file: Path, what: str) -> str | None:
+    """Return the path of a material's texture, or None, with a log message, if it is missing."""
     if file.is_file():
         return str(file)
     _log.warning("%s is drawn grey: there is no %s", what, file)
@@ -269,19 +278,19 @@ def picture(file: Path, what: str) -> str | None:
 
 
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
-    from . import collada_files  # takes 0.07 s that few need
+    from . import collada_files  # imported here because it takes 0.07 s and is rarely needed
 
-    return collada_files.read(data, folder, _check_size, picture, GREY)
+    return collada_files.read(data, folder, _check_size, find_texture, GREY)
 
 
 def _read_gltf(data: bytes, _folder: Path, states: dict[Path, _State | None]) -> list[Mesh]:
     from . import gltf_files
 
-    def beside(file: Path) -> bytes:
-        states[file] = _state(file)
-        return _contents(file)
+    def find_file(file: Path) -> bytes:
+        states[file] = _read_state(file)
+        return _read_contents(file)
 
-    return gltf_files.read(data, next(iter(states)), _check_size, beside)
+    return gltf_files.read(data, next(iter(states)), _check_size, find_file)
 
 
 _READERS: dict[str, Callable[[bytes, Path, dict[Path, _State | None]], list[Mesh]]] = {

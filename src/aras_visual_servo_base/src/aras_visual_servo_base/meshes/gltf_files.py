@@ -1,4 +1,4 @@
-"""glTF 2.0 files (.glb, .gltf), read by trimesh; what it would pass over is refused here."""
+"""Reader of glTF 2.0 files (.glb, .gltf) with trimesh; errors that it ignores are reported here."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from ..errors import DescriptionError
-from ..picture_files import LARGEST
+from ..image_files import LARGEST_IMAGE
 from ..safe_xml import shorten
 from ..urdf import Rgba
 from .mesh import Mesh, from_indices
@@ -24,45 +24,45 @@ from .mesh import Mesh, from_indices
 if TYPE_CHECKING:
     import trimesh
 
-_HEAD = 12  # bytes of a .glb file before its first chunk, which begins with its length and kind
-_TRIANGLES = 4  # glTF's number of that kind of primitive, which is the default
+_HEADER = 12  # bytes before the first chunk of a .glb file, which starts with its length and type
+_TRIANGLES = 4  # glTF's number of the primitive mode "triangles", which is the default
 _NONE = np.zeros((0, 3))
 
 
 def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
-         beside: Callable[[Path], bytes]) -> list[Mesh]:
-    """One mesh for each primitive that the scene shows, in metres.
+         find_file: Callable[[Path], bytes]) -> list[Mesh]:
+    """Read one mesh for each primitive in the scene, in metres.
 
-    Its axes are as the file has them, +y up by glTF's rule; no other is turned either.
+    Axes are not rotated: +y is up, as in glTF.
 
     Args:
-        check_size: refuses numbers of triangles and of meshes.
-        beside: reads a file that it names, in its own folder.
+        check_size: raises an error for too many triangles or meshes.
+        find_file: reads a file that the glTF file names, in the same folder.
 
     Raises:
-        DescriptionError: saying what is missing or wrong.
+        DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
-    import trimesh  # takes half a second that few need
+    import trimesh  # imported here because it takes half a second and is rarely needed
 
-    tree = _tree(data)
-    normals = _checked(tree, check_size)
+    tree = _parse_tree(data)
+    normals = _check_tree(tree, check_size)
 
-    class Beside(trimesh.resolvers.Resolver):
-        """Gives the files that are named in this one."""
+    class FileResolver(trimesh.resolvers.Resolver):
+        """Reads the files that the glTF file refers to."""
 
         def __init__(self) -> None:
-            """Of `path`."""
+            """Do nothing: `path` is taken from the enclosing function."""
 
         def get(self, name: str) -> bytes:
             file = (path.parent / name).resolve()
             if not file.is_relative_to(path.parent.resolve()):
                 raise DescriptionError(f"'{shorten(name)}' is not in its folder")
-            return beside(file)
+            return find_file(file)
 
         def keys(self) -> list[str]:
             return []
 
-        def namespaced(self, namespace: str) -> Beside:
+        def namespaced(self, namespace: str) -> FileResolver:
             return self
 
         def write(self, name: str, data: bytes) -> None:
@@ -70,46 +70,46 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
 
     try:
         scene = trimesh.load_scene(io.BytesIO(data), file_type=path.suffix[1:].lower(),
-                                   resolver=Beside(), process=False)
+                                   resolver=FileResolver(), process=False)
     except DescriptionError:
         raise
-    except Exception as error:  # what it meets in a damaged file it does not foresee everywhere
+    except Exception as error:  # trimesh raises errors of many types for damaged files
         said = f"{type(error).__name__}: {error}"
-        raise DescriptionError(f"its parts do not fit together: {shorten(said, 200)}") from None
+        raise DescriptionError(f"its parts do not match: {shorten(said, 200)}") from None
     meshes = []
     for node in sorted(scene.graph.nodes_geometry):
         placed, name = scene.graph[node]
         shape = scene.geometry[name]
         if isinstance(shape, trimesh.Trimesh) and len(shape.faces):
-            meshes.append(_mesh(shape, normals).placed(placed))
+            meshes.append(_make_mesh(shape, normals).apply_affine(placed))
             check_size(sum(len(mesh.triangles) for mesh in meshes), len(meshes))
     if not meshes:
-        raise DescriptionError("its scene shows no triangles")
+        raise DescriptionError("its scene contains no triangles")
     return meshes
 
 
-def _tree(data: bytes) -> dict[str, Any]:
-    """The JSON of a file, which says what its bytes are."""
+def _parse_tree(data: bytes) -> dict[str, Any]:
+    """Return the JSON part of a file, which describes the binary data."""
     text = data
     if data[:4] == b"glTF":
-        length = int.from_bytes(data[_HEAD : _HEAD + 4], "little")
-        text = data[_HEAD + 8 : _HEAD + 8 + length]
+        length = int.from_bytes(data[_HEADER : _HEADER + 4], "little")
+        text = data[_HEADER + 8 : _HEADER + 8 + length]
     try:
         tree = json.loads(text)
     except (ValueError, RecursionError):
-        raise DescriptionError("it begins with no glTF") from None
+        raise DescriptionError("it does not start like a glTF file") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise DescriptionError("it is no glTF: it has no asset")
+        raise DescriptionError("it is no glTF file: it has no asset")
     if not str(tree["asset"].get("version", "")).startswith("2"):
         raise DescriptionError("it is not glTF 2", "export it as glTF 2")
     return tree
 
 
-def _checked(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
-    """Whether all triangles have normals of their own; sizes and extensions are checked."""
+def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
+    """Check extensions and sizes; return whether the file has normals for all triangles."""
     if needed := tree.get("extensionsRequired"):
         raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
-                               "not read", "export it without extensions, as compression")
+                               "not supported", "export it without extensions such as compression")
     try:
         primitives = [one for mesh in tree.get("meshes", ()) for one in mesh["primitives"]
                       if one.get("mode", _TRIANGLES) == _TRIANGLES]
@@ -117,11 +117,11 @@ def _checked(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bo
         check_size(sum(int(tree["accessors"][k]["count"]) for k in corners) // 3, len(primitives))
         return all("NORMAL" in one["attributes"] for one in primitives)
     except (LookupError, TypeError, ValueError, AttributeError):
-        raise DescriptionError("its meshes name what is not there") from None
+        raise DescriptionError("its meshes refer to missing data") from None
 
 
-def _mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
-    """A primitive in its own frame; `normals`: with those of the file."""
+def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
+    """Return the mesh of a primitive in its own frame; `normals`: use the file's normals."""
     index = np.full((len(shape.faces), 3, 3), -1)
     index[..., 0] = shape.faces
     uv = getattr(shape.visual, "uv", None)
@@ -132,46 +132,50 @@ def _mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
     given = _NONE
     if normals:
         given, index[..., 2] = np.asarray(shape.vertex_normals), shape.faces
-    rgba, texture = _look(shape.visual)
+    rgba, texture = _read_material(shape.visual)
     return from_indices(index, np.asarray(shape.vertices), np.asarray(uv), given, rgba, texture)
 
 
-def _look(visual: Any) -> tuple[Rgba | None, str | None]:
-    """Colour of a primitive's material, or the file of its picture; None where it has none."""
+def _read_material(visual: Any) -> tuple[Rgba | None, str | None]:
+    """Return the colour of a primitive's material and the file of its texture, None if missing."""
     if visual.kind in ("vertex", "face"):
         return tuple((np.asarray(visual.main_color, float) / 255.0).tolist()), None
     material = getattr(visual, "material", None)
     image = getattr(material, "baseColorTexture", None)
     if image is not None:
-        return None, _kept(image)
+        return None, _save_image(image)
     factor = getattr(material, "baseColorFactor", None)
     if factor is None:
         return None, None
     red, green, blue, opacity = np.asarray(factor, float) / 255.0
-    return (_shown(red), _shown(green), _shown(blue), float(opacity)), None
+    return (_encode_srgb(red), _encode_srgb(green), _encode_srgb(blue), float(opacity)), None
 
 
-def _shown(linear: float) -> float:
-    """The level, 0 to 1, by which pictures show a share of light (IEC 61966-2-1): glTF's factors
-    are such shares, its pictures are levels."""
+def _encode_srgb(linear: float) -> float:
+    """Convert a linear intensity, 0 to 1, to an sRGB level, 0 to 1 (IEC 61966-2-1).
+
+    Colour factors in glTF are linear, but image pixels are sRGB levels.
+    """
     low = linear <= 0.0031308
     return float(12.92 * linear if low else 1.055 * linear ** (1.0 / 2.4) - 0.055)
 
 
-def _kept(image: Any) -> str:
-    """A file of a picture that is inside of another file; it goes with the process."""
-    if image.width * image.height > LARGEST:
-        raise DescriptionError(f"a picture in it has more than {LARGEST} pixels", "make it smaller")
+def _save_image(image: Any) -> str:
+    """Save an embedded image as a temporary file, which is deleted when the process ends."""
+    if image.width * image.height > LARGEST_IMAGE:
+        raise DescriptionError(
+            f"an image in it has more than {LARGEST_IMAGE} pixels", "make it smaller"
+        )
     pixels = image.convert("RGBA" if "A" in image.getbands() else "RGB")
     name = hashlib.sha256(pixels.tobytes() + str(pixels.size).encode()).hexdigest()[:32]
-    file = _folder() / f"{name}.png"
+    file = _make_folder() / f"{name}.png"
     if not file.exists():
         pixels.save(file)
     return str(file)
 
 
 @lru_cache(maxsize=1)
-def _folder() -> Path:
+def _make_folder() -> Path:
     folder = Path(mkdtemp(prefix="aras_pictures_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

@@ -1,4 +1,4 @@
-"""Mesh: indexed triangles, and how they are made of loose ones."""
+"""Indexed triangle meshes, and their construction from separate triangles."""
 
 from __future__ import annotations
 
@@ -7,26 +7,30 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from ..errors import DescriptionError
-from ..picture_files import picture_size
+from ..image_files import read_image_size
 from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
-# Points with more corners than this (the tip of a cone) keep the normals of their faces: comparing
-# each corner with each takes a time that grows with the square of their number.
+# Vertices with more faces than this (the tip of a cone) are not smoothed, because the time of a
+# comparison of all pairs of faces grows with the square of their number.
 _MOST_CORNERS = 128
-_FARTHEST = 1e9  # of a number in a mesh file, whatever its unit
-_LEAST_AREA = 1e-18  # m², of a parallelogram; smaller triangles are left out
+_LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
+_LEAST_AREA = 1e-18  # m², of the parallelogram of two edges; smaller triangles are dropped
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with what they look like, in m or in a file's unit.
+    """Triangles with colour or texture, in m or in the unit of a file.
 
-    positions (V, 3) and unit normals (V, 3) float32, triangles (T, 3) int32, counter-clockwise
-    seen from outside. uv: (V, 2) float32 places in the image file `texture`, v upwards. rgba: the
-    material's colour, None without one. piece: meshes of one file with the same number are one
-    body to collide with, others are bodies of their own (an OBJ file's groups).
+    Attributes:
+        positions: (V, 3) float32.
+        normals: (V, 3) float32, unit vectors.
+        triangles: (T, 3) int32, counter-clockwise as seen from outside.
+        uv: (V, 2) float32, coordinates in the image file `texture`, v upwards.
+        rgba: colour of the material, None without one.
+        piece: number of the collision body; meshes of one file with the same number form one body
+            (the groups of an OBJ file are separate bodies).
     """
 
     positions: np.ndarray
@@ -39,24 +43,26 @@ class Mesh:
 
     @property
     def nbytes(self) -> int:
-        """Memory that it takes."""
+        """Memory of the arrays in bytes."""
         arrays = (self.positions, self.normals, self.triangles, self.uv)
         return sum(array.nbytes for array in arrays if array is not None)
 
-    def transformed(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
-        """The mesh scaled, then carried from frame b to frame a by (4, 4) a_T_b."""
+    def transform(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
+        """Return the mesh scaled, then transformed from frame b to frame a by a_T_b (4, 4)."""
         scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
         positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
-        normals = normalised((self.normals / scale) @ a_T_b[:3, :3].T)
+        normals = normalise((self.normals / scale) @ a_T_b[:3, :3].T)
         triangles = self.triangles[:, ::-1] if np.prod(scale) < 0 else self.triangles
         return Mesh(positions.astype(np.float32), normals.astype(np.float32), triangles,
                     self.uv, self.texture, self.rgba, self.piece)
 
-    def draped(self, texture: str, projected: bool) -> Mesh:
-        """The mesh with a picture on it; `projected`: seen whole on each side of a box, upright on
-        those that stand. Without coordinates of its own a mesh that is not projected stays as it
-        is."""
-        if not projected:
+    def apply_texture(self, texture: str, box_mapping: bool) -> Mesh:
+        """Return the mesh with a texture.
+
+        With `box_mapping` each side of a box shows the whole image, upright on vertical sides.
+        Without it, a mesh that has no texture coordinates is returned unchanged.
+        """
+        if not box_mapping:
             return self if self.uv is None else replace(self, texture=texture)
         low = self.positions.min(axis=0)
         share = (self.positions - low) / np.maximum(self.positions.max(axis=0) - low, 1e-12)
@@ -67,13 +73,13 @@ class Mesh:
         up = np.where(axis == 2, share[:, 1], share[:, 2])
         return replace(self, uv=np.stack([across, up], axis=1).astype(np.float32), texture=texture)
 
-    def placed(self, a_T_b: np.ndarray) -> Mesh:
-        """The mesh carried from b to a by any (4, 4) a_T_b, which may stretch, shear and mirror."""
+    def apply_affine(self, a_T_b: np.ndarray) -> Mesh:
+        """Return the mesh transformed from b to a by any affine a_T_b (4, 4)."""
         turn = a_T_b[:3, :3]
         check_reach(a_T_b, "transform")
         check_reach(self.positions @ turn.T + a_T_b[:3, 3], "position")
-        flat = abs(np.linalg.det(turn)) < 1e-30  # nothing is left of its normals then
-        normals = self.normals if flat else normalised(self.normals @ np.linalg.inv(turn))
+        flat = abs(np.linalg.det(turn)) < 1e-30  # the transform is singular: normals are undefined
+        normals = self.normals if flat else normalise(self.normals @ np.linalg.inv(turn))
         mirrored = np.linalg.det(turn) < 0.0
         return replace(
             self, positions=(self.positions @ turn.T + a_T_b[:3, 3]).astype(np.float32),
@@ -81,12 +87,14 @@ class Mesh:
             triangles=self.triangles[:, ::-1] if mirrored else self.triangles)
 
     def contains(self, point: np.ndarray) -> bool:
-        """Whether a point (3,) is inside, if this is closed: a ray leaves it an odd number of
-        times."""
+        """Return whether a point (3,) is inside of this mesh, which must be closed.
+
+        A ray from an inside point crosses the surface an odd number of times.
+        """
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         if (point < low).any() or (point > high).any():
             return False
-        direction = np.array([0.5773, 0.5411, 0.6119])  # along no edge of anything man-made
+        direction = np.array([0.5773, 0.5411, 0.6119])  # parallel to no edge of typical objects
         a, b, c = self.positions[self.triangles].astype(float).transpose(1, 0, 2)
         e1, e2, to = b - a, c - a, point - a
         p = np.cross(direction, e2)
@@ -100,47 +108,48 @@ class Mesh:
         return bool(np.count_nonzero(hits) % 2)
 
 
-def normalised(v: np.ndarray) -> np.ndarray:
-    """Vectors (..., 3) scaled to length 1; zero stays zero."""
+def normalise(v: np.ndarray) -> np.ndarray:
+    """Return vectors (..., 3) scaled to length 1; zero vectors remain zero."""
     norm = np.linalg.norm(v, axis=-1, keepdims=True)
     return np.divide(v, norm, out=np.zeros_like(v, dtype=float), where=norm > 1e-20)
 
 
 def from_corners(corners: np.ndarray) -> Mesh:
-    """Mesh from (T, 3, 3) triangle corners; normals are averaged over faces within
-    CREASE_ANGLE.
+    """Return the mesh of triangles (T, 3, 3), with normals averaged within CREASE_ANGLE.
 
-    Triangles without an area are left out.
+    Triangles without an area are dropped.
 
     Raises:
-        DescriptionError: a corner is out of reach, or no triangle has an area.
+        DescriptionError: a coordinate is too large, or no triangle has an area.
     """
     corners = np.asarray(corners, dtype=float).reshape(-1, 3, 3)
     check_reach(corners, "corner")
-    cross = _crosses(corners)
+    cross = _compute_crosses(corners)
     keep = np.linalg.norm(cross, axis=1) > _LEAST_AREA
     corners, cross = corners[keep], cross[keep]
     flat = corners.reshape(-1, 3)
     size = np.ptp(flat, axis=0).max() or 1.0
-    _, point = _unique_rows(np.round(flat / (size * 1e-6)).astype(np.int64))
+    _, point = _find_unique_rows(np.round(flat / (size * 1e-6)).astype(np.int64))
     normals = _smooth(point, np.repeat(cross, 3, axis=0),
-                      np.repeat(normalised(cross), 3, axis=0), np.cos(CREASE_ANGLE))
+                      np.repeat(normalise(cross), 3, axis=0), np.cos(CREASE_ANGLE))
     key = np.concatenate([point[:, None], np.round(normals * 1e4).astype(np.int64)], axis=1)
-    first, inverse = _unique_rows(key)
+    first, inverse = _find_unique_rows(key)
     return Mesh(flat[first].astype(np.float32), normals[first].astype(np.float32),
                 inverse.reshape(-1, 3).astype(np.int32))
 
 
 def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarray,
                  rgba: Rgba | None, texture: str | None, piece: int = 0) -> Mesh:
-    """Mesh of a file that counts positions, texture coordinates and normals apart.
+    """Return the mesh of a file that indexes positions, texture coordinates and normals separately.
 
-    index: (T, 3 corners, 3) numbers into v (V, 3), vt (., 2) and vn (., 3), -1 where one lacks.
-    Normals are made where a corner has none; a texture without coordinates is left out.
+    Missing normals are computed. A texture without texture coordinates is ignored.
+
+    Args:
+        index: (T, 3 corners, 3) indices into v (V, 3), vt (., 2) and vn (., 3), -1 for none.
 
     Raises:
-        DescriptionError: a position, coordinate or normal that is not there or out of reach, no
-            triangle with an area, or a texture that is too large to be decoded.
+        DescriptionError: an index is out of range, a number is too large, no triangle has an area,
+            or the texture is too large to be decoded.
     """
     named = ("position", "texture coordinate", "normal")
     for part, (what, values) in enumerate(zip(named, (v, vt, vn), strict=True)):
@@ -152,14 +161,14 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        picture_size(texture)  # refused while the model is read, not where a camera draws it
+        read_image_size(texture)  # report a texture that is too large now instead of when rendering
     else:
         texture = None
     given = len(vn) and (index[..., 2] >= 0).all()
     if not given and not textured:
         return replace(from_corners(v[index[..., 0]]), rgba=rgba, piece=piece)
-    faces = _crosses(v[index[..., 0]])
-    key, inverse = _unique_rows(index.reshape(-1, 3))
+    faces = _compute_crosses(v[index[..., 0]])
+    key, inverse = _find_unique_rows(index.reshape(-1, 3))
     key = index.reshape(-1, 3)[key]
     positions = v[key[:, 0]]
     triangles = inverse.reshape(-1, 3)
@@ -169,30 +178,34 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         normals = np.zeros_like(positions)
         np.add.at(normals, triangles.reshape(-1), np.repeat(faces, 3, axis=0))
     uv = vt[key[:, 1], :2].astype(np.float32) if mapped else None
-    return Mesh(positions.astype(np.float32), normalised(normals).astype(np.float32),
+    return Mesh(positions.astype(np.float32), normalise(normals).astype(np.float32),
                 triangles.astype(np.int32), uv, texture, rgba, piece)
 
 
 def check_reach(values: np.ndarray, what: str) -> None:
-    """DescriptionError for numbers that are not finite, or that single precision cannot square."""
+    """Check that numbers are finite and that single precision can represent their squares.
+
+    Raises:
+        DescriptionError: a number is not finite or too large.
+    """
     reach = np.abs(values).max(initial=0.0)
-    if not reach <= _FARTHEST:
-        far = f"{reach:.3g}, beyond {_FARTHEST:g}" if np.isfinite(reach) else "not finite"
+    if not reach <= _LARGEST_COORDINATE:
+        far = f"{reach:.3g}, beyond {_LARGEST_COORDINATE:g}" if np.isfinite(reach) else "not finite"
         raise DescriptionError(f"a {what} is {far}")
 
 
-def _crosses(corners: np.ndarray) -> np.ndarray:
-    """(T, 3) normals of triangles (T, 3, 3), twice as long as their areas."""
+def _compute_crosses(corners: np.ndarray) -> np.ndarray:
+    """Return normals (T, 3) of triangles (T, 3, 3), whose length is twice the area."""
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if not (np.linalg.norm(crosses, axis=1) > _LEAST_AREA).any():
         raise DescriptionError("it has no triangle with an area")
     return crosses
 
 
-def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """First places and inverse of the sorted unique rows of whole numbers (N, columns).
+def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Return indices of the sorted unique rows of integers (N, columns), and the inverse indices.
 
-    As np.unique(axis=0), by one sort of packed numbers instead of a sort of rows.
+    The result is that of np.unique(axis=0), but packed numbers are sorted, which is faster.
     """
     key = np.zeros(len(rows), np.int64)
     room = 1
@@ -209,7 +222,7 @@ def _unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
-    """Corner normals: the area-weighted mean over the faces at a point within the crease angle."""
+    """Return corner normals: area-weighted means of adjacent faces within the crease angle."""
     order = np.argsort(point, kind="stable")
     counts = np.bincount(point)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -219,11 +232,11 @@ def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: f
     crowded = count > _MOST_CORNERS
     total[order[crowded]] = weighted[order[crowded]]
     count = np.where(crowded, 0, count)
-    # Corner i of a point meets corner i + k of the same point, for every k there is.
+    # Corner i of a vertex is compared with corner i + k of the same vertex, for all k.
     for shift in range(int(count.max())):
         some = np.flatnonzero(count > shift)
         corner = order[some]
         other = order[start[some] + (rank[some] + shift) % count[some]]
         near = (unit[corner] * unit[other]).sum(axis=1) >= cosine
         total[corner] += np.where(near[:, None], weighted[other], 0.0)
-    return normalised(total)
+    return normalise(total)

@@ -1,1 +1,1 @@
-"""A run as a 3-D drawing, for rviz and for pages: shapes, trajectories and texts. No ROS."""
+"""3-D drawing of a run for rviz and the web pages: shapes, trajectories and texts, without ROS."""

@@ -1,4 +1,4 @@
-"""Shapes of a 3-D drawing, whoever draws it: rviz or the live page."""
+"""Shapes of a 3-D drawing for rviz and for the live page."""
 
 from __future__ import annotations
 
@@ -12,25 +12,25 @@ from aras_visual_servo_camera.undistortion import CameraModel
 Rgba = tuple[float, float, float, float]
 
 LINES, STRIP, ARROW, TEXT, FACES = "lines", "strip", "arrow", "text", "faces"
-# Half an angle of view beyond this is drawn as this: the sides of a fisheye's pyramid would lie
-# in a plane, or point backwards.
-WIDEST = np.radians(70.0)
-DIGITS = 5  # of a length that is drawn, m; a pixel of the page is a millimetre
-SIDE_POINTS = 8  # of each side of a picture, so that a lens's bent border looks bent
+# Largest half angle of view that is drawn. With a larger one, the sides of a fisheye camera's
+# pyramid would lie in a plane or point backwards.
+MAX_VIEW_ANGLE = np.radians(70.0)
+DIGITS = 5  # decimals of lengths in m; a pixel of the page is about a millimetre
+POINTS_PER_SIDE = 8  # per side of an image, to draw the border bent by a lens
 
 
 @dataclass(frozen=True, eq=False)
 class Shape:
-    """One thing to draw.
+    """One shape of a drawing.
 
     Attributes:
-        name: what it is; stays the same from one drawing to the next.
-        kind: LINES (pairs of points), STRIP, ARROW (tail, tip), TEXT (its place) or FACES
+        name: identifier, which is the same in all drawings.
+        kind: LINES (pairs of points), STRIP, ARROW (tail, tip), TEXT (its position) or FACES
             (triangles, three points each).
-        points: (n, 3) in the arm's base, m; none: nothing to be seen of it now.
+        points: (n, 3) in the frame of the arm's base, m; empty if the shape is not visible.
         colour: red, green, blue, opacity, 0 to 1.
-        width: of its lines, of an arrow's shaft, or height of its letters, m.
-        text: of a TEXT.
+        width: width of lines or of an arrow's shaft, or height of letters, m.
+        text: text of a TEXT.
     """
 
     name: str
@@ -40,73 +40,79 @@ class Shape:
     width: float = 0.004
     text: str = ""
 
-    def plain(self) -> dict[str, Any]:
-        """As the scene's script takes it, with its points to 10 um."""
+    def to_json(self) -> dict[str, Any]:
+        """Return the shape as the script of the scene reads it, with points rounded to 10 um."""
         return {
             "kind": self.kind, "points": np.round(self.points, DIGITS).ravel().tolist(),
             "colour": list(self.colour), "width": self.width,
         }  # fmt: skip
 
 
-def carried(a_T_b: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """Points (n, 3) of b in the frame a."""
+def transform_points(a_T_b: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Transform points (n, 3) from frame b to frame a."""
     return np.asarray(points, float).reshape(-1, 3) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
 
 
-def axes(name: str, base_T_frame: np.ndarray, length: float, opacity: float = 1.0) -> list[Shape]:
-    """A frame: x red, y green, z blue."""
+def make_axes(
+    name: str, base_T_frame: np.ndarray, length: float, opacity: float = 1.0
+) -> list[Shape]:
+    """Return the axes of a frame as shapes: x red, y green, z blue."""
     shapes = []
     for i, letter in enumerate("xyz"):
         colour = tuple(0.95 if i == j else 0.25 for j in range(3))
         tip = np.zeros((2, 3))
         tip[1, i] = length
-        shapes.append(Shape(f"{name} {letter}", LINES, carried(base_T_frame, tip),
+        shapes.append(Shape(f"{name} {letter}", LINES, transform_points(base_T_frame, tip),
                             (*colour, opacity), 0.05 * length))  # fmt: skip
     return shapes
 
 
-def picture_border(camera: CameraModel) -> np.ndarray:
-    """Normalised places (n, 2) around the border of a camera's picture, narrowed to WIDEST."""
+def compute_image_border(camera: CameraModel) -> np.ndarray:
+    """Return normalised points (n, 2) along the image border, limited to MAX_VIEW_ANGLE."""
     right, low = camera.width - 0.5, camera.height - 0.5
     corners = np.array([[-0.5, -0.5], [right, -0.5], [right, low], [-0.5, low]])
-    along = np.linspace(0.0, 1.0, SIDE_POINTS, endpoint=False)[:, None]
+    along = np.linspace(0.0, 1.0, POINTS_PER_SIDE, endpoint=False)[:, None]
     pixels = np.vstack([
         a + along * (b - a) for a, b in zip(corners, np.roll(corners, -1, 0), strict=True)
     ])  # fmt: skip
     x, y, valid = camera.normalise(*pixels.T)
     middle = pixels - [camera.pinhole.cx, camera.pinhole.cy]
     direction = middle / np.linalg.norm(middle, axis=1, keepdims=True)
-    farthest = np.tan(WIDEST)
+    farthest = np.tan(MAX_VIEW_ANGLE)
     within = valid & (np.hypot(x, y) < farthest)
     return np.where(within[:, None], np.stack([x, y], 1), direction * farthest)
 
 
-def on_picture(border: np.ndarray, points: np.ndarray, size: float) -> np.ndarray:
-    """Normalised points (n, 2) on the picture that is drawn in front of the camera, (n, 3) m.
+def place_on_image_plane(border: np.ndarray, points: np.ndarray, size: float) -> np.ndarray:
+    """Place normalised points (n, 2) on the image that is drawn in front of the camera.
 
     Args:
-        border: of the picture, as picture_border.
-        size: m, from the optical centre to the picture's farthest corner.
+        border: border of the image, from `compute_image_border`.
+        points: normalised points.
+        size: distance from the optical centre to the farthest corner of the image, m.
+
+    Returns:
+        Points (n, 3) in the camera's frame, m.
     """
-    depth = picture_depth(border, size)
+    depth = compute_image_depth(border, size)
     points = np.asarray(points, float).reshape(-1, 2)
     return depth * np.column_stack([points, np.ones(len(points))])
 
 
-def picture_depth(border: np.ndarray, size: float) -> float:
-    """Depth (m) of the picture whose farthest corner is `size` away."""
+def compute_image_depth(border: np.ndarray, size: float) -> float:
+    """Return the depth (m) of the image whose farthest corner has the distance `size`."""
     return size / float(np.sqrt(1.0 + (border**2).sum(axis=1).max()))
 
 
-def frustum(
+def make_frustum(
     name: str, base_T_camera: np.ndarray, border: np.ndarray, size: float, colour: Rgba
 ) -> list[Shape]:
-    """A camera's pyramid: four edges and the picture's border."""
-    picture = on_picture(border, border, size)
+    """Return the pyramid of a camera as shapes: four edges and the border of the image."""
+    image_border = place_on_image_plane(border, border, size)
     edges = np.zeros((8, 3))
-    edges[1::2] = picture[::SIDE_POINTS]
-    closed = np.vstack([picture, picture[:1]])
+    edges[1::2] = image_border[::POINTS_PER_SIDE]
+    closed = np.vstack([image_border, image_border[:1]])
     return [
-        Shape(f"{name} edges", LINES, carried(base_T_camera, edges), colour, 0.002),
-        Shape(f"{name} picture", STRIP, carried(base_T_camera, closed), colour, 0.003),
+        Shape(f"{name} edges", LINES, transform_points(base_T_camera, edges), colour, 0.002),
+        Shape(f"{name} picture", STRIP, transform_points(base_T_camera, closed), colour, 0.003),
     ]

@@ -1,4 +1,4 @@
-"""A curve that grows while something moves, and a clock's pace."""
+"""Growing curve of a moving point, and measurement of the real-time factor."""
 
 from __future__ import annotations
 
@@ -6,64 +6,72 @@ from collections import deque
 
 import numpy as np
 
-MOST = 600  # points of a track; then every other one is left out
+MAX_POINTS = 600  # with more points, every other point of a track is removed
 
 
 class Track:
-    """Points in their order; where many come, they are thinned alike from end to end."""
+    """Curve of points in order; if there are many, they are thinned uniformly."""
 
     def __init__(self, width: int, spacing: float) -> None:
-        """`width`: numbers of a point; `spacing`: a point nearer to the last one is left out."""
-        self._width, self._least = width, spacing
+        """Create an empty track.
+
+        Args:
+            width: number of coordinates of a point.
+            spacing: minimum distance of a new point from the last one.
+        """
+        self._width, self._min_spacing = width, spacing
         self.clear()
 
     def clear(self) -> None:
-        """Begin anew."""
+        """Remove all points."""
         self._points: list[np.ndarray] = []
-        self._spacing = self._least
+        self._spacing = self._min_spacing
 
     def add(self, point: np.ndarray) -> None:
-        """One more; what is not finite is no place."""
+        """Add a point, unless it is not finite or too near to the last one."""
         point = np.array(point, float)
         if point.shape != (self._width,) or not np.isfinite(point).all():
             return
         if self._points and np.linalg.norm(point - self._points[-1]) < self._spacing:
             return
         self._points.append(point)
-        if len(self._points) > MOST:
+        if len(self._points) > MAX_POINTS:
             self._points = self._points[::2]
             gaps = np.linalg.norm(np.diff(self._points, axis=0), axis=1)
             self._spacing = max(2.0 * self._spacing, float(np.median(gaps)))
 
     @property
     def points(self) -> np.ndarray:
-        """(n, width)."""
+        """The points (n, width)."""
         return np.array(self._points).reshape(-1, self._width)
 
 
-class Pace:
-    """How fast simulated time goes: simulated s in a s of wall time, over the last seconds."""
+class RealTimeFactor:
+    """Ratio of simulated time to wall time over the last seconds."""
 
     WINDOW = 2.0  # s of wall time
-    LEAST = 0.3  # s of wall time before there is anything to tell
+    MIN_TIME = 0.3  # s of wall time before the factor is known
 
     def __init__(self) -> None:
         self._samples: deque[tuple[float, float]] = deque()
 
-    def add(self, wall: float, simulated: float) -> None:
-        """One instant of both clocks, s; a simulated clock that goes back begins anew."""
-        if self._samples and simulated < self._samples[-1][1]:
+    def add(self, wall_time: float, simulated_time: float) -> None:
+        """Add one instant of both clocks, s.
+
+        If the simulated clock jumps back, the measurement restarts.
+        """
+        if self._samples and simulated_time < self._samples[-1][1]:
             self._samples.clear()
-        self._samples.append((wall, simulated))
-        while wall - self._samples[0][0] > self.WINDOW:
+        self._samples.append((wall_time, simulated_time))
+        while wall_time - self._samples[0][0] > self.WINDOW:
             self._samples.popleft()
 
     @property
     def factor(self) -> float | None:
-        """The real-time factor; None while it is not known."""
+        """The real-time factor; None until it is known."""
         if not self._samples:
             return None
         (wall_0, simulated_0), (wall, simulated) = self._samples[0], self._samples[-1]
-        if wall - wall_0 < self.LEAST:
+        if wall - wall_0 < self.MIN_TIME:
             return None
         return (simulated - simulated_0) / (wall - wall_0)

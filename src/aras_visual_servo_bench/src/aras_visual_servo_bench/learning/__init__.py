@@ -1,1 +1,1 @@
-"""Schemes that are learned from simulated data."""
+"""Schemes and features that are learned from simulated data."""

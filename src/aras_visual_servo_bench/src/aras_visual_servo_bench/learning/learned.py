@@ -1,12 +1,12 @@
-"""A scheme whose network was taught by the simulator's own pictures, and what teaches it.
+"""Scheme with a neural network that is trained on simulated images, and its training command.
 
     python3 -m aras_visual_servo_bench.learning.learned [--pictures 4000] [--out FILE]
 
-From the moments of a picture, made free of their units, a small network tells where the goal is in
-the camera's frame and by how much it is turned; the camera flies there. What it tells of the
-goal's own picture is taken off, so that its bias at the goal is none. Reference: A. Saxena and
-others, Exploring convolutional networks for end-to-end visual servoing, IEEE ICRA 2017, for the
-idea; ours sees moments, and learns in a minute.
+From the scale-free moments of an image, a small network predicts the position of the goal in the
+camera's frame and its rotation about the optical axis. The camera moves there. The prediction for
+the goal's own image is subtracted, so there is no bias at the goal. Reference for the idea: A.
+Saxena and others, Exploring convolutional networks for end-to-end visual servoing, IEEE ICRA 2017.
+This network uses moments instead of images and is trained in a minute.
 """
 
 from __future__ import annotations
@@ -15,27 +15,28 @@ import sys
 
 import numpy as np
 
-from aras_visual_servo_base.poses import relative
+from aras_visual_servo_base.poses import relative_pose
 from aras_visual_servo_camera.moments import Moments
-from aras_visual_servo_controller.arm.task import Task
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
 from aras_visual_servo_controller.features.base import wrap
 from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics.task import Task
 from aras_visual_servo_controller.laws import Law
-from aras_visual_servo_controller.schemes import Decision, Scheme
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import Observer, observe
+from aras_visual_servo_controller.observation.feature_observer import FeatureObserver, observe
+from aras_visual_servo_controller.observation.observation import Need, Observation
+from aras_visual_servo_controller.schemes import Scheme, SchemeOutput
 
-from ..asked.experiment import Sampler
 from ..errors import ViewError
-from .regressor import Regressor, fitted, teach
+from ..experiment.experiment import Sampler
+from .regressor import Regressor, fit_network, run_training
 
-LEVEL = (True, True, True, False, False, True)
-HIDDEN = (64, 64)
+SERVOED_DIRECTIONS = (True, True, True, False, False, True)
+HIDDEN_LAYERS = (64, 64)
 
 
-def inputs(moments: Moments) -> np.ndarray:
-    """Numbers (10,) of a picture: place, size, and shape with its direction, free of scale."""
+def make_inputs(moments: Moments) -> np.ndarray:
+    """Compute the inputs (10,) of the network from moments: position, size, and scale-free shape.
+    """
     m00 = moments.m00
     size = np.sqrt(m00)
     second = [moments.mu(*ij) / m00**2 for ij in ((2, 0), (1, 1), (0, 2))]
@@ -45,114 +46,151 @@ def inputs(moments: Moments) -> np.ndarray:
     return np.array([moments.xg, moments.yg, np.log(size), *second, *third])
 
 
-class Network(Regressor):
-    """Layers of tanh; see Regressor for its arrays."""
+class GoalPoseNetwork(Regressor):
+    """Network with tanh layers; Regressor describes its arrays."""
 
-    what, module = "the learned scheme", "learned"
+    user, module = "the learned scheme", "learned"
     activation = np.tanh
 
     def __call__(self, x: np.ndarray) -> np.ndarray:
-        """Place of the goal in the camera's frame (3), m, and its turn, rad: (4,)."""
-        tx, ty, tz, c, s = self.answer(x)
+        """Predict the goal's position in the camera's frame, m, and rotation, rad: (4,)."""
+        tx, ty, tz, c, s = self.predict(x)
         return np.array([tx, ty, tz, np.arctan2(s, c)])
 
 
-class Learned(Scheme):
-    """Flies to where the network says that the goal is."""
+class LearnedScheme(Scheme):
+    """Scheme that moves the camera to the goal's pose as predicted by a network."""
 
     needs = frozenset((Need.MOMENTS,))
     names = ("tx", "ty", "tz", "psi")
     tolerances, units = (0.001, 0.001, 0.001, 0.005), ("m", "m", "m", "rad")
-    network: type[Network] = Network
+    network: type[GoalPoseNetwork] = GoalPoseNetwork
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
         self._network = self.network.load()
         self._goal: Goal | None = None
 
-    def told(self, observation: Observation) -> np.ndarray:
-        """What the network tells (4,) of what is seen; MeasurementError where nothing is."""
+    def predict(self, observation: Observation) -> np.ndarray:
+        """Return the prediction (4,) of the network for an observation.
+
+        Raises:
+            MeasurementError: the target is not visible.
+        """
         if not observation.valid or observation.moments is None:
             raise MeasurementError(observation.reason or "the target is not visible")
-        return self._network(inputs(observation.moments))
+        return self._network(make_inputs(observation.moments))
 
-    def told_of_goal(self, goal: Goal) -> np.ndarray:
-        """The same of the goal; ConfigurationError where it does not hold it."""
+    def predict_goal(self, goal: Goal) -> np.ndarray:
+        """Return the prediction (4,) of the network for the goal's own image.
+
+        Raises:
+            ConfigurationError: the goal has no moments.
+        """
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
-        return self._network(inputs(goal.moments))
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
+        return self._network(make_inputs(goal.moments))
 
     def check(self, goal: Goal) -> None:
-        """See Scheme.check."""
-        self._goal, self._at_goal = goal, self.told_of_goal(goal)
+        """Check the goal and store its prediction, as `Scheme.check` requires."""
+        self._goal, self._goal_prediction = goal, self.predict_goal(goal)
 
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
-        """See Scheme.compute."""
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
+        """Compute features, error and twist of an image, as `Scheme.compute` requires."""
         if self._goal is not goal:
             self.check(goal)
-        found = self.told(observation)
-        away = self._at_goal - found  # the camera's place before the goal is minus the goal's
-        away[3] = wrap(away[3])
+        prediction = self.predict(observation)
+        # The error of the camera's position is minus that of the goal's position in its frame.
+        error = self._goal_prediction - prediction
+        error[3] = wrap(error[3])
         L = np.eye(6)[[0, 1, 2, 5]]
-        rate = self.law.rate(away, L, np.array([*away[:3], 0.0, 0.0, away[3]]), t, observation.dt)
+        rate = self.law.desired_error_rate(
+            error, L, np.array([*error[:3], 0.0, 0.0, error[3]]), t, observation.dt
+        )
         twist = np.array([*rate[:3], 0.0, 0.0, rate[3]])
-        return Decision(
-            self.names, found, self._at_goal, away, Task.of_twist(twist, LEVEL)
+        return SchemeOutput(
+            self.names,
+            prediction,
+            self._goal_prediction,
+            error,
+            Task.from_twist(twist, SERVOED_DIRECTIONS),
         )
 
 
-# The goal of 2015 hangs from a stretched arm: the camera cannot be nearer to the target.
-SAMPLER = Sampler(height=(0.15, 0.5), side=0.1)
+# At the goal of 2015 the arm is stretched, so the camera cannot be nearer to the target.
+TRAINING_STARTS = Sampler(height=(0.15, 0.5), side=0.1)
 
 
-def pictures(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
-    """Inputs (n, 10) and answers (n, 5) of pictures of the demo's target from random places.
+def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Make training inputs (n, 10) and outputs (n, 5) from images of the demo's target.
 
-    An answer is the goal's place in the camera's frame, m, and cosine and sine of its turn.
+    The camera poses are random. An output is the position of the goal in the camera's frame, m, and
+    the cosine and sine of its rotation.
     """
-    from ..asked.cameras import in_view
-    from ..asked.experiment import Experiment
-    from ..plants.sight import capture
+    from ..experiment.cameras import is_in_view
+    from ..experiment.experiment import Experiment
+    from ..plants.imaging import capture
     from ..setup.assembly import assemble
-    from ..setup.sampling import drawn_pose
+    from ..setup.sampling import draw_pose
 
-    parts = assemble(Experiment(plant="ideal", features="pictures", goal="2016", start="2016"))
-    observer = Observer(None, frozenset((Need.MOMENTS,)))
-    random, sight = np.random.default_rng(seed), parts.plant.sight
+    parts = assemble(Experiment(plant="ideal", features="images", goal="2016", start="2016"))
+    observer = FeatureObserver(None, frozenset((Need.MOMENTS,)))
+    random, imaging = np.random.default_rng(seed), parts.plant.imaging
     shape, middle = parts.target.shape, parts.target.shape.vertices().mean(axis=0)
     x, y = [], []
     while len(x) < count:
-        pose, _ = drawn_pose(SAMPLER, parts.goal_pose, middle, random)
+        pose, _ = draw_pose(TRAINING_STARTS, parts.goal_pose, middle, random)
         try:
-            if not in_view(shape.outline(parts.target.seen_from(pose)), parts.camera, 2.0):
+            if not is_in_view(
+                shape.outline(parts.target.target_T_camera(pose)), parts.calibrated_camera, 2.0
+            ):
                 continue
         except ViewError:
             continue
-        seen = observe(capture(sight, pose, 0, random), None, observer, parts.camera)
-        if seen.valid:
-            c_T_g = relative(pose, parts.goal_pose)
-            x.append(inputs(seen.moments))
+        observation = observe(
+            capture(imaging, pose, 0, random), None, observer, parts.calibrated_camera
+        )
+        if observation.valid:
+            c_T_g = relative_pose(pose, parts.goal_pose)
+            x.append(make_inputs(observation.moments))
             y.append([*c_T_g[:3, 3], c_T_g[0, 0], c_T_g[1, 0]])
     return np.array(x), np.array(y)
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Arrays of a Network that answers y (n, 5) to x (n, 10); ExperimentError: no scikit-learn."""
-    return fitted(
-        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN, activation="tanh", solver="lbfgs",
+    """Train the network on outputs y (n, 5) for inputs x (n, 10); return its arrays.
+
+    Raises:
+        ExperimentError: scikit-learn is not installed.
+    """
+    return fit_network(
+        x, y, 0.0, np.float32, hidden_layer_sizes=HIDDEN_LAYERS, activation="tanh", solver="lbfgs",
         max_iter=800, max_fun=1200, alpha=1e-6, random_state=seed, tol=1e-9,
     )  # fmt: skip
 
 
-def off(found: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """How far (n,), m, and turned (n,), rad, what is found (n, 4) is from the answers (n, 5)."""
-    turn = wrap(found[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
-    return np.linalg.norm(found[:, :3] - y[:, :3], axis=1), np.abs(turn)
+def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the errors of predictions (n, 4) with respect to outputs (n, 5).
+
+    Returns:
+        Distances (n,), m, and angles (n,), rad.
+    """
+    turn = wrap(predicted[:, 3] - np.arctan2(y[:, 4], y[:, 3]))
+    return np.linalg.norm(predicted[:, :3] - y[:, :3], axis=1), np.abs(turn)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Teach the network; returns the exit status."""
-    return teach(Network, argv, __doc__.splitlines()[0], 4000, 200, pictures, train, off)
+    """Train the network; return the exit status."""
+    return run_training(
+        GoalPoseNetwork,
+        argv,
+        __doc__.splitlines()[0],
+        4000,
+        200,
+        make_training_data,
+        train,
+        compute_errors,
+    )
 
 
 if __name__ == "__main__":

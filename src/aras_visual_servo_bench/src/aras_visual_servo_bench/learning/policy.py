@@ -1,12 +1,13 @@
-"""A policy that sees pictures, and what teaches it in the environment.
+"""Policy with images as input, and its training command, which uses the Gymnasium environment.
 
     python3 -m aras_visual_servo_bench.learning.policy [--steps 12000] [--out FILE]
 
-The picture, made small and free of brightness and contrast, goes through a small network, which
-tells where the goal is in the camera's frame; the camera flies there. It learns from a teacher that
-knows: the teacher flies first, then the policy itself, and in every picture on the way it is told
-where the goal truly was. Reference: S. Ross and others, A reduction of imitation learning and
-structured prediction to no-regret online learning, AISTATS 2011 (DAgger).
+The image is reduced in size and normalised in brightness and contrast. A small network predicts the
+pose of the goal in the camera's frame from it, and the camera moves there. The network imitates an
+expert that knows the true pose. The expert controls the camera in the first round, the policy in
+the following rounds. In every image, the true pose of the goal is the label. Reference: S. Ross and
+others, A reduction of imitation learning and structured prediction to no-regret online learning,
+AISTATS 2011 (DAgger).
 """
 
 from __future__ import annotations
@@ -22,138 +23,172 @@ import gymnasium
 import numpy as np
 
 from aras_visual_servo_controller.errors import ConfigurationError, MeasurementError
-from aras_visual_servo_controller.features.luminance import grey_of
+from aras_visual_servo_controller.features.luminance import get_grey_image
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.seeing.observation import Need, Observation
+from aras_visual_servo_controller.observation.observation import Need, Observation
 
-from ..asked.experiment import Experiment, Sampler
 from ..errors import ExperimentError
-from ..running.environment import ENVIRONMENT, GREATEST
-from .learned import Learned, Network, off
-from .learned_pictures import rectified, shrunk
-from .regressor import fitted
+from ..experiment.experiment import Experiment, Sampler
+from ..runner.environment import ENVIRONMENT, MAX_TWIST
+from .learned import GoalPoseNetwork, LearnedScheme, compute_errors
+from .learned_pose import relu, shrink_image
+from .regressor import fit_network
 
-COLUMNS, ROWS = 40, 30  # of the picture that the network sees
-HIDDEN = (192, 96)
-STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
-# The arm before the demo's target, as on the graph; episodes of up to 4 s.
-PRACTICE = Experiment(plant="bullet", start=STARTS, duration=4.0, linger=None, delay=0.0)
-ROUNDS = 4  # the teacher flies in the first one, the policy in the others
-GAIN = 1.5  # 1/s, of both
-ASTRAY = 0.3  # deviation of what is added to an action, so that more is seen than good ways
-HELD = 30  # steps that such an addition lasts, at most
-EPOCHS, REFINED = 30, ((1e-4, 15), (1e-5, 5))  # at a rate of 1e-3, and at lower ones
-
-
-def inputs(grey: np.ndarray) -> np.ndarray:
-    """A picture (rows, columns) uint8 as (ROWS * COLUMNS,) numbers of mean 0 and deviation 1."""
-    return shrunk(grey, COLUMNS, ROWS)
-
-
-class PolicyNetwork(Network):
-    """Rectified layers; see Regressor for its arrays."""
-
-    what, module = "the policy", "policy"
-    activation = staticmethod(rectified)
+COLUMNS, ROWS = 40, 30  # of the network's input image
+HIDDEN_LAYERS = (192, 96)
+TRAINING_STARTS = Sampler(height=(0.15, 0.4), side=0.1, turn=np.radians(45.0))
+# The arm in front of the demo's target, as in the ROS graph, in episodes of up to 4 s.
+TRAINING_EXPERIMENT = Experiment(
+    plant="bullet", start=TRAINING_STARTS, duration=4.0, time_after_convergence=None, delay=0.0
+)
+DAGGER_ROUNDS = 4  # the expert controls the first one, the policy the others
+GAIN = 1.5  # 1/s, of expert and policy
+# Standard deviation of the noise that is added to actions, so that the data include poor paths.
+PERTURBATION = 0.3
+MAX_PERTURBATION_STEPS = 30  # longest duration of such noise, steps
+# Epochs at a learning rate of 1e-3, and (rate, epochs) of the refinements.
+EPOCHS, REFINEMENTS = 30, ((1e-4, 15), (1e-5, 5))
 
 
-class Policy(Learned):
-    """Flies as the network tells by the picture; see Learned."""
+def make_inputs(grey: np.ndarray) -> np.ndarray:
+    """Return an image (rows, columns) uint8 as ROWS * COLUMNS values of mean 0 and deviation 1."""
+    return shrink_image(grey, COLUMNS, ROWS)
+
+
+class PolicyNetwork(GoalPoseNetwork):
+    """Network with ReLU layers; Regressor describes its arrays."""
+
+    user, module = "the policy", "policy"
+    activation = staticmethod(relu)
+
+
+class Policy(LearnedScheme):
+    """Scheme that moves the camera to the goal's pose as predicted from an image."""
 
     needs = frozenset((Need.IMAGE,))
     tolerances = (0.0005, 0.0005, 0.0005, 0.002)
     network = PolicyNetwork
 
-    def told(self, observation: Observation) -> np.ndarray:
-        """See Learned.told."""
+    def predict(self, observation: Observation) -> np.ndarray:
+        """Return the prediction (4,) of the network for an observation.
+
+        Raises:
+            MeasurementError: the observation is not valid.
+        """
         if not observation.valid:
             raise MeasurementError(observation.reason or "the target is not visible")
-        return self._network(inputs(grey_of(observation)))
+        return self._network(make_inputs(get_grey_image(observation)))
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """See Scheme.teach: what the network tells of the goal's picture."""
-        return {PolicyNetwork.module: {"told": self.told(observation).tolist()}}
+        """Return the prediction for the goal's image, as `Scheme.teach` requires."""
+        return {PolicyNetwork.module: {"told": self.predict(observation).tolist()}}
 
-    def told_of_goal(self, goal: Goal) -> np.ndarray:
-        """See Learned.told_of_goal."""
-        told = np.array(dict(goal.features.get(PolicyNetwork.module, {})).get("told", ()), float)
-        if told.shape != (4,) or not np.isfinite(told).all():
-            raise ConfigurationError(f"{goal.name} was not shown to the policy: teach it anew")
-        return told
+    def predict_goal(self, goal: Goal) -> np.ndarray:
+        """Return the stored prediction (4,) for the goal's image.
+
+        Raises:
+            ConfigurationError: the goal was not taught with the policy.
+        """
+        prediction = np.array(
+            dict(goal.features.get(PolicyNetwork.module, {})).get("told", ()), float
+        )
+        if prediction.shape != (4,) or not np.isfinite(prediction).all():
+            raise ConfigurationError(
+                f"{goal.name} was not taught with the policy: teach it again"
+            )
+        return prediction
 
 
-def practise(
+def collect_demonstrations(
     policy: PolicyNetwork | None, steps: int, seed: int, environments: int
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Pictures met in the environment, and where the goal was in each.
+    """Collect images in the environment, and the true pose of the goal in each.
 
     Args:
-        policy: that flies; None: the teacher does.
-        steps: pictures wanted. environments: that are stepped at once, each in a process.
+        policy: policy that controls the camera; None for the expert.
+        steps: number of images.
+        seed: seed of the environments and of the noise.
+        environments: number of environments that run in parallel, each in its own process.
 
     Returns:
-        Inputs (n, ROWS * COLUMNS) and answers (n, 5): the goal's place in the camera's frame, m,
-        and cosine and sine of its turn.
+        Inputs (n, ROWS * COLUMNS) and outputs (n, 5): the goal's position in the camera's frame, m,
+        and the cosine and sine of its rotation.
     """
     random = np.random.default_rng(seed)
-    flown = gymnasium.make_vec(
-        ENVIRONMENT, environments, "async", experiment=PRACTICE, observes="picture"
+    vector_environment = gymnasium.make_vec(
+        ENVIRONMENT, environments, "async", experiment=TRAINING_EXPERIMENT, observes="image"
     )
     x, y = [], []
     try:
-        pictures, info = flown.reset(seed=seed)
-        astray, left = np.zeros((environments, 6)), np.zeros(environments, int)
+        images, info = vector_environment.reset(seed=seed)
+        noise, steps_left = np.zeros((environments, 6)), np.zeros(environments, int)
         while len(x) < steps:
-            seen = [inputs(picture) for picture in pictures]
-            found = info["camera_T_goal"]
-            truth = np.column_stack([found[:, :3, 3], found[:, 0, 0], found[:, 1, 0]])
-            x += seen
+            inputs = [make_inputs(image) for image in images]
+            camera_T_goal = info["camera_T_goal"]
+            truth = np.column_stack(
+                [camera_T_goal[:, :3, 3], camera_T_goal[:, 0, 0], camera_T_goal[:, 1, 0]]
+            )
+            x += inputs
             y += list(truth)
             turn = np.arctan2(truth[:, 4], truth[:, 3])
-            told = np.column_stack([truth[:, :3], turn])
+            goal_pose = np.column_stack([truth[:, :3], turn])
             if policy is not None:
-                told = np.array([policy(one) for one in seen])
-            asked = np.zeros((environments, 6))
-            asked[:, [0, 1, 2, 5]] = GAIN * told
-            new = left == 0
-            left[new] = random.integers(1, HELD, new.sum())
-            astray[new] = random.normal(0.0, ASTRAY, (new.sum(), 6)) * (random.random() < 0.5)
-            left -= 1
-            action = np.clip(asked / GREATEST + astray, -1.0, 1.0).astype(np.float32)
-            pictures, _, _, _, info = flown.step(action)
+                goal_pose = np.array([policy(row) for row in inputs])
+            twist = np.zeros((environments, 6))
+            twist[:, [0, 1, 2, 5]] = GAIN * goal_pose
+            is_new = steps_left == 0
+            steps_left[is_new] = random.integers(1, MAX_PERTURBATION_STEPS, is_new.sum())
+            noise[is_new] = random.normal(0.0, PERTURBATION, (is_new.sum(), 6)) * (
+                random.random() < 0.5
+            )
+            steps_left -= 1
+            action = np.clip(twist / MAX_TWIST + noise, -1.0, 1.0).astype(np.float32)
+            images, _, _, _, info = vector_environment.step(action)
     finally:
-        flown.close()
+        vector_environment.close()
     return np.array(x), np.array(y)
 
 
 def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
-    """Arrays of a PolicyNetwork that answers y (n, 5) to x (n, k); ExperimentError: no library."""
-    return fitted(
-        x, y, 0.3, np.float16, REFINED, hidden_layer_sizes=HIDDEN, activation="relu", solver="adam",
+    """Train a PolicyNetwork on outputs y (n, 5) for inputs x (n, k); return its arrays.
+
+    Raises:
+        ExperimentError: scikit-learn is not installed.
+    """
+    return fit_network(
+        x, y, 0.3, np.float16, REFINEMENTS, hidden_layer_sizes=HIDDEN_LAYERS, activation="relu",
+        solver="adam",
         alpha=1e-5, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
         n_iter_no_change=EPOCHS, random_state=seed,
     )  # fmt: skip
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Teach the policy; returns the exit status."""
+    """Train the policy; return the exit status."""
     parser = argparse.ArgumentParser(
         description=__doc__.splitlines()[0],
         epilog="example: python3 -m aras_visual_servo_bench.learning.policy --out policy.npz",
     )
-    parser.add_argument("--steps", type=int, default=12_000, help="pictures to learn from")
-    parser.add_argument("--environments", type=int, default=2 * (os.cpu_count() or 1))
-    parser.add_argument("--out", type=Path, default=PolicyNetwork.weights())
+    parser.add_argument("--steps", type=int, default=12_000, help="number of training images")
+    parser.add_argument(
+        "--environments", type=int, default=2 * (os.cpu_count() or 1),
+        help="environments that run in parallel",
+    )
+    parser.add_argument(
+        "--out", type=Path, default=PolicyNetwork.find_weights(), help="file for the weights"
+    )
     options = parser.parse_args(argv)
     x, y, policy = [], [], None
     try:
-        for number in range(ROUNDS):
-            met = practise(policy, options.steps // ROUNDS, number, options.environments)
+        for number in range(DAGGER_ROUNDS):
+            demonstrations = collect_demonstrations(
+                policy, options.steps // DAGGER_ROUNDS, number, options.environments
+            )
             if policy is not None:
-                found = np.array([policy(row) for row in met[0]])
-                _say(number + 1, found, met[1])
-            x.append(met[0])
-            y.append(met[1])
+                predicted = np.array([policy(row) for row in demonstrations[0]])
+                _print_errors(number + 1, predicted, demonstrations[1])
+            x.append(demonstrations[0])
+            y.append(demonstrations[1])
             arrays = train(np.concatenate(x), np.concatenate(y), number)
             policy = PolicyNetwork(arrays)
     except ExperimentError as error:
@@ -165,10 +200,13 @@ def main(argv: list[str] | None = None) -> int:
     return 0
 
 
-def _say(number: int, found: np.ndarray, y: np.ndarray) -> None:
-    far, turn = (np.median(n) for n in off(found, y))
-    print(f"round {number} of {ROUNDS}: before, it told half of {len(y)} unseen pictures within "
-          f"{1e3 * far:.1f} mm and {np.degrees(turn):.2f} degrees", flush=True)  # fmt: skip
+def _print_errors(number: int, predicted: np.ndarray, y: np.ndarray) -> None:
+    distance, angle = (np.median(n) for n in compute_errors(predicted, y))
+    print(
+        f"round {number} of {DAGGER_ROUNDS}: median error on {len(y)} new images before training: "
+        f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees",
+        flush=True,
+    )
 
 
 if __name__ == "__main__":

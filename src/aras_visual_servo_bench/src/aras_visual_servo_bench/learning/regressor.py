@@ -1,4 +1,4 @@
-"""What networks that answer numbers to numbers share: their file, their layers, their training."""
+"""Base class of small neural networks, with their training and their file of weights."""
 
 from __future__ import annotations
 
@@ -14,56 +14,64 @@ import numpy as np
 
 from aras_visual_servo_controller.errors import ConfigurationError
 
-from ..asked.packages import PackagePath
 from ..errors import ExperimentError
+from ..experiment.packages import PackagePath
 
 
 class Regressor:
-    """Layers, the last one linear, between scaled inputs (k,) and outputs (m,).
+    """Network with a linear last layer between scaled inputs (k,) and outputs (m,).
 
     Attributes:
-        what: who needs the weights, for messages. module: that makes them, of this package.
-        activation: of the hidden layers, number by number.
+        user: user of the weights, for messages.
+        module: module of this package that trains the network.
+        activation: activation function of the hidden layers.
     """
 
-    what: ClassVar[str]
+    user: ClassVar[str]
     module: ClassVar[str]
     activation: ClassVar[Callable[[np.ndarray], np.ndarray]]
 
     def __init__(self, arrays: Mapping[str, np.ndarray]) -> None:
-        """`arrays`: mean, scale, out_mean, out_scale, and w0, b0, w1, ... of the layers."""
-        wide = {name: np.asarray(array, float) for name, array in arrays.items()}
-        self._mean, self._scale = wide["mean"], wide["scale"]
-        self._out_mean, self._out_scale = wide["out_mean"], wide["out_scale"]
-        count = sum(name.startswith("w") for name in wide)
-        self._layers = [(wide[f"w{i}"], wide[f"b{i}"]) for i in range(count)]
+        """Create a network from its arrays.
+
+        Args:
+            arrays: mean, scale, out_mean, out_scale, and w0, b0, w1, ... of the layers.
+        """
+        values = {name: np.asarray(array, float) for name, array in arrays.items()}
+        self._mean, self._scale = values["mean"], values["scale"]
+        self._out_mean, self._out_scale = values["out_mean"], values["out_scale"]
+        count = sum(name.startswith("w") for name in values)
+        self._layers = [(values[f"w{i}"], values[f"b{i}"]) for i in range(count)]
 
     @classmethod
-    def weights(cls) -> Path:
-        """The shipped file of the weights."""
+    def find_weights(cls) -> Path:
+        """Return the path of the shipped weights."""
         return Path(PackagePath().find("aras_visual_servo_bench")) / "config" / f"{cls.module}.npz"
 
     @classmethod
     def load(cls, path: Path | None = None) -> Self:
-        """From a file; None: the one that the environment names, or else the shipped one.
+        """Load a network from a file.
+
+        The default is the file in the environment variable ARAS_<MODULE>_WEIGHTS, or else the
+        shipped one.
 
         Raises:
-            ConfigurationError: there is none, or it is no network.
+            ConfigurationError: the file does not exist or contains no network.
         """
         if path is None:
             variable = f"ARAS_{cls.module.upper()}_WEIGHTS"
-            path = Path(os.environ.get(variable, cls.weights()))
+            path = Path(os.environ.get(variable, cls.find_weights()))
         make = f"make it: python3 -m aras_visual_servo_bench.learning.{cls.module}"
         if not path.is_file():
-            raise ConfigurationError(f"{cls.what} has no weights at {path}: {make}")
+            raise ConfigurationError(f"{cls.user} has no weights at {path}: {make}")
         try:
             with np.load(path, allow_pickle=False) as file:
                 return cls(dict(file))
         except (OSError, ValueError, KeyError) as error:
             raise ConfigurationError(f"{path} holds no network ({error}): {make}") from None
 
-    def answer(self, x: np.ndarray) -> np.ndarray:
-        """Outputs (m,) to inputs (k,)."""
+    def predict(self, x: np.ndarray) -> np.ndarray:
+        """Compute the outputs (m,) for inputs (k,)."""
         values = (x - self._mean) / self._scale
         for w, b in self._layers[:-1]:
             values = type(self).activation(values @ w + b)
@@ -71,56 +79,71 @@ class Regressor:
         return (values @ w + b) * self._out_scale + self._out_mean
 
 
-def teach(
-    kind: type[Regressor], argv: list[str] | None, text: str, count: int, unseen: int,
-    pictures: Callable[..., tuple[np.ndarray, np.ndarray]],
+def run_training(
+    kind: type[Regressor], argv: list[str] | None, description: str, count: int, test_count: int,
+    make_data: Callable[..., tuple[np.ndarray, np.ndarray]],
     train: Callable[[np.ndarray, np.ndarray], dict[str, np.ndarray]],
-    off: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
+    compute_errors: Callable[[np.ndarray, np.ndarray], tuple[np.ndarray, np.ndarray]],
 ) -> int:  # fmt: skip
-    """A command that makes pictures, learns, writes the weights, and says how well it knows unseen
-    pictures; returns the exit status.
+    """Run a training command: make images, train, write the weights, and report the test errors.
 
     Args:
-        text: what it does. count: of pictures, unless told. unseen: pictures to judge it by.
-        pictures: inputs and answers of so many pictures, by a seed.
-        train: arrays of the network. off: distances (n,), m, and angles (n,), rad, by which what is
-            found (n, m) misses the answers.
+        kind: class of the network.
+        argv: arguments of the command; None for those of the process.
+        description: help text of the command.
+        count: default number of training images.
+        test_count: number of test images.
+        make_data: function that returns inputs and outputs for a number of images and a seed.
+        train: function that returns the arrays of the network for inputs and outputs.
+        compute_errors: function that returns the distances (n,), m, and angles (n,), rad, between
+            predictions (n, m) and outputs.
+
+    Returns:
+        The exit status.
     """
     parser = argparse.ArgumentParser(
-        description=text,
+        description=description,
         epilog=f"example: python3 -m {__package__}.{kind.module} --pictures 1000 --out mine.npz",
     )  # fmt: skip
-    parser.add_argument("--pictures", type=int, default=count)
-    parser.add_argument("--out", type=Path, default=kind.weights())
+    parser.add_argument(
+        "--pictures", type=int, default=count, help="number of training images"
+    )
+    parser.add_argument(
+        "--out", type=Path, default=kind.find_weights(), help="file for the weights"
+    )
     options = parser.parse_args(argv)
     try:
-        arrays = train(*pictures(options.pictures))
+        arrays = train(*make_data(options.pictures))
     except ExperimentError as error:
         print(f"{kind.module}: {error}", file=sys.stderr)
         return 1
     options.out.parent.mkdir(parents=True, exist_ok=True)
     np.savez_compressed(options.out, **arrays)
-    x, y = pictures(unseen, seed=1)
+    x, y = make_data(test_count, seed=1)
     network = kind.load(options.out)
-    far, turn = (np.median(n) for n in off(np.array([network(row) for row in x]), y))
-    print(f"wrote {options.out}; of {unseen} unseen pictures half are within {1e3 * far:.1f} mm "
-          f"and {np.degrees(turn):.2f} degrees")  # fmt: skip
+    distance, angle = (
+        np.median(n) for n in compute_errors(np.array([network(row) for row in x]), y)
+    )
+    print(f"wrote {options.out}; median error on {test_count} test images: "
+          f"{1e3 * distance:.1f} mm, {np.degrees(angle):.2f} degrees")  # fmt: skip
     return 0
 
 
-def fitted(
-    x: np.ndarray, y: np.ndarray, least_scale: float, kept: type,
-    refined: Sequence[tuple[float, int]] = (), **options: Any,
+def fit_network(
+    x: np.ndarray, y: np.ndarray, min_scale: float, dtype: type,
+    refinements: Sequence[tuple[float, int]] = (), **options: Any,
 ) -> dict[str, np.ndarray]:
-    """Arrays of a Regressor that answers y (n, m) to x (n, k).
+    """Train a Regressor on outputs y (n, m) for inputs x (n, k); return its arrays.
 
     Args:
-        least_scale: that an input's deviation counts as at least. kept: type of the weights kept.
-        refined: learning rates and epochs that follow: steps of one size leave the weights astray.
-        options: of scikit-learn's MLPRegressor.
+        x, y: inputs and outputs.
+        min_scale: smallest scale of an input.
+        dtype: type of the stored weights.
+        refinements: (learning rate, epochs) of further training with smaller steps.
+        options: options of scikit-learn's MLPRegressor.
 
     Raises:
-        ExperimentError: no scikit-learn.
+        ExperimentError: scikit-learn is not installed.
     """
     try:
         from sklearn.exceptions import ConvergenceWarning
@@ -129,16 +152,17 @@ def fitted(
         raise ExperimentError(
             "training needs scikit-learn: pip install -r requirements/bench.txt"
         ) from None
-    mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), least_scale)
+    mean, scale = x.mean(axis=0), np.maximum(x.std(axis=0), min_scale)
     out_mean, out_scale = y.mean(axis=0), y.std(axis=0)
     network = MLPRegressor(**options)
     with warnings.catch_warnings():
-        warnings.simplefilter("ignore", ConvergenceWarning)  # its iterations are what was asked for
+        # The number of iterations is limited on purpose.
+        warnings.simplefilter("ignore", ConvergenceWarning)
         network.fit(x := (x - mean) / scale, y := (y - out_mean) / out_scale)
-        for rate, epochs in refined:
+        for rate, epochs in refinements:
             network.set_params(learning_rate_init=rate, max_iter=epochs, warm_start=True)
             network.fit(x, y)
     arrays = {"mean": mean, "scale": scale, "out_mean": out_mean, "out_scale": out_scale}
     for i, (w, b) in enumerate(zip(network.coefs_, network.intercepts_, strict=True)):
-        arrays[f"w{i}"], arrays[f"b{i}"] = w.astype(kept), b.astype(np.float32)
+        arrays[f"w{i}"], arrays[f"b{i}"] = w.astype(dtype), b.astype(np.float32)
     return arrays

@@ -1,4 +1,4 @@
-"""What is servoed: plants with one interface, so that an experiment can exchange them."""
+"""Plants: simulated arms and free cameras with a common interface."""
 
 from .base import JointReading, Plant
 

@@ -1,4 +1,4 @@
-"""The interface of all plants: simulated time, commands in, measurements out, and the truth."""
+"""Interface of all plants: simulated time, commands, measurements and true state."""
 
 from __future__ import annotations
 
@@ -11,25 +11,26 @@ from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
-from aras_sim_bridge.camera.shaking import Vibration
+from aras_sim_bridge.camera.vibration import Vibration
 from aras_visual_servo_base.poses import inverse
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.seeing.frame import Frame, seconds
-from aras_visual_servo_controller.seeing.observation import CAMERA
+from aras_visual_servo_controller.observation.frame import Frame, to_seconds
+from aras_visual_servo_controller.observation.observation import CAMERA
 
 if TYPE_CHECKING:
-    from aras_visual_servo_controller.driving.driver import Driver
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 
 @lru_cache
-def _rows(names: tuple[str, ...], wanted: tuple[str, ...]) -> tuple[int, ...]:
-    return tuple(names.index(name) for name in wanted)
+def _find_rows(names: tuple[str, ...], selected: tuple[str, ...]) -> tuple[int, ...]:
+    return tuple(names.index(name) for name in selected)
 
 
 @dataclass(frozen=True, eq=False)
 class JointReading:
-    """What the joints' sensors say.
+    """Joint state measured at one instant.
 
-    stamp_ns: simulated time. names: any order. positions, velocities: in that order, rad or m, /s.
+    stamp_ns: simulated time, ns. names: of the joints, in any order. positions, velocities: in the
+    order of `names`, rad or m, and rad/s or m/s.
     """
 
     stamp_ns: int
@@ -39,12 +40,12 @@ class JointReading:
 
     @property
     def stamp(self) -> float:
-        """`stamp_ns` in s."""
-        return seconds(self.stamp_ns)
+        """Simulated time, s."""
+        return to_seconds(self.stamp_ns)
 
-    def of(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities (n,) of the named joints."""
-        rows = _rows(self.names, tuple(names))
+    def select(self, names: Sequence[str]) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and velocities (n,) of the named joints."""
+        rows = _find_rows(self.names, tuple(names))
         return (
             np.array([self.positions[i] for i in rows]),
             np.array([self.velocities[i] for i in rows]),
@@ -55,53 +56,55 @@ Reading = JointReading | Frame
 
 
 @dataclass(frozen=True, eq=False)
-class Place:
-    """Where another camera is beside the control camera.
+class CameraPlacement:
+    """Placement of another camera relative to the control camera.
 
-    Each camera's poses are in the frame in which its target stands: the world, or a link.
+    The pose of a camera is given in its target frame: the world, or the link that carries its
+    target.
 
-    pose: (4, 4) of its optical frame: in that of the control camera, with which it moves; or in the
-        frame in which the control camera's target stands, where it stands too.
-    opposite: (4, 4) of the control camera in the frame in which this camera's target stands, where
-        that moves with the control camera; None: the targets of both stand in one frame.
+    pose: (4, 4) of the optical frame: in the control camera's optical frame if both cameras move
+        together, else in the control camera's target frame, in which this camera is fixed.
+    is_fixed: the camera is fixed in the control camera's target frame.
+    target_T_control: (4, 4) of the control camera in this camera's target frame, if that target
+        moves with the control camera; None: both cameras have the same target frame.
     """
 
     pose: np.ndarray
-    stands: bool = False
-    opposite: np.ndarray | None = None
+    is_fixed: bool = False
+    target_T_control: np.ndarray | None = None
 
-    def at(self, target_T_control: np.ndarray) -> np.ndarray:
-        """Its pose (4, 4) where the control camera has that one."""
-        if self.opposite is not None:
-            return self.opposite @ inverse(target_T_control) @ self.pose
-        return self.pose if self.stands else target_T_control @ self.pose
+    def compute_pose(self, control_pose: np.ndarray) -> np.ndarray:
+        """Return the pose (4, 4) of this camera for a pose (4, 4) of the control camera."""
+        if self.target_T_control is not None:
+            return self.target_T_control @ inverse(control_pose) @ self.pose
+        return self.pose if self.is_fixed else control_pose @ self.pose
 
 
 class JointListener(Protocol):
-    """Is told what a plant's joints measured, and what they were commanded."""
+    """Receiver of the joint states and joint commands of a plant."""
 
-    def commanded(self, values: np.ndarray) -> None:
-        """(n,) were sent."""
+    def on_command(self, values: np.ndarray) -> None:
+        """Receive a joint command (n,)."""
 
-    def joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
-        """A joint state, (n,) and (n,), after the command that it brought about."""
+    def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
+        """Receive a joint state (n,), (n,); its command, if any, has been received before."""
 
 
 class Plant(ABC):
-    """An arm or a free camera before its target, in simulated time from 0 on.
+    """Arm or free camera in front of its target, in simulated time that starts at 0.
 
     Attributes:
-        camera: the true camera; of several the control camera.
-        joint_names: those that can be commanded.
-        outputs: kinds of command that it takes, of position, velocity and effort.
-        control: name of the control camera. vibrations: of the cameras that shake, by name.
+        camera: true intrinsics of the control camera.
+        joint_names: joints that can be commanded.
+        outputs: kinds of command that the plant accepts: position, velocity, effort or twist.
+        control_camera_name: name of the control camera. vibrations: of shaking cameras, by name.
         has_exact_plane: whether the plane of the target counts as measured, without error.
     """
 
     camera: CameraModel
     joint_names: tuple[str, ...]
     outputs: frozenset[str]
-    control: str = CAMERA
+    control_camera_name: str = CAMERA
     has_exact_plane: bool = False
     vibrations: Mapping[str, Vibration] = MappingProxyType({})
 
@@ -112,56 +115,73 @@ class Plant(ABC):
 
     @abstractmethod
     def advance(self, until_ns: int) -> list[Reading]:
-        """Let time go on until something is measured, at most to `until_ns`; what was measured.
+        """Advance the simulated time to the next measurement, or to `until_ns` if none comes first.
 
-        With physics time goes in steps, so it may end less than a step after `until_ns`.
+        With physics, time advances in steps and may end up to one step after `until_ns`.
+
+        Returns:
+            The measurements at the new time.
         """
 
     @abstractmethod
     def command(self, kind: str, values: Sequence[float]) -> None:
-        """Command all joints in the order of `joint_names`; acts from the next step on.
+        """Command all joints, in the order of `joint_names`, from the next step.
 
         kind: 'position' (rad, m), 'velocity' (rad/s, m/s) or 'effort' (N m, N).
         """
 
-    def pose(self) -> np.ndarray:
-        """The truth: world_T_camera (4, 4) of the optical frame now."""
-        pose = self.at_rest()
-        return self.shaken(pose, self.time_ns) if self.vibrations else pose
+    def read_pose(self) -> np.ndarray:
+        """Return the true world_T_camera (4, 4) of the control camera's optical frame now."""
+        pose = self.read_rest_pose()
+        return self.apply_vibration(pose, self.time_ns) if self.vibrations else pose
 
     @abstractmethod
-    def at_rest(self) -> np.ndarray:
-        """`pose` of a camera that does not shake, and about which this one does."""
+    def read_rest_pose(self) -> np.ndarray:
+        """Return the true world_T_camera (4, 4) of the control camera now, without vibration."""
 
     @abstractmethod
-    def poses(self, positions: np.ndarray) -> np.ndarray:
-        """As `at_rest`, (m, 4, 4), where the joints stood at positions (m, n)."""
+    def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
+        """Compute world_T_camera (m, 4, 4) without vibration at joint positions (m, n)."""
 
-    def shaken(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
-        """Where a camera with that pose (4, 4) at rest is at a time, ns; '': the control camera."""
-        vibration = self.vibrations.get(camera or self.control)
-        return pose if vibration is None else pose @ vibration.at(time_ns)
+    def apply_vibration(self, pose: np.ndarray, time_ns: int, camera: str = "") -> np.ndarray:
+        """Add a camera's vibration at a time (ns) to its pose (4, 4) at rest.
 
-    def places(self, positions: np.ndarray) -> np.ndarray:
-        """Places (m, l, 3) in the world of the arm's joints where these stood at positions (m, n);
-        l = 0 where no arm carries the camera."""
+        camera: name of the camera; '': the control camera.
+        """
+        vibration = self.vibrations.get(camera or self.control_camera_name)
+        return pose if vibration is None else pose @ vibration.compute_pose(time_ns)
+
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
+        """Compute the origins (m, l, 3) of the arm's joint frames in the world, m.
+
+        positions: (m, n), m joint states. Without an arm, l is 0.
+        """
         return np.zeros((len(positions), 0, 3))
 
     @abstractmethod
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """The truth: positions (n,) and velocities (n,) in the order of `joint_names`."""
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the true positions and velocities (n,), in the order of `joint_names`."""
 
-    def touched(self) -> tuple[str, str] | None:
-        """The link of the arm that runs into something, and into what; None: none does, or nobody
-        knows."""
+    def find_collision(self) -> tuple[str, str] | None:
+        """Return a link of the arm in collision and the other model.
+
+        None means that there is no collision, or that the plant cannot detect one.
+        """
         return None
 
-    def join(
-        self, driver: Driver, listener: JointListener, last_ns: Callable[[], float]
+    def attach_loop(
+        self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
     ) -> None:
-        """Up to `last_ns`() (ns) joint states may be answered as this driver would and told to the
-        listener, and need not be delivered by `advance`."""
+        """Allow the plant to process joint states itself, in compiled code.
+
+        `advance` need not return the joint states that the plant has processed.
+
+        Args:
+            driver: loop whose update the plant performs for each joint state.
+            listener: receives these joint states and the commands.
+            read_end_ns: returns the time (ns) until which the plant may process joint states.
+        """
 
     def close(self) -> None:
-        """Give back what it holds; safe to call twice."""
+        """Release the resources of the plant; safe to call twice."""
         return

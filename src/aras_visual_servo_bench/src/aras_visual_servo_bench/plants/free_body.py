@@ -1,4 +1,4 @@
-"""A camera without an arm, in the shape of an arm: six coordinates and no limits."""
+"""Kinematics of a free camera with the interface of an arm: six coordinates without limits."""
 
 from __future__ import annotations
 
@@ -6,110 +6,120 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled
-from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative, skew
-from aras_visual_servo_controller.arm.joint_sample import JointSample
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.poses import exponential, inverse, logarithm, relative_pose, skew
 from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.kinematics.joint_sample import JointSample
 
-NAMES = ("x", "y", "z", "rx", "ry", "rz")
+COORDINATE_NAMES = ("x", "y", "z", "rx", "ry", "rz")
 
 
 class FreeBody:
-    """Kinematics of a flying camera: q (6,) is the logarithm of its body's pose relative to its
-    origin. The body is the camera itself, unless the camera is believed elsewhere.
+    """Kinematics of a free camera, with the interface of `Arm`.
 
-    What a loop asks of an `Arm` it answers too, so that a scheme meets no difference. The
-    coordinates are single-valued up to a turn by pi against the origin.
+    The coordinates q (6,) are the logarithm of the body's pose relative to an origin. They are
+    unique for rotations of less than pi from the origin. The body is the camera itself, or a frame
+    to which a camera with a calibration error is fixed.
 
     Attributes: as of `Arm`.
     """
 
-    names = NAMES
-    free = True
+    names = COORDINATE_NAMES
+    is_free = True
     camera_frame, base_frame, target_frame = "camera_optical_frame", "world", ""
 
     def __init__(self, origin: np.ndarray, mounting: np.ndarray | None = None) -> None:
-        """Args:
+        """Set the origin of the coordinates.
+
+        Args:
             origin: world_T_body (4, 4) at q = 0.
-            mounting: body_T_camera (4, 4), where the camera is believed elsewhere; None: it is the
-                body.
+            mounting: body_T_camera (4, 4) of a camera with a calibration error; None: the camera is
+                the body.
         """
         self.origin, self.mounting = np.array(origin, float), mounting
         self.upper = np.full(6, np.inf)
         self.lower = -self.upper
         self.velocity = self.effort = self.upper
-        self.prismatic = np.array([True] * 3 + [False] * 3)
+        self.is_prismatic = np.array([True] * 3 + [False] * 3)
 
     def __len__(self) -> int:
-        """Number of coordinates."""
+        """Return the number of coordinates."""
         return 6
 
     def pose(self, q: np.ndarray) -> np.ndarray:
-        """world_T_camera (4, 4)."""
+        """Return world_T_camera (4, 4) at coordinates q (6,)."""
         body = self.origin @ exponential(q)
         return body if self.mounting is None else body @ self.mounting
 
     def coordinates(self, world_T_camera: np.ndarray) -> np.ndarray:
-        """The q (6,) of a pose (4, 4)."""
+        """Return the coordinates q (6,) of a camera pose (4, 4)."""
         body = world_T_camera
         if self.mounting is not None:
             body = world_T_camera @ inverse(self.mounting)
-        return logarithm(relative(self.origin, body))
+        return logarithm(relative_pose(self.origin, body))
 
     def jacobian(self, q: np.ndarray) -> np.ndarray:
-        """(6, 6): the camera's twist in its own frame is jacobian(q) @ q_dot."""
-        rates = _exponential_rate(np.asarray(q, float))
+        """Return J (6, 6): the camera's twist in its own frame is J @ q_dot."""
+        rates = _compute_right_jacobian(np.asarray(q, float))
         if self.mounting is None:
             return rates
-        camera_R_body, place = self.mounting[:3, :3].T, self.mounting[:3, 3]
-        rates[:3] -= skew(place) @ rates[3:]
+        camera_R_body, position = self.mounting[:3, :3].T, self.mounting[:3, 3]
+        rates[:3] -= skew(position) @ rates[3:]
         return np.vstack([camera_R_body @ rates[:3], camera_R_body @ rates[3:]])
 
-    def view(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """pose and jacobian."""
+    def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Return `pose(q)` and `jacobian(q)`."""
         return self.pose(q), self.jacobian(q)
 
-    def inverse(
+    def inverse_kinematics(
         self, world_T_camera: np.ndarray, q0: np.ndarray | None = None, tolerance: float = 0.0
     ) -> np.ndarray:
-        """The q (6,) of a pose (4, 4), whatever it is looked for from."""
+        """Return the coordinates q (6,) of a camera pose (4, 4); `q0` has no effect."""
         return self.coordinates(world_T_camera)
 
     def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Places (6, 3) and axes (6, 3): none is parallel to another of its kind."""
+        """Return origins (6, 3) and axes (6, 3) of three prismatic and three revolute joints."""
         return np.zeros((6, 3)), np.vstack([np.eye(3), np.eye(3)])
 
     def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
-        """Refuse what is not finite; MeasurementError."""
+        """Check that coordinates and velocities are finite.
+
+        Raises:
+            MeasurementError: a value is not finite.
+        """
         for values in (q, velocities):
             if values is not None and not np.isfinite(values).all():
                 raise MeasurementError("a coordinate of the free camera is not finite")
 
-    def sample(
+    def read_joints(
         self,
         names: Sequence[str],
         positions: Sequence[float],
         velocities: Sequence[float] = (),
         stamp: float = 0.0,
     ) -> JointSample:
-        """The coordinates as a JointSample; names are this class's own."""
+        """Return the coordinates as a JointSample with the coordinate names of this class."""
         q = np.array(positions, float)
         speed = np.array(velocities, float) if len(velocities) else np.zeros(6)
         self.check(q, speed)
         return JointSample(stamp, self.names, q, speed)
 
 
-@compiled("f8[:]")
-def _exponential_rate(twist):
-    """(6, 6) right Jacobian J: b of a_T_b = exponential(twist) moves with the twist J @ d(twist)/dt
-    in its own frame; the sum of (-ad twist)^k / (k + 1)!, to the last bit of its largest number."""
+@jit("f8[:]")
+def _compute_right_jacobian(twist):
+    """Compute the right Jacobian J (6, 6) of the exponential map of SE(3).
+
+    With a_T_b = exponential(twist), the twist of b in its own frame is J @ d(twist)/dt. J is the
+    sum of (-ad twist)^k / (k + 1)!, summed to machine precision.
+    """
     vx, vy, vz, x, y, z = twist
     turn, move = np.zeros((3, 3)), np.zeros((3, 3))
     turn[0, 1], turn[0, 2], turn[1, 0], turn[1, 2], turn[2, 0], turn[2, 1] = -z, y, z, -x, -y, x
     move[0, 1], move[0, 2], move[1, 0], move[1, 2], move[2, 0], move[2, 1] = (
         -vz, vy, vz, -vx, -vy, vx
     )  # fmt: skip
-    # The upper rows; the lower ones are zeros and the upper ones' left half.
+    # Only the upper three rows are summed. The lower right block equals the upper left one, and
+    # the lower left block is zero.
     rate, term, following, k = np.zeros((3, 6)), np.zeros((3, 6)), np.empty((3, 6)), 1
     for i in range(3):
         rate[i, i] = term[i, i] = 1.0

@@ -1,7 +1,7 @@
-"""The ideal plant: a camera that flies as the scheme's twist says, one exact motion an image.
+"""Ideal plant: a free camera that executes the scheme's twist exactly until the next image.
 
-What papers and tutorials compute: no arm, no limits of joints, no delay; the twist of one image
-moves the camera by its exponential until the next.
+It has no arm, no joint limits and no delay, as simulations in papers and tutorials. The exponential
+of the twist gives the motion of the camera.
 """
 
 from __future__ import annotations
@@ -11,82 +11,101 @@ from collections.abc import Sequence
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential, inverse
-from aras_visual_servo_controller.arm.resolution import Resolution
-from aras_visual_servo_controller.arm.resolver import Resolver
-from aras_visual_servo_controller.arm.task import Task
+from aras_visual_servo_controller.kinematics.differential_ik import DifferentialIK
+from aras_visual_servo_controller.kinematics.ik_solution import IKSolution
+from aras_visual_servo_controller.kinematics.task import Task
 
 from .base import JointReading, Reading
 from .free_body import FreeBody
+from .imaging import NS, ExposureSchedule, ImagingSettings
 from .kinematic import FreeCamera
-from .sight import NS, Exposures, Sight
 
-STILL = np.zeros(6)
+ZERO_TWIST = np.zeros(6)
 
 
 class IdealCamera(FreeCamera):
-    """Takes the twist (6,) of the believed camera; the first image is at 0 s."""
+    """Free camera that is commanded by the twist (6,) of the calibrated camera.
+
+    The first image is at 0 s.
+    """
 
     outputs = frozenset(("twist",))
     has_exact_plane = True
 
     def __init__(
-        self, arm: FreeBody, believed: FreeBody, q: np.ndarray, sight: Sight, seed: int = 0
+        self,
+        arm: FreeBody,
+        calibrated_body: FreeBody,
+        q: np.ndarray,
+        imaging: ImagingSettings,
+        seed: int = 0,
     ) -> None:
-        """Stand at coordinates q (6,); `believed`: the same body with the camera as believed."""
-        super().__init__(arm, q, sight, seed=seed)
-        self._believed, self._asked = believed, STILL
-        self._exposures = [Exposures(sight, self._random, first=0)]
+        """Place the camera at coordinates q (6,).
+
+        calibrated_body: the body with the camera pose that the controller assumes.
+        """
+        super().__init__(arm, q, imaging, seed=seed)
+        self._calibrated_body, self._twist = calibrated_body, ZERO_TWIST
+        self._exposures = [ExposureSchedule(imaging, self._random, first=0)]
 
     def advance(self, until_ns: int) -> list[Reading]:
-        """Go to the next image, or to `until_ns` if it does not come before."""
+        """Advance to the next image, or to `until_ns` if that is earlier; see Plant.advance."""
         (exposure,) = self._exposures
         image_ns = exposure.due_ns
         time_ns = min(image_ns, until_ns)
-        if self._asked is not STILL:
-            mounting = self._believed.mounting
-            motion = exponential(self._asked * ((time_ns - self.time_ns) / NS))
+        if self._twist is not ZERO_TWIST:
+            mounting = self._calibrated_body.mounting
+            motion = exponential(self._twist * ((time_ns - self.time_ns) / NS))
             self._pose = self._pose @ mounting @ motion @ inverse(mounting)
         self.time_ns = time_ns
         if image_ns > time_ns:
             return []
-        q, speed = self.joints()
-        image = exposure.expose(self.at_rest())
+        q, speed = self.read_joints()
+        image = exposure.expose(self.read_rest_pose())
         return [
             JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()),
             *([] if image is None else [image]),
         ]
 
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and their rates now."""
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the coordinates and their rates."""
         q = self.arm.coordinates(self._pose)
-        return q, np.linalg.solve(self._believed.jacobian(q), self._asked)
+        return q, np.linalg.solve(self._calibrated_body.jacobian(q), self._twist)
 
-    def _taken(self, kind: str, values: np.ndarray) -> None:
-        self._asked = values if values.any() else STILL
+    def _set_command(self, kind: str, values: np.ndarray) -> None:
+        self._twist = values if values.any() else ZERO_TWIST
 
 
-class ExactResolver(Resolver):
-    """Answers a task's own twist, slowed as a whole to the greatest speed.
+class ExactIK(DifferentialIK):
+    """Inverse kinematics of the ideal camera: the task's twist, scaled to the speed limits.
 
-    The coordinates' velocities are those that reach, at the next image, what the twist reaches.
+    The velocities of the coordinates lead to the pose that the twist reaches at the next image.
     """
 
     def __init__(
-        self, body: FreeBody, rate: float, speed: Sequence[float] | None = None
+        self, body: FreeBody, rate: float, max_speed: Sequence[float] | None = None
     ) -> None:
-        """`rate`: images a second; `speed`: greatest m/s and rad/s of each component, or none."""
+        """Set the limits.
+
+        Args:
+            rate: images per second.
+            max_speed: limits of each component, m/s and rad/s; None: no limits.
+        """
         super().__init__(body)
         self._period = 1.0 / rate
-        self._greatest = np.full(6, np.inf) if speed is None else np.repeat(speed, 3)
+        self._max_speed = np.full(6, np.inf) if max_speed is None else np.repeat(max_speed, 3)
 
-    def resolve(
+    def solve(
         self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
-    ) -> Resolution:
-        """See Resolver.resolve; the same whatever `dt` and `previous`."""
-        twist = task.twist / max(1.0, float((np.abs(task.twist) / self._greatest).max()))
+    ) -> IKSolution:
+        """Return the scaled twist of the task; see DifferentialIK.solve.
+
+        `dt` and `previous` have no effect.
+        """
+        twist = task.twist / max(1.0, float((np.abs(task.twist) / self._max_speed).max()))
         moved = self.arm.pose(q) @ exponential(twist * self._period)
         velocities = (self.arm.coordinates(moved) - q) / self._period
-        return Resolution(
-            velocities, velocities, twist, twist, STILL, 1.0, np.full(6, np.inf), (), "", (),
+        return IKSolution(
+            velocities, velocities, twist, twist, ZERO_TWIST, 1.0, np.full(6, np.inf), (), "", (),
             task.L, self.arm.jacobian(q), task.modelled, np.inf,
         )  # fmt: skip

@@ -1,6 +1,6 @@
-"""Plants without physics: a chain of joints that lags, a camera that flies.
+"""Plants without physics: an arm whose joints lag behind their commands, and a free camera.
 
-Time goes from one measurement to the next in a single exact step, however long it is.
+One exact step leads from one measurement to the next, independent of its duration.
 """
 
 from __future__ import annotations
@@ -11,18 +11,19 @@ from collections.abc import Sequence
 import numpy as np
 
 from aras_visual_servo_base.poses import exponential
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
 
 from ..errors import ExperimentError
 from .base import JointReading, Plant, Reading
 from .free_body import FreeBody
-from .sight import NS, Sight, exposures, vibrations
+from .imaging import NS, ImagingSettings, collect_vibrations, make_exposure_schedules
 
-JOINT_PHASE_NS = 1_000_000  # joint states come a millisecond after the hundredths, as in physics
+# Joint states have stamps 1 ms after each period, the same as in the simulation with physics.
+JOINT_PHASE_NS = 1_000_000
 
 
 class KinematicPlant(Plant):
-    """Coordinates that follow their commands; what chain and free camera share."""
+    """Base class of plants whose coordinates follow their commands with a lag."""
 
     outputs = frozenset(("position", "velocity"))
     time_ns = 0
@@ -31,33 +32,37 @@ class KinematicPlant(Plant):
         self,
         arm: Arm | FreeBody,
         q: np.ndarray,
-        sight: Sight,
+        imaging: ImagingSettings,
         joint_rate: float = 100.0,
         lag: float = 0.0,
         seed: int = 0,
-        others: Sequence[Sight] = (),
+        other_imaging: Sequence[ImagingSettings] = (),
     ) -> None:
-        """Stand at joints q (n,).
+        """Place the arm or camera at coordinates q (n,).
 
         Args:
-            sight: of the control camera. others: of the other cameras.
-            joint_rate: joint states a second. lag: time constant of every joint, s.
+            imaging: settings of the control camera. other_imaging: of the other cameras.
+            joint_rate: joint states per second. lag: time constant of every joint, s.
         """
-        self.arm, self.sight, self.camera = arm, sight, sight.camera
+        self.arm, self.imaging, self.camera = arm, imaging, imaging.camera
         self.joint_names = tuple(arm.names)
         self._random = np.random.default_rng(seed)
-        self._exposures = exposures(sight, others, self._random, seed)
-        self.control, self.vibrations = sight.name, vibrations(sight, *others)
-        self._image_ns = min(one.due_ns for one in self._exposures)
+        self._exposures = make_exposure_schedules(imaging, other_imaging, self._random, seed)
+        self.control_camera_name, self.vibrations = (
+            imaging.name,
+            collect_vibrations(imaging, *other_imaging),
+        )
+        self._image_ns = min(exposure.due_ns for exposure in self._exposures)
         self._lag = lag
         self.time_ns = 0
         self._q = np.array(q, float)
         self._speed = np.zeros_like(self._q)
-        self._kind, self._asked = "position", self._q.copy()
+        self._kind, self._command = "position", self._q.copy()
         self._joint_period, self._samples = NS / joint_rate, 0
 
     def advance(self, until_ns: int) -> list[Reading]:
-        """Go to the next measurement, or to `until_ns` if none comes before."""
+        """Advance to the next measurement, or to `until_ns` if that is earlier; see Plant.advance.
+        """
         joints_ns = JOINT_PHASE_NS + round(self._samples * self._joint_period)
         time_ns = min(joints_ns, self._image_ns, until_ns)
         if time_ns > self.time_ns:
@@ -66,118 +71,125 @@ class KinematicPlant(Plant):
         readings: list[Reading] = []
         if joints_ns == time_ns:
             self._samples += 1
-            q, speed = self.joints()
+            q, speed = self.read_joints()
             readings.append(JointReading(time_ns, self.joint_names, q.tolist(), speed.tolist()))
         if self._image_ns == time_ns:
-            for one in self._exposures:
-                if one.due_ns == time_ns and (seen := one.expose(self.at_rest())) is not None:
-                    readings.append(seen)
-            self._image_ns = min(one.due_ns for one in self._exposures)
+            for exposure in self._exposures:
+                if (
+                    exposure.due_ns == time_ns
+                    and (frame := exposure.expose(self.read_rest_pose())) is not None
+                ):
+                    readings.append(frame)
+            self._image_ns = min(exposure.due_ns for exposure in self._exposures)
         return readings
 
     def command(self, kind: str, values: Sequence[float]) -> None:
-        """Command positions or velocities of all joints."""
+        """Command positions or velocities of all joints; see Plant.command."""
         values = np.array(values, float)
         if kind not in self.outputs:
             raise ExperimentError(
-                f"this plant takes {' or '.join(sorted(self.outputs))} commands, not {kind}"
+                f"this plant accepts {' or '.join(sorted(self.outputs))} commands, not {kind}"
             )
         if values.shape != self._q.shape or not np.isfinite(values).all():
             raise ExperimentError(
                 f"a command of {len(self._q)} finite numbers is needed, got {values}"
             )
-        self._taken(kind, values)
+        self._set_command(kind, values)
 
-    def at_rest(self) -> np.ndarray:
-        """See Plant.at_rest."""
+    def read_rest_pose(self) -> np.ndarray:
+        """Return world_T_camera (4, 4) without vibration."""
         return self.arm.pose(self._q)
 
-    def poses(self, positions: np.ndarray) -> np.ndarray:
-        """See Plant.poses."""
+    def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
+        """Compute world_T_camera (m, 4, 4) at joint positions (m, n)."""
         return np.array([self.arm.pose(q) for q in positions]).reshape(-1, 4, 4)
 
-    def places(self, positions: np.ndarray) -> np.ndarray:
-        """See Plant.places."""
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
+        """Compute the origins of the arm's joint frames; see Plant.joint_origins."""
         arm = self.arm
-        return arm.places(positions) if isinstance(arm, Arm) else super().places(positions)
+        return (
+            arm.joint_origins(positions)
+            if isinstance(arm, Arm)
+            else super().joint_origins(positions)
+        )
 
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Positions and velocities now."""
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the current positions and velocities (n,)."""
         return self._q.copy(), self._speed.copy()
 
-    def _taken(self, kind: str, values: np.ndarray) -> None:
-        """Follow a command (n,) from now on."""
-        self._kind, self._asked = kind, values if kind == "position" else self._motion(values)
+    def _set_command(self, kind: str, values: np.ndarray) -> None:
+        """Set the command (n,) to follow."""
+        self._kind, self._command = kind, values if kind == "position" else self._to_motion(values)
 
     def _move(self, dt: float) -> None:
-        """Solve the lag over dt (s), exactly."""
-        rest = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
+        """Advance the coordinates by dt (s) with the exact solution of the first-order lag."""
+        decay = np.exp(-dt / self._lag) if self._lag > 0.0 else 0.0
         before = self._q
         if self._kind == "position":
-            self._q = self._limited(self._asked + rest * (before - self._asked))
-            self._speed = self._motion((self._q - before) / dt)
+            self._q = self._clamp(self._command + decay * (before - self._command))
+            self._speed = self._to_motion((self._q - before) / dt)
             return
-        moved = self._asked * dt + (self._speed - self._asked) * self._lag * (1.0 - rest)
-        self._speed = self._asked + rest * (self._speed - self._asked)
-        self._displace(moved)
+        motion = self._command * dt + (self._speed - self._command) * self._lag * (1.0 - decay)
+        self._speed = self._command + decay * (self._speed - self._command)
+        self._displace(motion)
 
-    def _motion(self, rates: np.ndarray) -> np.ndarray:
-        """What is kept of coordinate rates (n,): that which a lag acts on."""
+    def _to_motion(self, rates: np.ndarray) -> np.ndarray:
+        """Convert coordinate rates (n,) into the velocity on which the lag acts."""
         return rates
 
     @abstractmethod
-    def _limited(self, q: np.ndarray) -> np.ndarray:
-        """The coordinates nearest to q that the plant can have."""
+    def _clamp(self, q: np.ndarray) -> np.ndarray:
+        """Limit coordinates q (n,) to those that the plant can reach."""
 
     @abstractmethod
-    def _displace(self, moved: np.ndarray) -> None:
-        """Add a motion, what `_motion` gives times seconds, to the coordinates."""
+    def _displace(self, motion: np.ndarray) -> None:
+        """Move the coordinates by a motion: a velocity as of `_to_motion` times a duration."""
 
 
-class KinematicChain(KinematicPlant):
-    """An arm without dynamics: each joint lags behind its command, within its limits."""
+class KinematicArm(KinematicPlant):
+    """Arm without dynamics: each joint lags behind its command, within its limits."""
 
     arm: Arm
 
-    def _limited(self, q: np.ndarray) -> np.ndarray:
+    def _clamp(self, q: np.ndarray) -> np.ndarray:
         return np.clip(q, self.arm.lower, self.arm.upper)
 
-    def _displace(self, moved: np.ndarray) -> None:
-        free = self._q + moved
-        self._q = self._limited(free)
+    def _displace(self, motion: np.ndarray) -> None:
+        free = self._q + motion
+        self._q = self._clamp(free)
         self._speed = np.where(self._q == free, self._speed, 0.0)
 
 
 class FreeCamera(KinematicPlant):
-    """A camera that flies as it is told: velocities are a twist, which moves it by its exponential.
+    """Free camera whose velocity command is a twist, which moves it by its exponential.
 
-    So a constant twist takes it to the same pose in one step as in a thousand.
+    A constant twist leads to the same pose in one step as in a thousand.
     """
 
     arm: FreeBody
 
     def __init__(
-        self, arm: FreeBody, q: np.ndarray, sight: Sight, **further: float | int
+        self, arm: FreeBody, q: np.ndarray, imaging: ImagingSettings, **further: float | int
     ) -> None:
-        """Stand at coordinates q (6,); `further`: see KinematicPlant."""
-        super().__init__(arm, q, sight, **further)
+        """Place the camera at coordinates q (6,); `further`: see KinematicPlant."""
+        super().__init__(arm, q, imaging, **further)
         self._pose = arm.pose(self._q)
 
-    def at_rest(self) -> np.ndarray:
-        """See Plant.at_rest."""
+    def read_rest_pose(self) -> np.ndarray:
+        """Return world_T_camera (4, 4) without vibration."""
         return self._pose.copy()
 
-    def joints(self) -> tuple[np.ndarray, np.ndarray]:
-        """Coordinates and their rates now."""
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the current coordinates and their rates (6,)."""
         return self._q.copy(), np.linalg.solve(self.arm.jacobian(self._q), self._speed)
 
-    def _motion(self, rates: np.ndarray) -> np.ndarray:
+    def _to_motion(self, rates: np.ndarray) -> np.ndarray:
         return self.arm.jacobian(self._q) @ rates
 
-    def _limited(self, q: np.ndarray) -> np.ndarray:
+    def _clamp(self, q: np.ndarray) -> np.ndarray:
         self._pose = self.arm.pose(q)
         return q
 
-    def _displace(self, moved: np.ndarray) -> None:
-        self._pose = self._pose @ exponential(moved)
+    def _displace(self, motion: np.ndarray) -> None:
+        self._pose = self._pose @ exponential(motion)
         self._q = self.arm.coordinates(self._pose)

@@ -1,1 +1,1 @@
-"""A run and where it comes from: the runner, a bag, the live graph."""
+"""Record of a run, and its sources: the runner, a bag or a running ROS graph."""

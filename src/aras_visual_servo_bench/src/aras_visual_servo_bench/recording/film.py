@@ -1,4 +1,4 @@
-"""Pictures of a run, and a film of it for a page: a few hundred as JPEG, in so many bytes."""
+"""Images of a run and its film for a page: up to 600 JPEG images within 8 MB."""
 
 from __future__ import annotations
 
@@ -9,74 +9,85 @@ import cv2
 import numpy as np
 
 from aras_visual_servo_camera.undistortion import CameraModel, normalise_pixels
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.observation import CAMERA
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.observation import CAMERA
 
-from ..asked import cameras
+from ..experiment import cameras
 from .run import Film, Run
 
-FRAMES = 600  # at most; a minute at 10 Hz
-BYTES = 8_000_000  # of all frames; on a page they take a third more
-# Longest side, pixels, and quality: the first with which a film is small enough.
-SIZES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
+MAX_FRAMES = 600  # of a film; a minute at 10 Hz
+MAX_BYTES = 8_000_000  # of all frames of a film; on a page they need a third more (base64)
+# Longest side (pixels) and JPEG quality, in the order in which they are tried until a film fits.
+SIZES_AND_QUALITIES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
 
 
-def chosen(stamps: np.ndarray, began: float, most: int = FRAMES) -> np.ndarray:
-    """Of the stamps (n,) of images those of a film: from `began` on, evenly, first and last."""
-    shown = stamps[stamps >= began - 1e-6]
-    if not len(shown):
-        return shown
-    at = np.linspace(0, len(shown) - 1, min(most, len(shown)))
-    return shown[np.unique(np.rint(at).astype(int))]
+def select_frames(
+    stamps: np.ndarray, start_stamp: float, max_frames: int = MAX_FRAMES
+) -> np.ndarray:
+    """Select the stamps of a film's frames from the stamps (n,) of images.
+
+    They are evenly spaced from `start_stamp` to the last image.
+    """
+    after = stamps[stamps >= start_stamp - 1e-6]
+    if not len(after):
+        return after
+    indices = np.linspace(0, len(after) - 1, min(max_frames, len(after)))
+    return after[np.unique(np.rint(indices).astype(int))]
 
 
-def film(pictures: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
-    """JPEGs of `count` pictures (stamp, rgb), as large and as good as BYTES allow."""
-    left, level, frames = BYTES, 0, []
-    for number, (stamp, picture) in enumerate(pictures):
-        room = left / max(count - number, 1)  # what is left for this one
-        while len(frame := _jpeg(picture, *SIZES[level])) > room and level < len(SIZES) - 1:
-            level += 1  # and for all that follow
-        left -= len(frame)
+def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
+    """Encode images (stamp, rgb) as JPEG, in the best size and quality that MAX_BYTES allows.
+
+    count: number of images.
+    """
+    remaining, level, frames = MAX_BYTES, 0, []
+    for number, (stamp, image) in enumerate(images):
+        share = remaining / max(count - number, 1)  # bytes available for this image
+        while (
+            len(frame := _encode_jpeg(image, *SIZES_AND_QUALITIES[level])) > share
+            and level < len(SIZES_AND_QUALITIES) - 1
+        ):
+            level += 1  # also for all following images
+        remaining -= len(frame)
         frames.append((stamp, frame))
     return tuple(frames)
 
 
-def frame(picture: np.ndarray) -> bytes:
-    """JPEG of one picture (rows, columns, 3) rgb."""
-    return _jpeg(picture, *SIZES[0])
+def encode_frame(image: np.ndarray) -> bytes:
+    """Encode one image (rows, columns, 3), rgb, as JPEG."""
+    return _encode_jpeg(image, *SIZES_AND_QUALITIES[0])
 
 
 def shot(reading: Frame, model: CameraModel) -> bytes:
-    """JPEG of what a camera saw."""
-    return frame(picture_of(reading, model))
+    """Encode the image of a frame as JPEG; exact features are drawn first."""
+    return encode_frame(make_image(reading, model))
 
 
-def _jpeg(picture: np.ndarray, side: int, quality: int) -> bytes:
-    factor = side / max(picture.shape[:2])
+def _encode_jpeg(image: np.ndarray, max_side: int, quality: int) -> bytes:
+    factor = max_side / max(image.shape[:2])
     if factor < 1.0:
-        picture = cv2.resize(picture, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
-    encoded = cv2.imencode(".jpg", picture[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
+        image = cv2.resize(image, None, fx=factor, fy=factor, interpolation=cv2.INTER_AREA)
+    encoded = cv2.imencode(".jpg", image[..., ::-1], [cv2.IMWRITE_JPEG_QUALITY, quality])[1]
     return encoded.tobytes()
 
 
-def picture_of(reading: Frame, model: CameraModel) -> np.ndarray:
-    """What a camera saw, (rows, columns, 3) rgb; drawn where it sees exactly."""
+def make_image(reading: Frame, model: CameraModel) -> np.ndarray:
+    """Return the image (rows, columns, 3), rgb, of a frame; exact features are drawn."""
     image = reading.image
     if image is None:
         outline = reading.outline
         if outline is not None:
             outline = normalise_pixels(outline, model, model)
-        image = cameras.draw(outline, model)
+        image = cameras.draw_outline(outline, model)
     if image.ndim == 2 or image.shape[2] == 1:
         return cv2.cvtColor(image, cv2.COLOR_GRAY2RGB)
     return image[..., ::-1].copy() if reading.encoding.startswith("bgr") else image
 
 
-def with_pictures(
-    run: Run, pictures: Sequence[tuple[float, np.ndarray]], film: Film = ()
+def with_images(
+    run: Run, images: Sequence[tuple[float, np.ndarray]], film: Film = ()
 ) -> Run:
-    """The run with pictures (stamp, rgb) of the control camera, and a film of it."""
-    seen = replace(run.images, pictures=tuple(pictures), film=film)
+    """Return a copy of the run with images (stamp, rgb) and a film of the control camera."""
+    record = replace(run.control_record, images=tuple(images), film=film)
     name = next(iter(run.cameras), CAMERA)
-    return replace(run, cameras={**run.cameras, name: seen})
+    return replace(run, cameras={**run.cameras, name: record})

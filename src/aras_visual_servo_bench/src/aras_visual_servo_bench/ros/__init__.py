@@ -1,1 +1,1 @@
-"""What speaks ROS: the demo and the bags."""
+"""ROS nodes and tools: demo, live page, markers, recording and reading of bags."""

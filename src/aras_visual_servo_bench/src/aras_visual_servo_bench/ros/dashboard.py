@@ -1,4 +1,4 @@
-"""The live page of a running graph: see it, drive it, change it, in a browser on this machine."""
+"""Node that serves the live page, which shows and controls a running graph in a browser."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from typing import TYPE_CHECKING, Any
 import rospy
 
 from aras_sim_bridge.errors import DescriptionError
-from aras_visual_servo_base.settings import build, defaults, parameter
+from aras_visual_servo_base.settings import build, list_defaults, parameter
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.seeing.observation import SEGMENTED
-from aras_visual_servo_ros.connections import open_wide
-from aras_visual_servo_ros.shutdown import beats, begin_node
+from aras_visual_servo_controller.observation.observation import SEGMENTED
+from aras_visual_servo_ros.connections import accept_in_threads
+from aras_visual_servo_ros.shutdown import init_node, iterate_at_period
 
 from ..errors import BenchError, RefusedError
-from .listener import Listener, listener_settings
+from .graph_listener import GraphListener, make_listener_settings
 
 if TYPE_CHECKING:
     from ..web.live.requests import Request
 
-PERIOD = 0.5  # s of wall time between two looks at what changes seldom
+PERIOD = 0.5  # s of wall time between two updates of slowly changing state
 
 
 @dataclass(frozen=True)
 class PageSettings:
-    """The page's own parameters, besides those of the controller that say where the robot is."""
+    """Parameters of the page; its other parameters are those of the controller."""
 
     host: str = "127.0.0.1"
     port: int = parameter(8080, least=1, most=65535)
@@ -40,70 +40,79 @@ class PageSettings:
     def __post_init__(self) -> None:
         if self.token and (len(self.token) < 12 or not self.token.isascii()):
             raise ServoError(
-                "parameter ~token is too easy to guess: 12 characters or more, or empty"
+                "parameter ~token is too easy to guess: use 12 or more ASCII characters, or an "
+                "empty one"
             )
 
 
 class Dashboard:
-    """The server's Host: a graph's story, pictures and actions."""
+    """Host of the live page: connects its server to the topics and services of a graph."""
 
-    def __init__(self, listener: Listener, robot: str, directory: Path) -> None:
-        """`robot`: the model's name; `directory`: where goals, bags and reports go."""
+    def __init__(self, listener: GraphListener, robot: str, directory: Path) -> None:
+        """Create the host of a robot.
+
+        Args:
+            listener: subscriber of the robot's topics.
+            robot: name of the robot's model in the simulator.
+            directory: folder for goals, bags and reports.
+        """
         from ..web.live.page import Page
-        from .actions import Actions
-        from .driving import Driving
-        from .keeping import Keeping
-        from .pictures import Pictures
+        from .image_subscriber import ImageSubscriber
+        from .page_commands import PageCommands
+        from .session_files import SessionFiles
         from .target_watch import TargetWatch
+        from .teleoperator import Teleoperator
 
         settings = listener.settings
         self.page, self._listener = Page(), listener
-        self._actions = Actions(listener, settings, directory, robot)
-        self._keeping, self._target = Keeping(directory), TargetWatch()
-        self._keeping.check = self._check_time
-        self._driving = Driving(listener, settings)
-        self._pictures = Pictures(
+        self._commands = PageCommands(listener, settings, directory, robot)
+        self._session_files, self._target = SessionFiles(directory), TargetWatch()
+        self._session_files.check_recording = self._check_time
+        self._teleoperator = Teleoperator(listener, settings)
+        self._images = ImageSubscriber(
             settings.namespace.rstrip("/"), settings.camera_namespace.rstrip("/")
         )
         self._model: tuple[str, dict[str, Any]] = ("", {})
-        self._viewers = 0
+        self._viewer_count = 0
         self._model_lock = threading.Lock()
-        listener.hear = self.page.sample
-        actions, keeping, driving = self._actions, self._keeping, self._driving
-        self._doers = {
-            **{name: lambda g, n=name: actions.loop(n) for name in ("start", "stop", "hold")},
-            "reset": lambda g: actions.clock("reset_simulation"),
-            "pause": lambda g: actions.clock("pause_physics"),
-            "resume": lambda g: actions.clock("unpause_physics"),
-            "step": lambda g: actions.step(**g),
-            "gain": lambda g: actions.gain(**g),
-            "servo": lambda g: actions.servo(**g),
-            "goal": lambda g: actions.goal(**g),
-            "camera": lambda g: actions.camera(**g),
-            "target": lambda g: actions.target(**g),
+        listener.on_state = self.page.add_sample
+        commands, files, teleoperator = self._commands, self._session_files, self._teleoperator
+        self._handlers = {
+            **{name: lambda g, n=name: commands.control_loop(n)
+                for name in ("start", "stop", "hold")},
+            "reset": lambda g: commands.control_clock("reset_simulation"),
+            "pause": lambda g: commands.control_clock("pause_physics"),
+            "resume": lambda g: commands.control_clock("unpause_physics"),
+            "step": lambda g: commands.step(**g),
+            "gain": lambda g: commands.set_gain(**g),
+            "servo": lambda g: commands.restart_nodes(**g),
+            "goal": lambda g: commands.move_goal(**g),
+            "camera": lambda g: commands.change_camera(**g),
+            "target": lambda g: commands.change_target(**g),
             "teach": lambda g: self._teach(g["name"]),
-            "record": lambda g: keeping.record(),
-            "stop_record": lambda g: keeping.stop_record(),
-            "report": lambda g: keeping.make_report(),
-            "jog": lambda g: driving.twist([g[k] for k in ("vx", "vy", "vz", "wx", "wy", "wz")]),
-            "jog_joint": lambda g: driving.joint(g["joint"], g["speed"]),
+            "record": lambda g: files.start_recording(),
+            "stop_record": lambda g: files.stop_recording(),
+            "report": lambda g: files.make_report(),
+            "jog": lambda g: teleoperator.move_camera([g[k]
+                for k in ("vx", "vy", "vz", "wx", "wy", "wz")]),
+            "jog_joint": lambda g: teleoperator.move_joint(g["joint"], g["speed"]),
         }  # fmt: skip
 
-    # -- what the server asks for ------------------------------------------------------------
+    # -- interface of the server -------------------------------------------------------------
 
-    def news(self) -> dict[str, Any]:
-        """What has changed since the last call."""
+    def make_update(self) -> dict[str, Any]:
+        """Return what has changed since the last call."""
         listener = self._listener
         with listener.lock:
-            story = listener.look_again()
-            joints, speeds = listener.positions, listener.velocities
+            trace = listener.refresh()
+            joints, velocities = listener.positions, listener.velocities
             if joints is None:
-                story, joints, speeds = None, (), ()
-            return self.page.news(story, joints, speeds, listener.stamp)
+                trace, joints, velocities = None, (), ()
+            return self.page.make_update(trace, joints, velocities, listener.stamp)
 
-    def robot(self) -> dict[str, Any] | None:
-        """The robot's model; a description that cannot be drawn is told, and drawn as nothing."""
-        from ..web.live.robot_model import robot_model
+    def make_robot_model(self) -> dict[str, Any] | None:
+        """Return the robot model; if it cannot be drawn, log this and return an empty model."""
+        from ..web.live.robot_model import make_robot_model
 
         urdf = self._listener.urdf
         if not urdf:
@@ -111,115 +120,134 @@ class Dashboard:
         with self._model_lock:
             if self._model[0] != urdf:
                 try:
-                    self._model = urdf, robot_model(urdf)
+                    self._model = urdf, make_robot_model(urdf)
                 except DescriptionError as error:
-                    rospy.logwarn("the page does not draw the robot: %s", error)
+                    rospy.logwarn("the live page cannot draw the robot: %s", error)
                     self._model = urdf, {"name": "", "root": "", "joints": [], "links": {}}
             return self._model[1]
 
-    def picture(self) -> bytes | None:
-        """A new JPEG, None where there is none since the last call."""
-        return self._pictures.jpeg()
+    def take_image(self) -> bytes | None:
+        """Return the newest image as JPEG, or None without a new one since the last call."""
+        return self._images.take_jpeg()
 
-    def watched(self, viewers: int) -> None:
-        """So many look on now."""
-        self._viewers = viewers
-        self._pictures.watched(viewers)
+    def set_viewer_count(self, viewers: int) -> None:
+        """Set the number of open pages; without any, no images are subscribed to."""
+        self._viewer_count = viewers
+        self._images.set_viewer_count(viewers)
 
-    def do(self, request: Request) -> str:
-        """Carry out a request; what to say. RefusedError: why not."""
+    def execute(self, request: Request) -> str:
+        """Execute a request, and return the answer.
+
+        Raises:
+            RefusedError: the request cannot be executed.
+        """
         try:
-            return self._doers[request.do](request.given)
+            return self._handlers[request.do](request.arguments)
         except (ServoError, OSError, rospy.ROSException) as error:
             raise RefusedError(str(error)) from error
 
-    def file(self, path: str) -> Path | None:
-        """A file of the last run's report."""
-        return self._keeping.file(path)
+    def find_file(self, path: str) -> Path | None:
+        """Return the path of a report file, or None if it does not exist."""
+        return self._session_files.find_file(path)
 
     def _check_time(self) -> None:
-        """RefusedError where a recorder would wait for a time that does not come."""
-        story = self._listener.story
-        if story is None or story.factor is None:
-            self._actions.check_simulator()
+        """Check that a clock or a simulator exists; a recorder would wait for it forever.
+
+        Raises:
+            RefusedError: there is neither.
+        """
+        trace = self._listener.run_trace
+        if trace is None or trace.factor is None:
+            self._commands.check_simulator()
 
     def _teach(self, name: str) -> str:
-        """Refused at once where it is known already that the tool would see nothing."""
-        listener, scheme = self._listener, self._actions.given().get("scheme", "moments")
-        if listener.story is None or listener.story.factor is None:
-            raise RefusedError("time stands still, so that no images come: let it go on first")
+        """Teach a goal, unless the camera provides no images or detects no target.
+
+        Raises:
+            RefusedError: the goal cannot be taught.
+        """
+        listener, scheme = self._listener, self._commands.read_selection().get("scheme", "moments")
+        if listener.run_trace is None or listener.run_trace.factor is None:
+            raise RefusedError("the simulation is paused, so there are no images: resume it first")
         settings = listener.settings
         needs = settings.from_mapping({"scheme": scheme}, settings.package).make_scheme().needs
-        if listener.unseen and (not needs or needs & SEGMENTED):
-            raise RefusedError(f"the camera sees nothing that could be taught ({listener.unseen}): "
-                               "bring the target into view and teach again")
-        return self._keeping.teach(name, scheme)
+        if listener.no_target_reason and (not needs or needs & SEGMENTED):
+            raise RefusedError(
+                f"the target is not detected ({listener.no_target_reason}): bring it into view, "
+                "then teach again"
+            )
+        return self._session_files.teach_goal(name, scheme)
 
-    # -- what changes seldom -----------------------------------------------------------------
+    # -- slowly changing state ---------------------------------------------------------------
 
     def refresh(self) -> None:
-        """Look for another robot, for nodes that have come or gone, for choices."""
-        listener, keeping = self._listener, self._keeping
-        story = listener.look()
-        if story is None or not self._viewers:
+        """Update robot, controller, target and selection lists; called every PERIOD."""
+        listener, files = self._listener, self._session_files
+        trace = listener.update()
+        if trace is None or not self._viewer_count:
             return
-        controller = self._actions.controller_is_there()
-        if story.told.phase and not controller:
-            listener.forget()
-        self._target.tell(story, self._actions.robot)
-        arm = story.arm
-        limits = listener.settings.for_robot(listener.robot, ()).limits(arm)
-        self.page.robot(arm.names, limits.lower, limits.upper, limits.velocity, arm.prismatic)
-        self._pictures.choose()
-        self.page.choices = self._actions.choices()
+        controller = self._commands.has_controller()
+        if trace.state.phase and not controller:
+            listener.clear_controller()
+        self._target.update(trace, self._commands.robot)
+        arm = trace.arm
+        limits = listener.settings.for_robot(listener.robot_name, ()).make_limits(arm)
+        self.page.set_robot(
+            arm.names, limits.lower, limits.upper, limits.velocity, arm.is_prismatic
+        )
+        self._images.choose_topic()
+        self.page.choices = self._commands.list_choices()
         self.page.state = {
-            **self._actions.given(), "gains": self._actions.gains,
-            "controller": controller, "robot": listener.robots, "picture": self._pictures.note,
-            "recording": str(keeping.recording or ""), "recorded": str(keeping.recorded or ""),
-            "trouble": keeping.trouble(), "no_target": self._target.missing,
-            "report": keeping.report,
+            **self._commands.read_selection(), "gains": self._commands.gains,
+            "controller": controller, "robot": listener.robot_count,
+            "image_note": self._images.note,
+            "open_bag": str(files.open_bag or ""), "last_bag": str(files.last_bag or ""),
+            "recording_error": files.find_recording_error(),
+            "no_target": self._target.missing_reason,
+            "report": files.report_page,
         }  # fmt: skip
 
     def close(self) -> None:
-        """End what was started from the page."""
-        self._actions.close()
-        self._keeping.close()
+        """Stop the nodes and the recorder that were started from the page."""
+        self._commands.close()
+        self._session_files.close()
 
 
-def own_parameters(given: dict[str, Any]) -> tuple[PageSettings, dict[str, Any]]:
-    """The page's own parameters, checked, and the rest.
+def split_parameters(parameters: dict[str, Any]) -> tuple[PageSettings, dict[str, Any]]:
+    """Split the node's parameters into those of the page, checked, and all others.
 
     Raises:
-        ServoError: one that is of a wrong kind, or out of range.
+        ServoError: a parameter of the page has the wrong type or is out of range.
     """
-    own = {name: given[name] for name in defaults(PageSettings) if name in given}
-    rest = {name: value for name, value in given.items() if name not in own}
-    return build(PageSettings, own, "parameter ~", ServoError), rest
+    names = list_defaults(PageSettings)
+    of_page = {name: parameters[name] for name in names if name in parameters}
+    others = {name: value for name, value in parameters.items() if name not in names}
+    return build(PageSettings, of_page, "parameter ~", ServoError), others
 
 
 def main() -> int:
     """Run the node; returns its exit status."""
-    begin_node("aras_visual_servo_dashboard", __doc__, disable_rostime=True)
-    open_wide()
+    init_node("aras_visual_servo_dashboard", __doc__, disable_rostime=True)
+    accept_in_threads()
     try:
         from ..web.live.server import serve
     except ModuleNotFoundError as error:
         rospy.logfatal("the live page needs %s: ./setup.sh --for bench installs it", error.name)
         return 1
     try:
-        own, rest = own_parameters(rospy.get_param("~", {}))
-        listener = Listener(listener_settings(rest))
+        page, other_parameters = split_parameters(rospy.get_param("~", {}))
+        listener = GraphListener(make_listener_settings(other_parameters))
         home = Path(os.environ.get("ROS_HOME", "~/.ros")).expanduser()
-        directory = Path(own.directory or home / "aras_dashboard").expanduser()
-        dashboard = Dashboard(listener, own.robot, directory)
-        server = serve(dashboard, own.host, own.port, own.token, rospy.loginfo)
+        directory = Path(page.directory or home / "aras_dashboard").expanduser()
+        dashboard = Dashboard(listener, page.robot, directory)
+        server = serve(dashboard, page.host, page.port, page.token, rospy.loginfo)
     except (BenchError, ServoError) as error:
         rospy.logfatal("%s", error)
         return 1
-    print(f"\n    {server.access.address}\n", flush=True)  # a line that a terminal makes a link of
+    print(f"\n    {server.access.address}\n", flush=True)  # terminals turn this line into a link
     status = 0
     try:
-        for _ in beats(PERIOD):
+        for _ in iterate_at_period(PERIOD):
             dashboard.refresh()
     except ServoError as error:
         rospy.logfatal("%s", error)
@@ -227,10 +255,10 @@ def main() -> int:
     server.close()
     dashboard.close()
     for thread in threading.enumerate():
-        if thread.name == "shutdown":  # it takes the node off the graph
+        if thread.name == "shutdown":  # it unregisters the node
             thread.join(5.0)
     sys.stdout.flush()
-    os._exit(status)  # a tool that still runs for the page would be waited for
+    os._exit(status)  # a normal exit would wait for tools that still run for the page
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""Compressed pictures of a bag as raw ones, for rviz and the camera node, which know no others."""
+"""Node that decompresses the images of a bag for rviz and the camera node."""
 
 from __future__ import annotations
 
@@ -7,36 +7,36 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import CompressedImage, Image
 
-from aras_visual_servo_camera.messages import image_message
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_camera.messages import make_image_message
+from aras_visual_servo_ros.shutdown import init_node
 
 
-def decompressed(message: CompressedImage) -> Image | None:
-    """The picture with its stamp and frame, rgb8 or mono8; None where it cannot be read."""
-    picture = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
-    if picture is None or picture.dtype != np.uint8:
+def decompress(message: CompressedImage) -> Image | None:
+    """Convert a compressed image to rgb8 or mono8; return None if it cannot be decoded."""
+    image = cv2.imdecode(np.frombuffer(message.data, np.uint8), cv2.IMREAD_UNCHANGED)
+    if image is None or image.dtype != np.uint8:
         return None
-    encoding = "mono8" if picture.ndim == 2 else "rgb8"
+    encoding = "mono8" if image.ndim == 2 else "rgb8"
     if encoding == "rgb8":
-        picture = cv2.cvtColor(picture[..., :3], cv2.COLOR_BGR2RGB)
-    return image_message(picture, encoding, message.header)
+        image = cv2.cvtColor(image[..., :3], cv2.COLOR_BGR2RGB)
+    return make_image_message(image, encoding, message.header)
 
 
 def main() -> int:
-    """The node `decompress`: from ~camera/image_raw/compressed to ~camera/image_raw."""
-    begin_node("decompress", __doc__)
+    """Run the node, which subscribes to ~camera/image_raw/compressed and publishes image_raw."""
+    init_node("decompress", __doc__)
     topic = rospy.get_param("~camera", "/labrob/camera").rstrip("/") + "/image_raw"
     publisher = rospy.Publisher(topic, Image, queue_size=2)
 
-    def pass_on(message: CompressedImage) -> None:
-        picture = decompressed(message)
-        if picture is None:
+    def publish(message: CompressedImage) -> None:
+        image = decompress(message)
+        if image is None:
             rospy.logwarn_throttle(
-                5.0, f"{topic}/compressed: a picture ({message.format}) cannot be read"
+                5.0, f"{topic}/compressed: cannot decode an image ({message.format})"
             )
         elif not rospy.is_shutdown():
-            publisher.publish(picture)
+            publisher.publish(image)
 
-    rospy.Subscriber(f"{topic}/compressed", CompressedImage, pass_on, queue_size=2)
+    rospy.Subscriber(f"{topic}/compressed", CompressedImage, publish, queue_size=2)
     rospy.spin()
     return 0

@@ -1,10 +1,11 @@
-"""One latched message with everything that repeats a run, for who records it; and where the target
-lies, in a topic of its own (geometry_msgs/PoseStamped in the arm's base), when it has moved.
+"""Node that publishes a description of the experiment, for recorders.
 
-JSON with: `parameters`, the whole parameter server; `launch`, the words of every roslaunch of this
-master; `goals`, the texts of the goal files that the controller may take; `presets`, the camera's
-file; `versions` and `code`, of what computes; `controller`, the node whose parameters count. It is
-sent again whenever one of them changes. Nothing of it is judged here: who reads it does.
+A latched std_msgs/String contains a JSON object with everything that is needed to repeat a run:
+`parameters`, the parameter server; `controller`, the name of the controller node; `launch`, the
+command lines of all roslaunch processes of this master; `goals`, the texts of the goal files that
+the controller may use; `versions`, of the software. It is published again when the parameters
+change. A second topic, a geometry_msgs/PoseStamped in the arm's base frame, has the pose of the
+target; it is published when the target has moved.
 """
 
 from __future__ import annotations
@@ -16,32 +17,34 @@ import time
 from collections.abc import Mapping
 from pathlib import Path
 
-from ..recording.parameters import at
+from ..recording.parameters import find_branch
 
-FORMAT = 1
+FORMAT_VERSION = 1
 TOPIC = "/aras_visual_servo/experiment"
 CONTROLLER = "/aras_visual_servo_controller"
-PERIOD = 0.2  # s of wall time between two looks for the target
-PARAMETERS = 5  # such looks for one at the parameters
-LARGEST = 200_000  # bytes of a goal file
+PERIOD = 0.2  # s of wall time between two queries of the target pose
+PARAMETER_INTERVAL = 5  # queries of the target pose per query of the parameters
+MAX_GOAL_BYTES = 200_000  # larger goal files are omitted
 
 
-def gathered(parameters: Mapping[str, object], controller: str = CONTROLLER) -> dict[str, object]:
-    """What the message says of these parameters; see the module."""
-    from ..study.versions import code, versions
+def collect_description(
+    parameters: Mapping[str, object], controller: str = CONTROLLER
+) -> dict[str, object]:
+    """Return the description of an experiment with these parameters, as a JSON object."""
+    from ..studies.versions import read_commit, read_versions
 
     return {
-        "format": FORMAT,
+        "format": FORMAT_VERSION,
         "controller": controller,
         "parameters": parameters,
-        "launch": launches(),
-        "goals": goals(at(parameters, controller)),
-        "versions": {**versions(), "code": code()},
+        "launch": find_launch_commands(),
+        "goals": read_goal_files(find_branch(parameters, controller)),
+        "versions": {**read_versions(), "code": read_commit()},
     }
 
 
-def goals(controller: Mapping[str, object]) -> dict[str, str]:
-    """Texts of the goal files that may be meant, by file name."""
+def read_goal_files(controller: Mapping[str, object]) -> dict[str, str]:
+    """Return the texts of the goal files that the parameters may select, by file name."""
     import rospkg
 
     with contextlib.suppress(rospkg.ResourceNotFound):
@@ -52,13 +55,13 @@ def goals(controller: Mapping[str, object]) -> dict[str, str]:
         return {
             path.name: path.read_text(encoding="utf-8", errors="replace")
             for path in dict.fromkeys(paths)
-            if path.is_file() and path.stat().st_size < LARGEST
+            if path.is_file() and path.stat().st_size < MAX_GOAL_BYTES
         }
     return {}
 
 
-def launches(proc: Path = Path("/proc")) -> list[list[str]]:
-    """Words behind the name of every roslaunch on this machine that has the same master."""
+def find_launch_commands(proc: Path = Path("/proc")) -> list[list[str]]:
+    """Return the arguments of each roslaunch process on this machine with the same master."""
     master, found = os.environ.get("ROS_MASTER_URI", "").rstrip("/"), []
     for entry in sorted(proc.glob("[0-9]*"), key=lambda one: (len(one.name), one.name)):
         with contextlib.suppress(OSError):
@@ -74,36 +77,37 @@ def launches(proc: Path = Path("/proc")) -> list[list[str]]:
 
 
 def main() -> int:
-    """The node `describe`: look, and tell what is new."""
+    """Run the node; it publishes the description and the target pose when they change."""
     import rospy
     from geometry_msgs.msg import PoseStamped
     from std_msgs.msg import String
 
-    from aras_visual_servo_base.urdf import robot_name
-    from aras_visual_servo_ros.parameters import fetched
-    from aras_visual_servo_ros.shutdown import begin_node
+    from aras_visual_servo_base.urdf import read_robot_name
+    from aras_visual_servo_ros.parameters import get_parameter
+    from aras_visual_servo_ros.shutdown import init_node
 
-    from . import target_place
+    from . import target_pose_reader
 
-    begin_node("describe", __doc__, disable_rostime=True)
+    init_node("describe", __doc__, disable_rostime=True)
     controller = rospy.get_param("~controller", CONTROLLER)
     publisher = rospy.Publisher(TOPIC, String, queue_size=1, latch=True)
-    target = rospy.Publisher(target_place.TOPIC, PoseStamped, queue_size=1, latch=True)
-    place, lay, told, looks, robot = target_place.TargetPlace(), None, "", 0, ""
+    target = rospy.Publisher(target_pose_reader.TOPIC, PoseStamped, queue_size=1, latch=True)
+    reader, last_pose = target_pose_reader.TargetPoseReader(), None
+    last_text, count, robot = "", 0, ""
     while not rospy.is_shutdown():
         with contextlib.suppress(rospy.ROSException, OSError):
-            if looks % PARAMETERS == 0:
-                parameters = fetched("/")
+            if count % PARAMETER_INTERVAL == 0:
+                parameters = get_parameter("/")
                 text = json.dumps(parameters, sort_keys=True, default=str)
-                if text != told:
-                    told = text
-                    robot = robot_name(str(parameters.get("robot_description", "")))
-                    words = json.dumps(gathered(parameters, controller), default=str)
-                    publisher.publish(String(words))
-            found = place.of(robot)
-            if found is not None and target_place.moved(lay, found.pose):
-                lay = found.pose
+                if text != last_text:
+                    last_text = text
+                    robot = read_robot_name(str(parameters.get("robot_description", "")))
+                    description = collect_description(parameters, controller)
+                    publisher.publish(String(json.dumps(description, default=str)))
+            found = reader.read_pose(robot)
+            if found is not None and target_pose_reader.has_moved(last_pose, found.pose):
+                last_pose = found.pose
                 target.publish(found)
-        looks += 1
+        count += 1
         time.sleep(PERIOD)
     return 0

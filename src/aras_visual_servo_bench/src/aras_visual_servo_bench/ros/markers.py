@@ -1,4 +1,4 @@
-"""What a run looks like, as markers for rviz: camera, goal, paths, twists, features, words."""
+"""Node that shows a run in rviz as markers: camera, goal, paths, twists, features and texts."""
 
 from __future__ import annotations
 
@@ -8,24 +8,24 @@ from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from aras_visual_servo_controller.errors import ConfigurationError
-from aras_visual_servo_ros.shutdown import beats, node_main
+from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
 from ..drawing.shapes import ARROW, FACES, LINES, STRIP, TEXT, Shape
-from .listener import Listener, listener_settings
+from .graph_listener import GraphListener, make_listener_settings
 from .target_watch import TargetWatch
 
-PERIOD = 0.1  # s of wall time; rviz draws 30 times a second, and interpolates nothing
-KINDS = {
+PERIOD = 0.1  # s of wall time between two publications
+MARKER_TYPES = {
     LINES: Marker.LINE_LIST, STRIP: Marker.LINE_STRIP, ARROW: Marker.ARROW,
     TEXT: Marker.TEXT_VIEW_FACING, FACES: Marker.TRIANGLE_LIST,
 }  # fmt: skip
-HEAD, HEAD_LENGTH = 2.2, 3.0  # an arrow's head, in widths of its shaft
+HEAD_WIDTH, HEAD_LENGTH = 2.2, 3.0  # size of an arrow's head in shaft widths
 
 
-def marker(shape: Shape, frame: str) -> Marker:
-    """visualization_msgs/Marker of a shape; one without points takes the former one away."""
-    message = Marker(ns=shape.name, type=KINDS[shape.kind], action=Marker.ADD)
-    message.header.frame_id = frame  # stamp 0: as the frame stands now
+def make_marker(shape: Shape, frame: str) -> Marker:
+    """Convert a shape to a visualization_msgs/Marker; a shape without points deletes its marker."""
+    message = Marker(ns=shape.name, type=MARKER_TYPES[shape.kind], action=Marker.ADD)
+    message.header.frame_id = frame  # stamp 0: use the latest transform
     message.pose.orientation.w = 1.0
     if not len(shape.points):
         message.action = Marker.DELETE
@@ -34,22 +34,22 @@ def marker(shape: Shape, frame: str) -> Marker:
     width = shape.width
     if shape.kind == TEXT:
         message.text, message.scale.z = shape.text, width
-        place = message.pose.position
-        place.x, place.y, place.z = (float(v) for v in shape.points[0])
+        position = message.pose.position
+        position.x, position.y, position.z = (float(v) for v in shape.points[0])
         return message
     message.scale.x = width
-    if shape.kind == FACES:  # a factor there
+    if shape.kind == FACES:  # the scale multiplies the vertices of a triangle list
         message.scale.x = message.scale.y = message.scale.z = 1.0
     if shape.kind == ARROW:
-        message.scale.y, message.scale.z = HEAD * width, HEAD_LENGTH * width
+        message.scale.y, message.scale.z = HEAD_WIDTH * width, HEAD_LENGTH * width
     message.points = [Point(*point) for point in shape.points.tolist()]
     return message
 
 
-def markers(shapes: list[Shape], frame: str, before: set[str]) -> MarkerArray:
-    """All of them, and the end of those of `before` that are no more."""
-    array = MarkerArray([marker(shape, frame) for shape in shapes])
-    for name in sorted(before - {shape.name for shape in shapes}):
+def make_markers(shapes: list[Shape], frame: str, previous: set[str]) -> MarkerArray:
+    """Return the markers of all shapes; delete those of `previous` that no longer exist."""
+    array = MarkerArray([make_marker(shape, frame) for shape in shapes])
+    for name in sorted(previous - {shape.name for shape in shapes}):
         array.markers.append(Marker(ns=name, action=Marker.DELETE))
     return array
 
@@ -62,16 +62,16 @@ def main() -> int:
 
 
 def _publish() -> None:
-    """Draw, ten times a second, for whoever looks."""
-    settings = listener_settings(rospy.get_param("~", {}))
-    listener, target, drawn = Listener(settings), TargetWatch(), set()
+    """Publish the markers every PERIOD while they have a subscriber."""
+    settings = make_listener_settings(rospy.get_param("~", {}))
+    listener, target, previous = GraphListener(settings), TargetWatch(), set()
     topic = f"{settings.namespace.rstrip('/')}/markers"
     publisher = rospy.Publisher(topic, MarkerArray, queue_size=1)
-    for _ in beats(PERIOD):
-        story = listener.look()
-        if story is not None and publisher.get_num_connections():
-            target.tell(story, listener.robot)
+    for _ in iterate_at_period(PERIOD):
+        trace = listener.update()
+        if trace is not None and publisher.get_num_connections():
+            target.update(trace, listener.robot_name)
             with listener.lock:
-                shapes, frame = story.shapes(), story.arm.target_frame or story.arm.base_frame
-            publisher.publish(markers(shapes, frame, drawn))
-            drawn = {shape.name for shape in shapes}
+                shapes, frame = trace.make_shapes(), trace.arm.target_frame or trace.arm.base_frame
+            publisher.publish(make_markers(shapes, frame, previous))
+            previous = {shape.name for shape in shapes}

@@ -1,4 +1,4 @@
-"""Bags as MCAP files (https://mcap.dev), which Foxglove and its libraries read without ROS."""
+"""Conversion of bags to MCAP files (https://mcap.dev), which Foxglove reads without ROS."""
 
 from __future__ import annotations
 
@@ -13,22 +13,22 @@ import rosbag
 from mcap.writer import Writer
 
 from ..errors import BenchError
-from .bag import opened
+from .bag import open_bag
 
 
 def convert(
     bag: Path, out: Path, progress: Callable[[float], None] = lambda part: None
 ) -> dict[str, int]:
-    """A bag, closed or not, as an MCAP file; how many messages each topic has.
+    """Convert a bag, closed or not, to an MCAP file; return the message count of each topic.
 
     Raises:
-        BenchError: the bag cannot be read, or the file not be written; none is left behind then.
+        BenchError: the bag cannot be read, or the file cannot be written. No file is left behind.
     """
     part = out.with_name(out.name + ".part")
     try:
-        source, _ = opened(bag)
+        source, _ = open_bag(bag)
         with source, part.open("wb") as stream:
-            counts = _copy(source, stream, bag.name, progress)
+            counts = _copy_messages(source, stream, bag.name, progress)
         part.replace(out)
     except (OSError, rosbag.ROSBagException, struct.error, ValueError, RuntimeError) as error:
         part.unlink(missing_ok=True)
@@ -36,32 +36,31 @@ def convert(
     return counts
 
 
-def _copy(
+def _copy_messages(
     source: rosbag.Bag, stream: BinaryIO, name: str, progress: Callable[[float], None]
 ) -> dict[str, int]:
-    """Write all messages as they are, in packed chunks with an index; how many a topic has."""
+    """Copy all serialized messages into compressed chunks; return the count of each topic."""
     writer = Writer(stream)
     writer.start("ros1", "aras_visual_servo_bench")
 
     @cache
-    def schema(kind: str, md5: str, definition: str) -> int:
+    def add_schema(kind: str, md5: str, definition: str) -> int:
         return writer.register_schema(kind, "ros1msg", definition.encode())
 
     @cache
-    def channel(topic: str, kind: str, md5: str, definition: str) -> int:
+    def add_channel(topic: str, kind: str, md5: str, definition: str) -> int:
         return writer.register_channel(
-            topic, "ros1", schema(kind, md5, definition), {"md5sum": md5, "topic": topic}
+            topic, "ros1", add_schema(kind, md5, definition), {"md5sum": md5, "topic": topic}
         )
 
     topics = source.get_type_and_topic_info().topics
     total = sum(one.message_count for one in topics.values())
     counts: Counter[str] = Counter()
     for number, (topic, raw, time) in enumerate(source.read_messages(list(topics), raw=True)):
-        kind, data, md5, _, made = raw
+        kind, data, md5, _, message_class = raw
+        channel = add_channel(topic, kind, md5, message_class._full_text)
         stamp = time.to_nsec()
-        writer.add_message(
-            channel(topic, kind, md5, made._full_text), stamp, data, stamp, counts[topic]
-        )
+        writer.add_message(channel, stamp, data, stamp, counts[topic])
         counts[topic] += 1
         if number % 500 == 0:
             progress(number / total)

@@ -1,11 +1,11 @@
-"""Moves a target of the running simulation: a line, a sine, a circle, steps, a path.
+"""Command that moves a target of the simulation along a line, sine, circle, step or path.
 
     rosrun aras_visual_servo_bench move_target circle=0.02 frequency=0.2
     rosrun aras_visual_servo_bench move_target velocity='[0.01, 0, 0, 0, 0, 0.1]' begin=2
     rosrun aras_visual_servo_bench move_target path='[[2, 0.05, 0, 0], [4, 0.05, 0.03, 0]]'
 
-The keys are those of an experiment's `target.motion`; it begins where the target lies, and when
-this is started. The simulation is asked by Gazebo's own service, `set_model_state`.
+The keys are those of an experiment's `target.motion`. The motion starts at the current pose of the
+target when this program starts. It uses Gazebo's service `set_model_state`.
 """
 
 from __future__ import annotations
@@ -16,79 +16,83 @@ import sys
 from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_base.settings import build
 
-from ..asked.overrides import parsed
 from ..errors import ExperimentError, StudyError
+from ..experiment.overrides import parse_overrides
 from ..targets.geometry import Motion
 
-RATE = 60.0  # Hz of simulated time: twice the camera's
-PATIENCE = 10.0  # s for the simulation to answer
+RATE = 60.0  # Hz of simulated time, twice the image rate
+SERVICE_TIMEOUT = 10.0  # s to wait for the simulation
 
 
-def motion_of(words: list[str]) -> Motion:
-    """The motion that is written as key=value; ExperimentError naming what is wrong."""
+def parse_motion(arguments: list[str]) -> Motion:
+    """Parse a motion from key=value arguments.
+
+    Raises:
+        ExperimentError: an argument is invalid, or nothing moves.
+    """
     try:
-        motion = build(Motion, parsed(words), "motion", ExperimentError)
+        motion = build(Motion, parse_overrides(arguments), "motion", ExperimentError)
     except StudyError as error:
         raise ExperimentError(str(error)) from None
-    if motion.still:
+    if motion.is_static:
         raise ExperimentError(
-            "nothing moves: say velocity, amplitude and frequency, circle and frequency, step, or "
-            "path"
+            "the target does not move: give velocity, amplitude and frequency, circle and "
+            "frequency, step, or path"
         )
     return motion
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Move the target until the end; returns the exit status."""
+    """Move the target until the program is stopped; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="move_target", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_bench move_target circle=0.02 frequency=0.2",
     )  # fmt: skip
     parser.add_argument("motion", nargs="*", metavar="key=value", help="velocity, circle, ...")
-    parser.add_argument("--model", default="target", help="name of the model")
+    parser.add_argument("--model", default="target", help="name of the model (default target)")
     arguments = [word for word in argv or sys.argv[1:] if ":=" not in word]
     options = parser.parse_args(arguments)
     try:
-        motion = motion_of(options.motion)
-        return _move(motion, options.model)
+        motion = parse_motion(options.motion)
+        return _move_target(motion, options.model)
     except ExperimentError as error:
         print(f"move_target: {error}", file=sys.stderr)
         return 1
 
 
-def _move(motion: Motion, model: str) -> int:
+def _move_target(motion: Motion, model: str) -> int:
     import rospy
     from gazebo_msgs.msg import ModelState
     from gazebo_msgs.srv import GetModelState, SetModelState
 
     from aras_sim_bridge.ros.conversions import from_pose, to_pose
-    from aras_visual_servo_ros.shutdown import begin_node
+    from aras_visual_servo_ros.shutdown import init_node
 
-    begin_node("move_target", anonymous=True)
+    init_node("move_target", anonymous=True)
     try:
-        rospy.wait_for_service("/gazebo/set_model_state", PATIENCE)
+        rospy.wait_for_service("/gazebo/set_model_state", SERVICE_TIMEOUT)
     except rospy.ROSInterruptException:
         return 0
     except rospy.ROSException:
         raise ExperimentError(
-            f"no simulation answers within {PATIENCE:g} s: start it first, roslaunch "
+            f"no simulation answers within {SERVICE_TIMEOUT:g} s: start it with roslaunch "
             "aras_visual_servo_gazebo aras_visual_servo.launch"
         ) from None
     found = rospy.ServiceProxy("/gazebo/get_model_state", GetModelState)(model, "")
     if not found.success:
         raise ExperimentError(
             f"the simulation has no model '{model}' ({found.status_message}): launch it with "
-            "target:=four_dots, or say --model"
+            "target:=four_dots, or use --model"
         )
-    lay = from_pose(found.pose, model).matrix()
-    ask = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
-    began, rate = rospy.get_time(), rospy.Rate(RATE)
+    start_pose = from_pose(found.pose, model).matrix()
+    set_state = rospy.ServiceProxy("/gazebo/set_model_state", SetModelState, persistent=True)
+    start, rate = rospy.get_time(), rospy.Rate(RATE)
     while not rospy.is_shutdown():
-        moved = Pose.from_matrix(motion.moved(lay, rospy.get_time() - began))
+        pose = Pose.from_matrix(motion.apply(start_pose, rospy.get_time() - start))
         state = ModelState(model_name=model, reference_frame="world")
-        state.pose = to_pose(moved)
+        state.pose = to_pose(pose)
         try:
-            ask(state)
+            set_state(state)
             rate.sleep()
         except (rospy.ServiceException, rospy.ROSInterruptException):
             break  # the simulation, or this node, has ended

@@ -1,11 +1,12 @@
-"""A link of a model of the world as the target of the nodes that servo.
+"""Command that prints the mesh or the pose of a link, for use as visual-servoing target.
 
     rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world mesh
     rosrun aras_visual_servo_bench target_link crate::body --world /my/crate.world start
 
-Prints the path of a mesh of its visuals, or where it is, as the controller's parameter model_start
-has it: where the simulation has it now, in the base of the robot, or, without a simulation, where
-the world's file has it. aras_visual_servo_nodes.launch asks for both (link:=crate::body).
+`mesh` prints the path of a mesh of the link's visuals. `start` prints the pose of the link in the
+format of the controller's parameter model_start: its current pose in the base frame of the robot,
+or, without a simulation, its pose in the world file. aras_visual_servo_nodes.launch calls both
+(link:=crate::body).
 """
 
 from __future__ import annotations
@@ -21,68 +22,71 @@ import rospy
 from gazebo_msgs.srv import GetLinkState, GetWorldProperties
 
 from aras_sim_bridge.ros.conversions import from_pose
-from aras_visual_servo_base.poses import to_xyz_rpy
-from aras_visual_servo_base.urdf import robot_name
+from aras_visual_servo_base.poses import xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf import read_robot_name
 
-from ..asked.packages import PackagePath
-from ..asked.worlds import link_of_world
-from ..errors import ExperimentError, writing
-from .target_place import WORLD
+from ..errors import ExperimentError, catch_write_errors
+from ..experiment.packages import PackagePath
+from ..experiment.worlds import find_world_link
+from .target_pose_reader import WORLD
 
 STATE = "/gazebo/get_link_state"
 DESCRIPTION = "/robot_description"
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Print what is asked for; returns the exit status."""
+    """Print the mesh or the pose; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="target_link", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_bench target_link crate --world a.world start",
     )  # fmt: skip
-    parser.add_argument("link", help="MODEL::LINK; MODEL where only one link of it is seen")
-    parser.add_argument("--world", required=True, help="path of the file in which the model stands")
-    parser.add_argument("what", choices=("mesh", "start"))
+    parser.add_argument("link", help="MODEL::LINK, or MODEL if only one link is visible")
+    parser.add_argument("--world", required=True, help="path of the world file with the model")
+    parser.add_argument("what", choices=("mesh", "start"),
+                        help="print the path of the mesh, or the pose")
     options = parser.parse_args(argv)
-    model, _, wanted = options.link.partition("::")
+    model, _, link_name = options.link.partition("::")
     packages = PackagePath()
     try:
-        world = str(packages.file(options.world))
-        mesh, pose, link = link_of_world(world, packages, model, wanted)
+        world = str(packages.resolve(options.world))
+        mesh, pose, link = find_world_link(world, packages, model, link_name)
         if options.what == "mesh":
-            print(_kept(Path(mesh), options.link), end="")
+            print(_copy_mesh(Path(mesh), options.link), end="")
         else:
-            now = _now(f"{model}::{link}") or pose
-            print(f"{{pose: [{', '.join(f'{value:.9g}' for value in now)}]}}")
+            pose = _read_pose(f"{model}::{link}") or pose
+            print(f"{{pose: [{', '.join(f'{value:.9g}' for value in pose)}]}}")
     except ExperimentError as error:
         print(f"target_link: {error}", file=sys.stderr)
         return 1
     return 0
 
 
-def _kept(mesh: Path, name: str) -> Path:
-    """A copy of a mesh that stays when this program has ended."""
+def _copy_mesh(mesh: Path, name: str) -> Path:
+    """Copy a mesh to a file that outlives this program, and return its path."""
     text = mesh.read_bytes()
     folder = Path(tempfile.gettempdir()) / "aras_targets" / hashlib.sha256(text).hexdigest()[:16]
     path = folder / f"{name.replace(':', '_').replace('/', '_')}{mesh.suffix}"
-    with writing(f"the mesh into {folder}", ExperimentError):
+    with catch_write_errors(f"the mesh into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
         path.write_bytes(text)
     return path
 
 
-def _now(link: str) -> tuple[float, ...] | None:
-    """x, y, z (m), roll, pitch, yaw (rad) of a link in the robot's base, or in the world where none
-    of the description's name stands there; None without a simulation that has it."""
+def _read_pose(link: str) -> tuple[float, ...] | None:
+    """Return x, y, z (m), roll, pitch, yaw (rad) of a link from the simulation, or None.
+
+    The pose is in the base frame of the robot, or in the world frame if the robot is not spawned.
+    """
     try:
         models = rospy.ServiceProxy(WORLD, GetWorldProperties)().model_names
-        robot = robot_name(str(rospy.get_param(DESCRIPTION, "")))
+        robot = read_robot_name(str(rospy.get_param(DESCRIPTION, "")))
         base = robot if robot in models else ""
         state = rospy.ServiceProxy(STATE, GetLinkState)(link, base)
     except (rospy.ROSException, rospy.ServiceException, OSError):
         return None
     if not state.success:
         return None
-    xyz, rpy = to_xyz_rpy(from_pose(state.link_state.pose, "link").matrix())
+    xyz, rpy = xyz_rpy_from_matrix(from_pose(state.link_state.pose, "link").matrix())
     return (*np.asarray(xyz, float).tolist(), *np.asarray(rpy, float).tolist())
 
 

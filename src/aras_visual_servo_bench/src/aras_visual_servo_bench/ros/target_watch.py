@@ -1,4 +1,4 @@
-"""Where the target lies, in a simulation or a replay, and what it looks like, for who draws it."""
+"""Pose and shape of the target, in a simulation or a replay, for drawing."""
 
 from __future__ import annotations
 
@@ -12,59 +12,64 @@ from geometry_msgs.msg import PoseStamped
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.conversions import from_pose
 
-from ..drawing.outlines import NOTHING, Drawing, drawing_of
-from ..drawing.story import Story
-from .target_place import TARGET, TOPIC, TargetPlace
+from ..drawing.model_drawing import EMPTY_DRAWING, ModelDrawing, draw_model
+from ..drawing.run_trace import RunTrace
+from .target_pose_reader import TARGET, TOPIC, TargetPoseReader
 
 TARGET_DESCRIPTION = "/target_description"
-PERIOD = 0.5  # s of wall time between two questions
+PERIOD = 0.5  # s of wall time between two queries
 
 
 class TargetWatch:
-    """Draws the target where it lies; looks for it twice a second at most.
+    """Updates the target in a RunTrace, every PERIOD at most.
 
     Attributes:
-        missing: why none is drawn, where the simulation has none; or ''.
+        missing_reason: message if the simulation has no target, otherwise ''.
     """
 
     def __init__(self) -> None:
-        self.missing = ""
-        self._asked = -math.inf
-        self._known: tuple[str, Drawing] = ("", NOTHING)
-        self._shapes = NOTHING.shapes(None)
-        self._place = TargetPlace()
-        self._told: PoseStamped | None = None  # by a recording, where no simulation runs
+        self.missing_reason = ""
+        self._update_time = -math.inf
+        self._cached_drawing: tuple[str, ModelDrawing] = ("", EMPTY_DRAWING)
+        self._shapes = EMPTY_DRAWING.make_shapes(None)
+        self._pose_reader = TargetPoseReader()
+        self._recorded_pose: PoseStamped | None = None  # used without a simulation
         rospy.Subscriber(TOPIC, PoseStamped, self._on_target, queue_size=1)
 
-    def tell(self, story: Story, robot: str) -> None:
-        """Give a story the target's shapes in the base of its robot, which the simulator calls so
-        (in the world's frame where it does not); none where the arm carries the target."""
-        if time.monotonic() - self._asked > PERIOD:
-            pose = None if story.arm.target_frame else self._pose(robot)
-            drawing = NOTHING if pose is None else self._drawing()
-            self._shapes, self._asked = drawing.shapes(pose), time.monotonic()
-        story.target = self._shapes
+    def update(self, run_trace: RunTrace, robot: str) -> None:
+        """Set the target's shapes of a trace, in the base frame of the robot.
 
-    def _drawing(self) -> Drawing:
-        """What the target's description shows; nothing where there is none that can be drawn."""
+        They are in the world frame if the simulator has no model `robot`. A target that the arm
+        carries has no shapes here.
+        """
+        if time.monotonic() - self._update_time > PERIOD:
+            pose = None if run_trace.arm.target_frame else self._find_pose(robot)
+            drawing = EMPTY_DRAWING if pose is None else self._read_drawing()
+            self._shapes, self._update_time = drawing.make_shapes(pose), time.monotonic()
+        run_trace.target = self._shapes
+
+    def _read_drawing(self) -> ModelDrawing:
+        """Return the drawing of the target's description; empty without a valid description."""
         try:
             urdf = str(rospy.get_param(TARGET_DESCRIPTION, ""))
-            if self._known[0] != urdf:
-                self._known = urdf, drawing_of(urdf)
+            if self._cached_drawing[0] != urdf:
+                self._cached_drawing = urdf, draw_model(urdf)
         except (OSError, DescriptionError):
-            return NOTHING
-        return self._known[1]
+            return EMPTY_DRAWING
+        return self._cached_drawing[1]
 
-    def _pose(self, robot: str) -> np.ndarray | None:
-        """(4, 4) base_T_target; None where nothing is known of it."""
-        found = self._place.of(robot)
-        none = self._place.answered and found is None
-        self.missing = f"no model named {TARGET} is in the simulation" if none else ""
-        if not self._place.answered:
-            found = self._told
+    def _find_pose(self, robot: str) -> np.ndarray | None:
+        """Return base_T_target (4, 4), or None if it is unknown."""
+        found = self._pose_reader.read_pose(robot)
+        is_missing = self._pose_reader.has_simulator and found is None
+        self.missing_reason = (
+            f"the simulation has no model named {TARGET}" if is_missing else ""
+        )
+        if not self._pose_reader.has_simulator:
+            found = self._recorded_pose
         if found is None:
             return None
         return from_pose(found.pose, "target").matrix()
 
     def _on_target(self, message: PoseStamped) -> None:
-        self._told = message
+        self._recorded_pose = message

@@ -1,1 +1,1 @@
-"""From an experiment to what is run: plant, goal and loop."""
+"""Build the parts of a run from an experiment: plant, goal and control loop."""

@@ -1,6 +1,6 @@
 """Build a run from an experiment: robot, cameras, loop, goal, start and plant.
 
-The functions stand in the order in which `assemble` calls them; `read_context` comes first.
+The functions are in the order in which `assemble` calls them, after `read_context`.
 """
 
 from __future__ import annotations
@@ -11,32 +11,36 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
-from aras_visual_servo_controller.arm import Arm
-from aras_visual_servo_controller.arm.limits import check_inside
 from aras_visual_servo_controller.errors import ConfigurationError, ServoError, UnreachableError
 from aras_visual_servo_controller.goals.goal import Goal
-from aras_visual_servo_controller.goals.starts import start_joints
+from aras_visual_servo_controller.goals.starts import find_start_joints
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.limits import check_within_limits
 from aras_visual_servo_controller.loop.servo import Servo
-from aras_visual_servo_controller.seeing.frame import Frame
-from aras_visual_servo_controller.seeing.observation import Need, Observation
-from aras_visual_servo_controller.seeing.observer import observe
-from aras_visual_servo_controller.seeing.rig import MovedBy, Rig, StandingCamera
+from aras_visual_servo_controller.observation.camera_rig import (
+    CameraKinematics,
+    CameraRig,
+    FixedCameraKinematics,
+)
+from aras_visual_servo_controller.observation.feature_observer import observe
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.observation.observation import Need, Observation
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.cameras import Eye
-from ..asked.experiment import CameraPose, Experiment, Sampler
-from ..asked.loop_settings import named_goal
 from ..errors import ExperimentError, ViewError, log_once
-from ..plants.base import Place, Plant
+from ..experiment.cameras import CameraSetup
+from ..experiment.experiment import CameraPose, Experiment, Sampler
+from ..experiment.loop_settings import load_named_goal
+from ..plants.base import CameraPlacement, Plant
 from ..plants.free_body import FreeBody
-from ..plants.kinematic import FreeCamera, KinematicChain
+from ..plants.kinematic import FreeCamera, KinematicArm
 from ..targets.geometry import PlacedTarget
-from .read_context import Wrap, check_scheme, read_context
+from .imaging_setup import make_imaging_settings
+from .read_context import SchemeWrapper, check_scheme, read_context
 from .setup_context import SetupContext
-from .sights import make_sight
 
 if TYPE_CHECKING:
     from .postures import Postures
@@ -44,107 +48,115 @@ if TYPE_CHECKING:
 
 @dataclass
 class Assembly:
-    """The parts of a run, made by `assemble`.
+    """Parts of a run, made by `assemble`.
 
     Attributes:
-        plant: arm or camera that moves, at its start. settings: of the servo loop. servo: the loop.
-        rig: makes the observations of its cameras.
-        eyes: the cameras by name, the control camera first. goal: of the loop.
-        goal_pose: world_T_camera (4, 4) where the true camera was when the goal was shown; of one
-            that is computed, where it says. target: in the world.
-        places: where the other cameras are beside the control camera.
-        postures: of an arm; None of a camera that flies.
-        notes: what a reader must know before believing the rest.
+        plant: arm or free camera, at its start. settings: of the control loop. servo: the loop.
+        rig: computes the observations of the cameras.
+        cameras: the cameras by name, the control camera first. goal: of the loop.
+        goal_pose: world_T_camera (4, 4) of the true camera at the goal.
+        target: of the control camera, in the world.
+        placements: of the other cameras relative to the control camera, by name.
+        postures: of the arm; None for a free camera.
+        notes: warnings about occlusions and collisions of the arm at start and goal.
     """
 
     plant: Plant
     settings: Settings
     servo: Servo
-    rig: Rig
-    eyes: Mapping[str, Eye]
+    rig: CameraRig
+    cameras: Mapping[str, CameraSetup]
     goal: Goal
     goal_pose: np.ndarray
     target: PlacedTarget
-    places: Mapping[str, Place]
+    placements: Mapping[str, CameraPlacement]
     postures: Postures | None = None
     notes: tuple[str, ...] = ()
 
     @property
-    def camera(self) -> CameraModel:
-        """The control camera as the controller believes it."""
-        return self.eyes[self.rig.control.name].believed
+    def calibrated_camera(self) -> CameraModel:
+        """Intrinsics of the control camera that the controller uses."""
+        return self.cameras[self.rig.control.name].calibrated_camera
 
     @property
     def needs(self) -> frozenset[Need]:
-        """What the loop wants of the control camera's image."""
+        """Data that the loop needs from an image of the control camera."""
         return self.rig.control.needs
 
     def observe(self, frame: Frame, joints: Any, commands: tuple = ()) -> Observation:
-        """The observation of a frame, as the controller makes it.
+        """Compute the observation of a frame as the controller does.
 
-        The ideal camera's kinematics are exact, and its plane counts as measured.
+        The kinematics of the ideal camera are exact, so the plane of its target counts as measured.
         """
         plane = None
         if self.plant.has_exact_plane:
-            plane = self.servo.goal.plane_from(self.servo.arm.pose(joints.positions))
+            plane = self.servo.goal.compute_plane(self.servo.arm.pose(joints.positions))
         return observe(frame, joints, self.rig.observers[frame.name],
-                       self.eyes[frame.name].believed, commands, plane)  # fmt: skip
+                       self.cameras[frame.name].calibrated_camera, commands, plane)  # fmt: skip
 
 
 def assemble(
-    experiment: Experiment, wrap: Wrap | None = None, watched: bool = True, depth: bool = False
+    experiment: Experiment,
+    wrap_scheme: SchemeWrapper | None = None,
+    has_unread_cameras: bool = True,
+    has_depth: bool = False,
 ) -> Assembly:
-    """Make the parts of an experiment, at its start: plant, servo loop, cameras, goal.
+    """Make the parts of an experiment, at its start: plant, control loop, cameras, goal.
 
     Args:
-        experiment: what is run.
-        wrap: function that replaces the scheme that the experiment names by another one, for
-            instance one that records it; None: the scheme itself.
-        watched: whether cameras that the scheme does not read exist.
-        depth: whether every camera has depth images, needed or not.
+        experiment: settings of the run.
+        wrap_scheme: function that replaces the scheme of the experiment by another one, such as
+            one that records it; None: the scheme is used unchanged.
+        has_unread_cameras: whether cameras that the scheme does not read exist.
+        has_depth: whether every camera delivers depth images, needed or not.
 
     Returns:
-        The parts, for a `Loop`.
+        The parts, as input of `Loop`.
 
     Raises:
-        ExperimentError: it cannot be run, with the key that is wrong and what would be right.
+        ExperimentError: the experiment cannot be run; the message names the wrong key and the
+            remedy.
     """
-    context = read_context(experiment, wrap, watched, depth)
+    context = read_context(experiment, wrap_scheme, has_unread_cameras, has_depth)
     try:
         check_scheme(context)
-        shown = read_goal(context)
-        arm, believed = make_arms(context, shown.pose)
-        others = believed_others(context, shown.pose, believed)
-        postures = None if context.flies else make_postures(context)
-        goal_joints = find_goal_joints(context, postures, shown)
-        goal, pose = make_goal(context, shown, goal_joints, postures, arm, believed, others)
+        location = read_goal(context)
+        arm, calibrated = make_arms(context, location.pose)
+        others = make_calibrated_kinematics(context, location.pose, calibrated)
+        postures = None if context.has_free_camera else make_postures(context)
+        goal_joints = find_goal_joints(context, postures, location)
+        goal, pose = make_goal(context, location, goal_joints, postures, arm, calibrated, others)
         start = find_start(context, postures, arm, pose, goal_joints)
-        notes = check_postures(context, postures, goal_joints, start, bool(shown.joints))
-        servo = make_servo(context, believed, goal)
-        rig = context.settings.rig(
-            {context.control.name: believed, **others}, context.scheme, servo.goal
+        notes = check_postures(context, postures, goal_joints, start, bool(location.joints))
+        servo = make_servo(context, calibrated, goal)
+        rig = context.settings.make_camera_rig(
+            {context.control_camera.name: calibrated, **others}, context.scheme, servo.goal
         )
         plant = make_plant(context, arm, start)
     except (ServoError, ViewError) as error:
         raise ExperimentError(str(error)) from error
     return Assembly(
-        plant, context.settings, servo, rig, context.eyes, goal, pose, context.target,
-        context.places, postures, notes,
+        plant, context.settings, servo, rig, context.cameras, goal, pose, context.target,
+        context.placements, postures, notes,
     )  # fmt: skip
 
 
 def check(experiment: Experiment) -> None:
-    """ExperimentError for what is wrong before a plant is made: names, files, poses."""
+    """Check the names, files and poses of an experiment without making its plant.
+
+    Raises:
+        ExperimentError: the experiment cannot be run.
+    """
     context = read_context(experiment)
     try:
         check_scheme(context)
         if not isinstance(context.experiment.start, Sampler | CameraPose):
-            given_start(context)
-        shown = read_goal(context)
-        if shown.named is None:
+            read_start_joints(context)
+        location = read_goal(context)
+        if location.loaded_goal is None:
             from .goal_teaching import check_view
 
-            check_view(context, shown.pose)
+            check_view(context, location.pose)
     except (ServoError, ViewError) as error:
         raise ExperimentError(str(error)) from error
 
@@ -153,147 +165,179 @@ def check(experiment: Experiment) -> None:
 
 
 @dataclass(frozen=True, eq=False)
-class ShownGoal:
-    """Where a goal is shown.
+class GoalLocation:
+    """Camera pose and joints at the goal.
 
-    pose: world_T_camera (4, 4) of the true control camera. joints: of the arm there, by name;
-    empty: not given. named: the goal of a file; None: it is taught.
+    pose: world_T_camera (4, 4) of the true control camera. joints: positions of the arm at the
+    goal, by name; empty if not given. loaded_goal: goal of a file; None: the goal is taught.
     """
 
     pose: np.ndarray
     joints: Mapping[str, float]
-    named: Goal | None = None
+    loaded_goal: Goal | None = None
 
 
-def read_goal(context: SetupContext) -> ShownGoal:
-    """Where the experiment's goal is shown; ExperimentError where it does not say so."""
-    given, arm = context.experiment.goal, context.arm
-    if isinstance(given, CameraPose):
-        return ShownGoal(transform(given.pose[:3], given.pose[3:]), {})
-    if not isinstance(given, str):
-        joints = _given_goal_joints(context)
-        named = dict(zip(arm.names, joints.tolist(), strict=True))
-        return ShownGoal(arm.pose(joints), {} if context.flies else named)
-    goal = here = named_goal(context.experiment, context.settings)
-    if not context.flies or goal.world_T_camera is None:
-        here = goal.for_arm(arm)
-    if here.world_T_camera is None:
-        raise ExperimentError(f"the goal {goal.name} says neither joints nor camera_pose")
-    if context.flies:
-        goal = here = replace(here, joints={})
-    return ShownGoal(np.array(here.world_T_camera), here.joints, goal)
+def read_goal(context: SetupContext) -> GoalLocation:
+    """Return the camera pose and joints at the goal of an experiment.
+
+    Raises:
+        ExperimentError: the goal file gives neither.
+    """
+    setting, arm = context.experiment.goal, context.arm
+    if isinstance(setting, CameraPose):
+        return GoalLocation(matrix_from_xyz_rpy(setting.pose[:3], setting.pose[3:]), {})
+    if not isinstance(setting, str):
+        joints = _read_goal_joints(context)
+        positions = dict(zip(arm.names, joints.tolist(), strict=True))
+        return GoalLocation(arm.pose(joints), {} if context.has_free_camera else positions)
+    goal = completed = load_named_goal(context.experiment, context.settings)
+    if not context.has_free_camera or goal.world_T_camera is None:
+        completed = goal.for_arm(arm)
+    if completed.world_T_camera is None:
+        raise ExperimentError(
+            f"the goal {goal.name} has neither joints nor camera_pose: add one of them to its file"
+        )
+    if context.has_free_camera:
+        goal = completed = replace(completed, joints={})
+    return GoalLocation(np.array(completed.world_T_camera), completed.joints, goal)
 
 
-def _given_goal_joints(context: SetupContext) -> np.ndarray:
-    """The joints (n,) that the goal is taught at, where it names joints."""
+def _read_goal_joints(context: SetupContext) -> np.ndarray:
+    """Return the joints (n,) of a goal that the experiment gives as joints."""
     try:
-        joints = start_joints(context.experiment.goal, context.arm, context.settings.package)
-    except ConfigurationError as error:  # it speaks of a start, which it mostly is
+        joints = find_start_joints(context.experiment.goal, context.arm, context.settings.package)
+    except ConfigurationError as error:  # the function names the parameter ~start
         raise ExperimentError(str(error).replace("parameter ~start", "goal", 1)) from error
-    check_inside(joints, context.arm, "goal")
+    check_within_limits(joints, context.arm, "goal")
     return joints
 
 
 def make_arms(context: SetupContext, pose: np.ndarray) -> tuple[Arm | FreeBody, Arm | FreeBody]:
-    """The true arm and the believed one; of a camera that flies, about the goal's pose (4, 4)."""
-    believed = context.control.spec.believed
-    if not context.flies:
-        return context.arm, context.robot.believed_arm(
-            believed.xyz, believed.rpy, context.control.name
+    """Return the true arm and the arm with the camera calibration that the controller uses.
+
+    pose: world_T_camera (4, 4) at the goal, the origin of a free camera's coordinates.
+    """
+    offset = context.control_camera.spec.calibration_offset
+    if not context.has_free_camera:
+        return context.arm, context.robot.make_calibrated_arm(
+            offset.xyz, offset.rpy, context.control_camera.name
         )
     body = FreeBody(pose)
-    if not believed.moved:
+    if not offset.is_moved:
         return body, body
-    return body, FreeBody(pose, transform(believed.xyz, believed.rpy))
+    return body, FreeBody(pose, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
 
 
-def believed_others(
+def make_calibrated_kinematics(
     context: SetupContext, pose: np.ndarray, control: Arm | FreeBody
-) -> dict[str, FreeBody | MovedBy]:
-    """What is believed to move the other cameras that the scheme reads, by their names.
+) -> dict[str, FreeBody | CameraKinematics]:
+    """Return the calibrated kinematics of the other cameras that the scheme reads, by name.
 
     Args:
         pose: world_T_camera (4, 4) of the true control camera at the goal.
-        control: what is believed to move the control camera.
+        control: calibrated kinematics of the control camera.
     """
-    others: dict[str, FreeBody | MovedBy] = {}
+    others: dict[str, FreeBody | CameraKinematics] = {}
     for name in list(context.needs)[1:]:
-        if not context.flies:
-            others[name] = context.robot.arm_of(name, control, believed=True)
+        if not context.has_free_camera:
+            others[name] = context.robot.make_camera_kinematics(name, control, is_calibrated=True)
             continue
-        place, belief = context.places[name], context.eyes[name].spec.believed
-        seat = place.pose @ transform(belief.xyz, belief.rpy)
-        others[name] = StandingCamera(seat) if place.stands else FreeBody(pose, seat)
+        placement, offset = context.placements[name], context.cameras[name].spec.calibration_offset
+        calibrated = placement.pose @ matrix_from_xyz_rpy(offset.xyz, offset.rpy)
+        others[name] = (
+            FixedCameraKinematics(calibrated)
+            if placement.is_fixed
+            else FreeBody(pose, calibrated)
+        )
     return others
 
 
 def make_postures(context: SetupContext) -> Postures:
-    """Postures of the arm with the control camera before the target."""
-    from ..asked.worlds import world_path
+    """Make the search for postures of the arm that put the control camera at a given pose."""
+    from ..experiment.worlds import find_world_path
     from .postures import Postures
 
-    experiment, control = context.experiment, context.control
+    experiment, control = context.experiment, context.control_camera
     solid = experiment.plant == "bullet"
-    return Postures.of(
-        context.robot, control, context.target_spec(control.name), solid and experiment.pictures,
-        solid, world_path(experiment, context.robot.packages),
+    return Postures.for_robot(
+        context.robot, control, context.find_target_spec(control.name), solid
+        and experiment.has_images,
+        solid, find_world_path(experiment, context.robot.packages),
     )  # fmt: skip
 
 
 def find_goal_joints(
-    context: SetupContext, postures: Postures | None, shown: ShownGoal
+    context: SetupContext, postures: Postures | None, location: GoalLocation
 ) -> np.ndarray | None:
-    """Joints (n,) of the arm at the goal; None of a camera that flies, or where the arm cannot be
-    there, which is an outcome."""
-    if shown.joints and postures is not None:
-        return np.array([shown.joints[name] for name in context.arm.names])
-    return find_joints(postures, shown.pose)
+    """Return the joints (n,) of the arm at the goal.
+
+    The result is None for a free camera, and if the arm cannot reach the goal; the run then
+    reports that as its outcome.
+    """
+    if location.joints and postures is not None:
+        return np.array([location.joints[name] for name in context.arm.names])
+    return find_joints(postures, location.pose)
 
 
 def find_joints(postures: Postures | None, pose: np.ndarray) -> np.ndarray | None:
-    """Joints (n,) with the camera at world_T_camera (4, 4); None: there are none."""
+    """Return joints (n,) with the camera at world_T_camera (4, 4); None if there are none."""
     if postures is None:
         return None
     try:
-        return postures.at(pose)
+        return postures.find_joints(pose)
     except UnreachableError:
         return None
 
 
 def make_goal(
-    context: SetupContext, shown: ShownGoal, joints: np.ndarray | None, postures: Postures | None,
-    arm: Arm | FreeBody, believed: Arm | FreeBody, others: Mapping[str, MovedBy | FreeBody],
+    context: SetupContext,
+    location: GoalLocation,
+    joints: np.ndarray | None,
+    postures: Postures | None,
+    arm: Arm | FreeBody,
+    calibrated_arm: Arm | FreeBody,
+    calibrated_others: Mapping[str, CameraKinematics | FreeBody],
 ) -> tuple[Goal, np.ndarray]:
-    """The goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
+    """Return the goal of the loop, computed from a file or taught, and its world_T_camera (4, 4).
 
     Args:
-        joints: (n,) of the arm there; None: not known. postures: of the arm, if there is one.
-        arm, believed: true and believed. others: what is believed to move the other cameras.
+        joints: (n,) of the arm at the goal; None: not known. postures: of the arm, if any.
+        arm: true kinematics of the control camera. calibrated_arm: with the controller's
+            calibration. calibrated_others: likewise of the other cameras, by name.
     """
-    control, named = context.control.name, shown.named
-    goal = None if named is None else compute_goal(context, named, {control: believed, **others})
+    control, loaded = context.control_camera.name, location.loaded_goal
+    goal = (
+        None
+        if loaded is None
+        else compute_goal(context, loaded, {control: calibrated_arm, **calibrated_others})
+    )
     if goal is not None:
-        if others:
+        if calibrated_others:
             from .goal_teaching import check_view
 
             check_view(context, goal.world_T_camera)
-        return with_believed_depths(context, goal), goal.world_T_camera
+        return with_calibrated_depths(context, goal), goal.world_T_camera
     from .goal_teaching import show_goal
 
-    goal = show_goal(context, shown.pose, named.name if named is not None else "goal", joints,
-                     postures, arm, believed, others)  # fmt: skip
-    return with_believed_depths(context, goal), shown.pose
+    name = "goal" if loaded is None else loaded.name
+    goal = show_goal(
+        context, location.pose, name, joints, postures, arm, calibrated_arm, calibrated_others
+    )
+    return with_calibrated_depths(context, goal), location.pose
 
 
 def compute_goal(
-    context: SetupContext, named: Goal, arms: Mapping[str, FreeBody | MovedBy]
+    context: SetupContext, loaded_goal: Goal, arms: Mapping[str, FreeBody | CameraKinematics]
 ) -> Goal | None:
-    """A named goal as the believed cameras see it; None where it lacks what the scheme needs, or
-    was shown another target: the demo's plates in place of a solid, or the control camera's in
-    place of a camera's own."""
-    goal = named.for_cameras(arms)
-    if any(context.has_own_target(n) and n not in named.cameras for n in context.needs):
-        return None  # what it was shown is not what these look at
+    """Compute the goal of the calibrated cameras from a goal file.
+
+    The result is None if the file lacks data that the scheme needs, or if it was taught with
+    another target: the demo's plates instead of a solid, or the control camera's target instead of
+    a camera's own.
+    """
+    goal = loaded_goal.for_cameras(arms)
+    if any(context.has_own_target(n) and n not in loaded_goal.cameras for n in context.needs):
+        return None  # the file has no data of these cameras' own targets
     if goal.target is not None and context.target.shape.is_solid:
         return None
     try:
@@ -303,18 +347,18 @@ def compute_goal(
     return goal
 
 
-def with_believed_depths(context: SetupContext, goal: Goal) -> Goal:
-    """The goal with its depths as they are believed."""
-    deeper = {
-        name: _with_depth_times(one, context.eyes[name].spec.believed.depth)
-        for name, one in goal.cameras.items() if name in context.eyes
+def with_calibrated_depths(context: SetupContext, goal: Goal) -> Goal:
+    """Return the goal with its depths multiplied by each camera's `calibration_offset.depth`."""
+    scaled = {
+        name: _scale_depth(camera_goal, context.cameras[name].spec.calibration_offset.depth)
+        for name, camera_goal in goal.cameras.items() if name in context.cameras
     }  # fmt: skip
-    own = deeper.pop(context.control.name)
-    return replace(own, others=deeper) if deeper else own
+    own = scaled.pop(context.control_camera.name)
+    return replace(own, other_cameras=scaled) if scaled else own
 
 
-def _with_depth_times(goal: Goal, factor: float) -> Goal:
-    """The goal with its depth, and its plane's, multiplied: what a wrong belief makes of it."""
+def _scale_depth(goal: Goal, factor: float) -> Goal:
+    """Return the goal with its depth and the depths of its plane multiplied by a factor."""
     if factor == 1.0:
         return goal
     depth = None if goal.depth is None else goal.depth * factor
@@ -329,7 +373,10 @@ def find_start(
     context: SetupContext, postures: Postures | None, arm: Arm | FreeBody, goal_pose: np.ndarray,
     goal_joints: np.ndarray | None,
 ) -> np.ndarray:
-    """Joints (n,) at the start; `goal_joints`: those at the goal, None: they are not known."""
+    """Return the joints (n,) at the start.
+
+    goal_joints: joints (n,) at the goal; None: not known.
+    """
     start = context.experiment.start
     if isinstance(start, Sampler):
         from .sampling import draw_start
@@ -337,70 +384,86 @@ def find_start(
         near = find_joints(postures, goal_pose)
         near = np.zeros(len(arm.names)) if near is None else near
         return draw_start(
-            start, arm, goal_pose, near, context.target, context.control.true,
+            start, arm, goal_pose, near, context.target, context.control_camera.true_camera,
             context.experiment.seed,
-            [(context.places[n], context.eyes[n].true, context.targets[n])
+            [(context.placements[n], context.cameras[n].true_camera, context.targets[n])
              for n in list(context.needs)[1:]],
-            None if postures is None else postures.touched,
+            None if postures is None else postures.find_collision,
         )  # fmt: skip
     if isinstance(start, CameraPose):
-        pose = transform(start.pose[:3], start.pose[3:])
-        return arm.coordinates(pose) if postures is None else postures.start(pose, goal_joints)
-    joints = given_start(context)
+        pose = matrix_from_xyz_rpy(start.pose[:3], start.pose[3:])
+        return (
+            arm.coordinates(pose)
+            if postures is None
+            else postures.find_start_joints(pose, goal_joints)
+        )
+    joints = read_start_joints(context)
     return arm.coordinates(context.arm.pose(joints)) if postures is None else joints
 
 
-def given_start(context: SetupContext) -> np.ndarray:
-    """Joints (n,) of a start that is given by name or as joints."""
-    joints = start_joints(context.experiment.start, context.arm, context.settings.package)
+def read_start_joints(context: SetupContext) -> np.ndarray:
+    """Return the joints (n,) of a start that is given by name or as joints."""
+    joints = find_start_joints(context.experiment.start, context.arm, context.settings.package)
     if joints is None:
-        raise ExperimentError("start is 'none', but a plant has to begin somewhere")
-    check_inside(joints, context.arm, "start")
+        raise ExperimentError("start is 'none', but a plant needs a start: give a pose or joints")
+    check_within_limits(joints, context.arm, "start")
     return joints
 
 
 def check_postures(
     context: SetupContext, postures: Postures | None, goal: np.ndarray | None, start: np.ndarray,
-    given: bool,
+    is_given: bool,
 ) -> tuple[str, ...]:
-    """What speaks against the joints (n,) at the goal and at the start; it is logged once.
+    """Return warnings about occlusions and collisions of the arm at goal and start; log them once.
 
-    goal: None: not known. given: whether the goal is given as joints.
+    Args:
+        goal, start: joints (n,); goal None: not known.
+        is_given: whether the experiment gives the goal as joints.
     """
     if postures is None or goal is None:
         return ()
-    notes = postures.faults(goal, "goal", given)
+    notes = postures.list_faults(goal, "goal", is_given)
     if not isinstance(context.experiment.start, Sampler):
         by_joints = not isinstance(context.experiment.start, CameraPose)
-        notes += postures.faults(start, "start", by_joints)
+        notes += postures.list_faults(start, "start", by_joints)
     for note in notes:
         log_once(note)
     return tuple(notes)
 
 
-def make_servo(context: SetupContext, believed: Arm | FreeBody, goal: Goal) -> Servo:
-    """The loop."""
-    resolver = None
+def make_servo(context: SetupContext, calibrated_arm: Arm | FreeBody, goal: Goal) -> Servo:
+    """Make the control loop, with the exact kinematics on plant 'ideal'."""
+    differential_ik = None
     if context.experiment.plant == "ideal":
-        from ..plants.ideal import ExactResolver
+        from ..plants.ideal import ExactIK
 
-        resolver = ExactResolver(believed, context.control.rate, context.experiment.ideal.speed)
-    return context.settings.build(believed, goal, scheme=context.scheme, resolver=resolver)
+        differential_ik = ExactIK(
+            calibrated_arm, context.control_camera.rate, context.experiment.ideal.speed
+        )
+    return context.settings.make_servo(
+        calibrated_arm, goal, scheme=context.scheme, differential_ik=differential_ik
+    )
 
 
 def make_plant(context: SetupContext, arm: Arm | FreeBody, start: np.ndarray) -> Plant:
-    """The plant at joints (n,)."""
+    """Make the plant at joints (n,)."""
     experiment = context.experiment
     if experiment.plant == "bullet":
-        from .bullet_setup import make_bullet_arm
+        from .dynamic_arm_setup import make_dynamic_arm
 
-        return make_bullet_arm(context, start)
+        return make_dynamic_arm(context, start)
     if experiment.plant == "ideal":
         from ..plants.ideal import IdealCamera
 
-        believed = experiment.believed
-        body = FreeBody(arm.origin, transform(believed.xyz, believed.rpy))
-        return IdealCamera(arm, body, start, make_sight(context, context.control), experiment.seed)
-    kind = FreeCamera if experiment.plant == "free" else KinematicChain
-    sight, *others = (make_sight(context, eye) for eye in context.eyes.values())
-    return kind(arm, start, sight, lag=experiment.lag, seed=experiment.seed, others=others)
+        offset = experiment.calibration_offset
+        body = FreeBody(arm.origin, matrix_from_xyz_rpy(offset.xyz, offset.rpy))
+        return IdealCamera(
+            arm,
+            body,
+            start,
+            make_imaging_settings(context, context.control_camera),
+            experiment.seed,
+        )
+    kind = FreeCamera if experiment.plant == "free" else KinematicArm
+    imaging, *others = (make_imaging_settings(context, c) for c in context.cameras.values())
+    return kind(arm, start, imaging, lag=experiment.lag, seed=experiment.seed, other_imaging=others)

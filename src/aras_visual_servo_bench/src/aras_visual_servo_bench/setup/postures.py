@@ -1,4 +1,4 @@
-"""Postures of the arm for poses of its camera: it hides no target and runs into nothing."""
+"""Postures of the arm at given camera poses without occlusion of the target and collisions."""
 
 from __future__ import annotations
 
@@ -9,34 +9,35 @@ from functools import lru_cache
 import numpy as np
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.rendering.recent import Recent
-from aras_visual_servo_controller.arm import Arm
+from aras_sim_bridge.rendering.byte_limited_cache import ByteLimitedCache
 from aras_visual_servo_controller.errors import UnreachableError
+from aras_visual_servo_controller.kinematics import Arm
 
-from ..asked.cameras import Eye
-from ..asked.packages import PackagePath
-from ..asked.robots import Robot, arm_from, described
-from ..asked.worlds import read_world
 from ..errors import ExperimentError
-from ..plants.posed_arm import PosedArm, without_visuals
+from ..experiment.cameras import CameraSetup
+from ..experiment.packages import PackagePath
+from ..experiment.robots import Robot, parse_robot_description, read_arm
+from ..experiment.worlds import read_world
+from ..plants.static_arm import StaticArm, without_visuals
 from ..targets.target_spec import TargetSpec
 
-HIDDEN = 0.01  # part of a target from which on it counts as hidden: less is of the rim's pixels
-# What speaks against a posture that runs into something, beside the part of the target that one
-# hides: more than to hide all of it.
-TOUCHES = 2.0
+# Least part of a target that counts as hidden; smaller parts result from pixels at its border.
+MIN_OCCLUSION = 0.01
+# Cost of a posture in collision. Occlusion costs the hidden part of the target, so a collision is
+# worse than hiding all of it.
+COLLISION_COST = 2.0
 
 
 @dataclass(frozen=True)
 class Postures:
-    """Of an arm with its control camera before a target; equal for all runs of a study.
+    """Search for postures of an arm that move its control camera to given poses.
 
-    urdf: text of the description. search: folders that hold its packages. frame: of the camera.
-    carrier: link that carries the target; '': it stands in the world, where it is at 0 s.
-    near: m before the camera within which nothing is drawn; None: as the description has it.
-    drawn: pictures show the arm, and postures in which it hides little are preferred.
-    solid: the arm can run into what is there, and postures in which it does are left out.
-    world: path of the world file; '': the arm stands on Gazebo's ground plane.
+    urdf: text of the description. search: folders of its packages. frame: optical frame.
+    carrier: link that carries the target; '': the target is in the world, at its pose at 0 s.
+    near: near clipping distance of the camera, m; None: the one in the description.
+    is_visible: images show the arm; postures in which it hides little of the target are preferred.
+    is_solid: the arm can collide with its surroundings; postures in collision are avoided.
+    world: path of the world file; '': Gazebo's ground plane.
     """
 
     urdf: str
@@ -45,147 +46,172 @@ class Postures:
     carrier: str
     target: TargetSpec
     near: float | None
-    drawn: bool
-    solid: bool = False
+    is_visible: bool
+    is_solid: bool = False
     world: str = ""
 
     @classmethod
-    def of(
-        cls, robot: Robot, eye: Eye, target: TargetSpec, drawn: bool, solid: bool, world: str
+    def for_robot(
+        cls,
+        robot: Robot,
+        camera: CameraSetup,
+        target: TargetSpec,
+        is_visible: bool,
+        is_solid: bool,
+        world: str,
     ) -> Postures:
-        """Those of a robot with this control camera."""
+        """Make the search for a robot with this control camera."""
         return cls(
-            robot.urdf, robot.spec.search, robot.frame(eye.name), robot.target_frame(eye.name),
-            target, eye.settings.get("near"), drawn, solid, world,
+            robot.urdf, robot.spec.search, robot.find_optical_frame(camera.name),
+            robot.find_target_frame(camera.name),
+            target, camera.settings.get("near"), is_visible, is_solid, world,
         )  # fmt: skip
 
     @property
     def arm(self) -> Arm:
-        """The arm."""
-        return arm_from(self.urdf, self.frame, self.carrier)
+        """Kinematics of the arm."""
+        return read_arm(self.urdf, self.frame, self.carrier)
 
-    def hidden(self, joints: Sequence[float], time: float = 0.0) -> float:
-        """Part of the target that the arm at joints (n,) hides from the camera, 0 to 1; 0 where it
-        is too little to count, or where the arm cannot be drawn.
+    def compute_occlusion(self, joints: Sequence[float], time: float = 0.0) -> float:
+        """Compute the part of the target, 0 to 1, that the arm hides from the camera.
 
-        time: s, at which the target is where its motion has it.
-        """
-        return _hidden(self, tuple(map(float, joints)), time)
-
-    def touched(self, joints: Sequence[float]) -> str:
-        """What the arm at joints (n,) runs into, in words; '': nothing, or nothing of it is solid.
-
-        The links of an arm pass through each other, and through what else its description has.
-        """
-        return _touched(self, tuple(map(float, joints))) if self.solid else ""
-
-    def against(self, joints: Sequence[float]) -> float:
-        """What speaks against a posture, from 0, nothing, on."""
-        touches = TOUCHES if self.touched(joints) else 0.0
-        return touches + (self.hidden(joints) if self.drawn else 0.0)
-
-    def at(self, pose: np.ndarray) -> np.ndarray:
-        """Joints (n,) with the camera at world_T_camera (4, 4), looked for from zero.
-
-        Raises:
-            UnreachableError: the arm cannot be there.
-        """
-        found = _preferred(self, pose.tobytes())
-        if isinstance(found, UnreachableError):
-            raise UnreachableError(str(found), found.excess)
-        return np.array(found)
-
-    def start(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
-        """As `at`, of a start: looked for from the posture at the goal, as the controller node
-        does it (goals.starts), so that the arm comes to the goal in that.
-
-        goal: joints (n,) there; None: they are not known.
-        """
-        return self.at(pose) if goal is None else self.arm.inverse(pose, goal, cost=self.against)
-
-    def faults(self, joints: Sequence[float], where: str, given: bool) -> list[str]:
-        """What speaks against a posture, in a line each.
+        The result is 0 below MIN_OCCLUSION, and if the arm cannot be rendered.
 
         Args:
-            joints: (n,). where: 'goal' or 'start'. given: as joints, not as a pose.
+            joints: (n,).
+            time: s, for the pose of a moving target.
         """
-        remedy = "give it other joints" if given else (
-            "and {} in no posture that was found: give another pose"
+        return _compute_occlusion(self, tuple(map(float, joints)), time)
+
+    def find_collision(self, joints: Sequence[float]) -> str:
+        """Describe a collision of the arm at joints (n,); '' if there is none.
+
+        Collisions between parts of the robot description are ignored.
+        """
+        return _find_collision(self, tuple(map(float, joints))) if self.is_solid else ""
+
+    def compute_cost(self, joints: Sequence[float]) -> float:
+        """Compute the cost of a posture: its occlusion, plus COLLISION_COST for a collision."""
+        collision = COLLISION_COST if self.find_collision(joints) else 0.0
+        return collision + (self.compute_occlusion(joints) if self.is_visible else 0.0)
+
+    def find_joints(self, pose: np.ndarray) -> np.ndarray:
+        """Find joints (n,) with the camera at world_T_camera (4, 4), starting at zero.
+
+        Raises:
+            UnreachableError: the arm cannot reach the pose.
+        """
+        found = _find_preferred_joints(self, pose.tobytes())
+        if isinstance(found, UnreachableError):
+            raise UnreachableError(str(found), found.distance)
+        return np.array(found)
+
+    def find_start_joints(self, pose: np.ndarray, goal: np.ndarray | None) -> np.ndarray:
+        """Find joints (n,) of a start with the camera at world_T_camera (4, 4).
+
+        The search starts at the posture of the goal, as in the controller node (goals.starts), so
+        that the arm can reach the goal without changing its configuration.
+
+        goal: joints (n,) at the goal; None: not known, so the search starts at zero.
+
+        Raises:
+            UnreachableError: the arm cannot reach the pose.
+        """
+        return (
+            self.find_joints(pose)
+            if goal is None
+            else self.arm.inverse_kinematics(pose, goal, cost=self.compute_cost)
+        )
+
+    def list_faults(self, joints: Sequence[float], where: str, is_given: bool) -> list[str]:
+        """Describe collision and occlusion of a posture, one line each.
+
+        Args:
+            joints: (n,).
+            where: 'goal' or 'start'.
+            is_given: whether the experiment gives these joints, rather than a camera pose.
+        """
+        remedy = ": give other joints" if is_given else (
+            ", and no posture {} was found: give another pose"
         )
         found = []
-        if touched := self.touched(joints):
+        if collision := self.find_collision(joints):
             found.append(
-                f"the arm runs into something at the {where}, {touched}"
-                f"{':' if given else ','} {remedy.format('clear of all')}"
+                f"the arm is in collision at the {where}, {collision}"
+                f"{remedy.format('without a collision')}"
             )
-        part = self.hidden(joints) if self.drawn else 0.0
+        part = self.compute_occlusion(joints) if self.is_visible else 0.0
         if part:
             found.append(
                 f"the arm hides {100.0 * part:.0f} % of the target at the {where}"
-                f"{':' if given else ','} {remedy.format('less')}"
+                f"{remedy.format('that hides less')}"
             )
         return found
 
 
-# All runs of a study share a goal.
+# Cached because all runs of a study share a goal.
 @lru_cache(maxsize=32)
-def _preferred(postures: Postures, pose: bytes) -> tuple[float, ...] | UnreachableError:
+def _find_preferred_joints(postures: Postures, pose: bytes) -> tuple[float, ...] | UnreachableError:
     arm = postures.arm
-    weighs = postures.drawn or postures.solid
+    has_cost = postures.is_visible or postures.is_solid
     try:
-        return tuple(arm.inverse(
+        return tuple(arm.inverse_kinematics(
             np.frombuffer(pose).reshape(4, 4), np.zeros(len(arm.names)),
-            cost=postures.against if weighs else None,
+            cost=postures.compute_cost if has_cost else None,
         ))  # fmt: skip
     except UnreachableError as error:
         return error
 
 
 @lru_cache(maxsize=32)
-def _hidden(postures: Postures, joints: tuple[float, ...], time: float) -> float:
-    drawn = _posed(postures)
-    if drawn is None:
+def _compute_occlusion(postures: Postures, joints: tuple[float, ...], time: float) -> float:
+    static_arm = _make_static_arm(postures)
+    if static_arm is None:
         return 0.0
-    arm, placed = postures.arm, postures.target.placed
-    part = drawn.hidden(
-        dict(zip(arm.names, joints, strict=True)), arm.pose(np.array(joints)), placed.shape,
-        placed.world_T_target(time), postures.near,
+    arm, target = postures.arm, postures.target.placed_target
+    part = static_arm.compute_occlusion(
+        dict(zip(arm.names, joints, strict=True)), arm.pose(np.array(joints)), target.shape,
+        target.world_T_target(time), postures.near,
     )  # fmt: skip
-    return part if part >= HIDDEN else 0.0
+    return part if part >= MIN_OCCLUSION else 0.0
 
 
 @lru_cache(maxsize=32)
-def _touched(postures: Postures, joints: tuple[float, ...]) -> str:
-    posed = _posed(postures)
-    if posed is None:
+def _find_collision(postures: Postures, joints: tuple[float, ...]) -> str:
+    static_arm = _make_static_arm(postures)
+    if static_arm is None:
         return ""
-    return posed.touched(dict(zip(postures.arm.names, joints, strict=True)))
+    return static_arm.find_collision(dict(zip(postures.arm.names, joints, strict=True)))
 
 
-def _posed(postures: Postures) -> PosedArm | None:
-    """None: it cannot be put into a world; the plant says why."""
-    spec, solid = postures.target, postures.solid
-    own = postures.carrier or spec.brought
-    bare = spec.link if spec.link and not spec.model else ""  # the target does not hide itself
-    target = spec if solid and not own else None
+def _make_static_arm(postures: Postures) -> StaticArm | None:
+    """Return the arm in its surroundings, cached; None if it cannot be put into a world.
+
+    The plant later raises the error in that case.
+    """
+    spec, solid = postures.target, postures.is_solid
+    has_target = postures.carrier or spec.is_provided
+    # A target that is a link of the robot does not hide itself.
+    target_link = spec.link if spec.link and not spec.model else ""
+    target = spec if solid and not has_target else None
     world = postures.world if solid else ""
-    key = postures.urdf, postures.search, postures.carrier, bare, solid, world, target
+    key = postures.urdf, postures.search, postures.carrier, target_link, solid, world, target
 
-    def make() -> PosedArm | None:
+    def make() -> StaticArm | None:
         try:
-            robot = described(postures.urdf, postures.search)
-            if bare:
-                robot = without_visuals(robot, bare)
-            around = read_world(world, PackagePath(postures.search)) if solid else None
-            placed = None if target is None else target.placed
-            return PosedArm(robot, postures.carrier, around, placed)
+            robot = parse_robot_description(postures.urdf, postures.search)
+            if target_link:
+                robot = without_visuals(robot, target_link)
+            surroundings = read_world(world, PackagePath(postures.search)) if solid else None
+            placed = None if target is None else target.placed_target
+            return StaticArm(robot, postures.carrier, surroundings, placed)
         except (SimError, ExperimentError):
             return None
 
-    return _arms.get(key, make)
+    return _static_arms.get(key, make)
 
 
-# Worlds are large: a robot's meshes are in each of them.
-_arms: Recent[tuple, PosedArm | None] = Recent(
+# At most two, because each world holds all meshes of a robot.
+_static_arms: ByteLimitedCache[tuple, StaticArm | None] = ByteLimitedCache(
     2, size=lambda arm: 1, drop=lambda arm: None if arm is None else arm.close()
 )

@@ -7,160 +7,205 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.poses import inverse, relative
+from aras_visual_servo_base.poses import inverse, relative_pose
 from aras_visual_servo_camera.segmentation import BY_COLOUR
 from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.observation.camera_rig import InverseCameraKinematics
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.seeing.observation import Need
-from aras_visual_servo_controller.seeing.rig import OppositeCamera
 
-from ..asked.cameras import Eye, check_meeting
-from ..asked.experiment import FLYING, Experiment
-from ..asked.loop_settings import settings_of
-from ..asked.packages import PackagePath
-from ..asked.robots import Robot
-from ..asked.unused_settings import check_camera, check_settings
 from ..errors import ExperimentError
-from ..plants.base import Place
+from ..experiment.cameras import CameraSetup, check_simultaneous_images
+from ..experiment.experiment import FREE_CAMERA_PLANTS, Experiment
+from ..experiment.loop_settings import make_loop_settings
+from ..experiment.packages import PackagePath
+from ..experiment.robots import Robot
+from ..experiment.unused_settings import check_camera, check_settings
+from ..plants.base import CameraPlacement
 from ..targets.geometry import RoundTarget
 from .setup_context import SetupContext
 
 if TYPE_CHECKING:
-    from ..asked.added_links import Carried
+    from ..experiment.added_links import MountedTarget
 
-OF_PICTURES = {Need.IMAGE, Need.KERNEL}  # exact features have none
+IMAGE_ONLY_NEEDS = {Need.IMAGE, Need.KERNEL}  # not available with exact features
 
-Wrap = Callable[[Scheme | JointController], Scheme | JointController]
+SchemeWrapper = Callable[[Scheme | JointController], Scheme | JointController]
 
 
 def read_context(
-    experiment: Experiment, wrap: Wrap | None = None, watched: bool = True, depth: bool = False
+    experiment: Experiment,
+    wrap_scheme: SchemeWrapper | None = None,
+    has_unread_cameras: bool = True,
+    has_depth: bool = False,
 ) -> SetupContext:
-    """Read the files of an experiment and choose its scheme; arguments as of `assemble`."""
+    """Read the files of an experiment and choose its scheme.
+
+    Args:
+        wrap_scheme: function that replaces the scheme of the experiment; None: no replacement.
+        has_unread_cameras: whether cameras that the scheme does not read exist.
+        has_depth: whether every camera delivers depth images, needed or not.
+
+    Raises:
+        ExperimentError: the experiment cannot be run.
+    """
     experiment, robot = read_robot(experiment)
-    eyes = read_cameras(experiment, robot)
-    settings = settings_of(experiment, robot)
+    cameras = read_cameras(experiment, robot)
+    settings = make_loop_settings(experiment, robot)
     try:
         scheme = settings.make_scheme()
-        if wrap is not None:
-            scheme = wrap(scheme)
-        read = settings.read_by(scheme)
-        _check_standing(experiment, read[0], robot)
-        arm = robot.arm(read[0])
-        rig = settings.rig(dict.fromkeys(read), scheme)
-        others = [name for name in eyes if name not in read] if watched else []
-        eyes = {name: eyes[name] for name in [*read, *others]}
-        places = locate_cameras(experiment, robot, eyes)
+        if wrap_scheme is not None:
+            scheme = wrap_scheme(scheme)
+        read = settings.list_cameras(scheme)
+        _check_is_fixed(experiment, read[0], robot)
+        arm = robot.make_arm(read[0])
+        rig = settings.make_camera_rig(dict.fromkeys(read), scheme)
+        others = [name for name in cameras if name not in read] if has_unread_cameras else []
+        cameras = {name: cameras[name] for name in [*read, *others]}
+        placements = locate_cameras(experiment, robot, cameras)
     except ConfigurationError as error:
         raise ExperimentError(str(error)) from error
-    placed = experiment.target.placed
+    target = experiment.target.placed_target
     targets = {
-        name: eye.spec.target.placed if eye.spec.target else placed for name, eye in eyes.items()
+        name: camera.spec.target.placed_target if camera.spec.target else target
+        for name, camera in cameras.items()
     }
     segmentation = settings.make_segmentation()
     return SetupContext(
-        experiment, robot, settings, scheme, arm, eyes,
+        experiment, robot, settings, scheme, arm, cameras,
         {name: observer.needs for name, observer in rig.observers.items()},
-        placed, targets, places, depth,
+        target, targets, placements, has_depth,
         segmentation.label if segmentation.method == "label" else "",
     )  # fmt: skip
 
 
 def read_robot(experiment: Experiment) -> tuple[Experiment, Robot]:
-    """The experiment with the poses that links and calibrations give, and its robot."""
+    """Return the experiment with its links and calibrations converted to poses, and its robot.
+
+    Raises:
+        ExperimentError: a setting or a file is wrong.
+    """
     check_settings(experiment)
     packages = PackagePath(experiment.robot.search)
     if experiment.target.is_link:
-        from ..asked.worlds import with_link
+        from ..experiment.worlds import with_target_link
 
-        experiment = with_link(experiment, packages)
+        experiment = with_target_link(experiment, packages)
     if any(camera.hand_eye is not None for camera in experiment.cameras.values()):
-        from ..asked.calibrated_places import with_fixed_cameras
+        from ..experiment.calibrated_cameras import with_fixed_cameras
 
         experiment = with_fixed_cameras(experiment, packages)
-    experiment = experiment.placed
-    robot = _robot(experiment)
-    if any(camera.believed.hand_eye is not None for camera in experiment.seen_by.values()):
-        from ..asked.calibrated_places import with_believed_places
+    experiment = experiment.with_absolute_start
+    robot = _make_robot(experiment)
+    if any(
+        camera.calibration_offset.hand_eye is not None
+        for camera in experiment.camera_specs.values()
+    ):
+        from ..experiment.calibrated_cameras import with_calibration_offsets
 
-        experiment = with_believed_places(experiment, robot)
-        robot = _robot(experiment)
+        experiment = with_calibration_offsets(experiment, robot)
+        robot = _make_robot(experiment)
     return experiment, robot
 
 
-def _robot(experiment: Experiment) -> Robot:
-    carried: Mapping[str, Carried] = {}
+def _make_robot(experiment: Experiment) -> Robot:
+    mounted: Mapping[str, MountedTarget] = {}
     if experiment.plant == "bullet":
-        from .bullet_setup import carried_targets  # the other plants need no physics
+        from .dynamic_arm_setup import find_mounted_targets  # the other plants need no physics
 
-        carried = carried_targets(experiment)
+        mounted = find_mounted_targets(experiment)
     return Robot(
         experiment.robot, experiment.camera_xyz, experiment.camera_rpy, experiment.friction,
-        experiment.cameras, carried, experiment.hand_eye,
+        experiment.cameras, mounted, experiment.hand_eye,
     )  # fmt: skip
 
 
-def read_cameras(experiment: Experiment, robot: Robot) -> dict[str, Eye]:
-    """The cameras of an experiment by name, with what the robot's description says of them."""
-    described = robot.camera_settings()
-    eyes = {
-        name: Eye.of(name, spec, robot.packages, experiment.robot.cameras, described)
-        for name, spec in experiment.seen_by.items()
+def read_cameras(experiment: Experiment, robot: Robot) -> dict[str, CameraSetup]:
+    """Read the cameras of an experiment, by name, with their settings in the robot description.
+
+    Raises:
+        ExperimentError: a setting or a file of a camera is wrong.
+    """
+    described = robot.read_camera_settings()
+    cameras = {
+        name: CameraSetup.read(name, spec, robot.packages, experiment.robot.cameras, described)
+        for name, spec in experiment.camera_specs.items()
     }
-    for eye in eyes.values():
-        check_camera(eye, experiment)
-    return eyes
+    for camera in cameras.values():
+        check_camera(camera, experiment)
+    return cameras
 
 
-def _check_standing(experiment: Experiment, control: str, robot: Robot) -> None:
-    """ExperimentError for a control camera that the arm moves as little as what it looks at."""
-    stands = experiment.seen_by[control].pose is not None
-    if experiment.plant not in FLYING:
-        stands = bool(experiment.cameras) and robot.standing(control) is not None
-    if stands:
+def _check_is_fixed(experiment: Experiment, control: str, robot: Robot) -> None:
+    """Check that the arm moves the control camera or its target.
+
+    Raises:
+        ExperimentError: both are fixed in the world.
+    """
+    is_fixed = experiment.camera_specs[control].pose is not None
+    if experiment.plant not in FREE_CAMERA_PLANTS:
+        is_fixed = bool(experiment.cameras) and robot.find_fixed_pose(control) is not None
+    if is_fixed:
         raise ExperimentError(
-            f"camera '{control}' stands in the world, and the arm moves nothing that it sees: have "
-            f"scheme '{experiment.scheme}' read a camera in the hand, or give the link that "
-            "carries the target as robot.target_frame"
+            f"camera '{control}' is fixed in the world, and the arm does not move its target: "
+            f"choose a camera in the hand for scheme '{experiment.scheme}', or set "
+            "robot.target_frame to the link that carries the target"
         )
 
 
 def locate_cameras(
-    experiment: Experiment, robot: Robot, eyes: Mapping[str, Eye]
-) -> dict[str, Place]:
-    """Places of the other cameras relative to the control camera, which is the first."""
-    control, *others = eyes.values()
-    flies, places = experiment.plant in FLYING, {}
-    for eye in others:
-        stands = eye.spec.place() if flies and eye.spec.pose is not None else None
-        if not flies:
-            stands = robot.standing(eye.name)
-        if stands is not None:
-            places[eye.name] = Place(stands, stands=True)
-        elif flies:
-            places[eye.name] = Place(relative(control.spec.place(), eye.spec.place()))
+    experiment: Experiment, robot: Robot, cameras: Mapping[str, CameraSetup]
+) -> dict[str, CameraPlacement]:
+    """Locate the other cameras relative to the control camera, which is the first.
+
+    Returns:
+        The placements by name of the camera.
+    """
+    control, *others = cameras.values()
+    is_free, placements = experiment.plant in FREE_CAMERA_PLANTS, {}
+    for camera in others:
+        spec, name = camera.spec, camera.name
+        fixed_pose = spec.compute_pose() if is_free and spec.pose is not None else None
+        if not is_free:
+            fixed_pose = robot.find_fixed_pose(name)
+        if fixed_pose is not None:
+            placements[name] = CameraPlacement(fixed_pose, is_fixed=True)
+        elif is_free:
+            placements[name] = CameraPlacement(
+                relative_pose(control.spec.compute_pose(), spec.compute_pose())
+            )
         else:
-            arm = robot.arm(control.name)
-            other, rest = robot.arm_of(eye.name, arm), np.zeros(len(arm.names))
-            if isinstance(other, OppositeCamera):
-                # other_T = opposite @ inverse(control_T) @ place, whatever the joints
-                apart = other.pose(rest) @ inverse(other.place) @ arm.pose(rest)
-                places[eye.name] = Place(other.place, opposite=apart)
+            arm = robot.make_arm(control.name)
+            other, rest = robot.make_camera_kinematics(name, arm), np.zeros(len(arm.names))
+            if isinstance(other, InverseCameraKinematics):
+                # For all joints q: other(q) = target_T_control @ inverse(arm(q)) @ fixed_pose
+                target_T_control = other.pose(rest) @ inverse(other.fixed_pose) @ arm.pose(rest)
+                placements[name] = CameraPlacement(
+                    other.fixed_pose, target_T_control=target_T_control
+                )
             else:
-                places[eye.name] = Place(relative(arm.pose(rest), other.pose(rest)))
-    return places
+                placements[name] = CameraPlacement(relative_pose(arm.pose(rest), other.pose(rest)))
+    return placements
 
 
 def check_scheme(context: SetupContext) -> None:
-    """ExperimentError for a scheme that can do nothing with what it will be given."""
+    """Check that cameras, target and plant provide what the scheme needs.
+
+    Raises:
+        ExperimentError: the scheme cannot work with them.
+    """
     experiment, scheme = context.experiment, context.scheme
     for name in context.needs:
-        place = context.places.get(name)
-        if place is not None and place.stands:
-            from aras_visual_servo_controller.features.of_camera import check_steering
+        placement = context.placements.get(name)
+        if placement is not None and placement.is_fixed:
+            from aras_visual_servo_controller.features.remote_camera_feature import (
+                check_controllability,
+            )
 
-            check_steering(getattr(scheme, "features", ()), name)
-    check_meeting([context.eyes[name] for name in context.needs], experiment.duration)
+            check_controllability(getattr(scheme, "features", ()), name)
+    check_simultaneous_images(
+        [context.cameras[name] for name in context.needs], experiment.duration
+    )
     needs = frozenset().union(*context.needs.values())
     if Need.CORNERS in needs and isinstance(context.target.shape, RoundTarget):
         raise ExperimentError(
@@ -169,24 +214,22 @@ def check_scheme(context: SetupContext) -> None:
         )
     if experiment.plant == "ideal" and isinstance(scheme, JointController):
         raise ExperimentError(
-            f"scheme '{experiment.scheme}' answers joints, the ideal camera has none: "
+            f"scheme '{experiment.scheme}' commands joints, and the ideal camera has none: "
             "use plant bullet, chain or free"
         )
-    if needs & OF_PICTURES and not experiment.pictures:
+    if needs & IMAGE_ONLY_NEEDS and not experiment.has_images:
         raise ExperimentError(
-            f"scheme '{experiment.scheme}' looks at pictures, and there are none with exact "
-            "features: give features: pictures"
+            f"scheme '{experiment.scheme}' needs images: set features: images"
         )
     method = context.settings.make_segmentation().method
-    apart = [name for name in context.eyes if context.has_own_target(name)]
-    if method == "label" and apart:
+    own_targets = [name for name in context.cameras if context.has_own_target(name)]
+    if method == "label" and own_targets:
         raise ExperimentError(
-            f"label images tell one target, and camera '{apart[0]}' looks at one of "
-            "its own: tell both by grey or colour"
+            f"label images show only one target, and camera '{own_targets[0]}' has its own: "
+            "segment by grey or colour"
         )
     if method in BY_COLOUR and experiment.plant != "bullet":
         raise ExperimentError(
-            f"segmentation '{method}' needs colours, and the pictures of plant "
-            f"'{experiment.plant}' are grey: take plant bullet, or tell the target by grey or "
-            "label"
+            f"segmentation '{method}' needs colours, and the images of plant "
+            f"'{experiment.plant}' are grey: use plant bullet, or segment by grey or label"
         )

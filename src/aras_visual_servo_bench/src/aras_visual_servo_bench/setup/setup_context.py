@@ -7,15 +7,15 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from aras_visual_servo_controller.arm import Arm
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.observation import Need
 from aras_visual_servo_controller.schemes import JointController, Scheme
-from aras_visual_servo_controller.seeing.observation import Need
 from aras_visual_servo_controller.settings import Settings
 
-from ..asked.cameras import Eye
-from ..asked.experiment import FLYING, Experiment
-from ..asked.robots import Robot
-from ..plants.base import Place
+from ..experiment.cameras import CameraSetup
+from ..experiment.experiment import FREE_CAMERA_PLANTS, Experiment
+from ..experiment.robots import Robot
+from ..plants.base import CameraPlacement
 from ..targets.geometry import PlacedTarget
 from ..targets.target_spec import TargetSpec
 
@@ -25,14 +25,14 @@ class SetupContext:
     """Robot, cameras, targets, loop settings and scheme of a run.
 
     Attributes:
-        experiment: with the poses that files and links give. arm: the true one.
-        eyes: the cameras by name, the control camera first.
-        needs: what the scheme needs of each camera that it reads, by name, in the same order.
-        placed: the experiment's target, in the world or in the link that carries it.
-        targets: what each camera looks at, likewise.
-        places: of the other cameras relative to the control camera.
-        depth: every camera delivers depth images, needed or not.
-        label: model, or 'model::link', that label images show; '': none are needed.
+        experiment: settings, with files and links converted to poses. arm: the true kinematics.
+        cameras: the cameras by name, the control camera first.
+        needs: data that the scheme needs of each camera that it reads, by name, in the same order.
+        experiment_target: the experiment's target, in the world or in the link that carries it.
+        targets: the target of each camera by name, likewise.
+        placements: of the other cameras relative to the control camera, by name.
+        has_depth: whether every camera delivers depth images, needed or not.
+        labelled_link: model, or 'model::link', that label images show; '': none is needed.
     """
 
     experiment: Experiment
@@ -40,38 +40,41 @@ class SetupContext:
     settings: Settings
     scheme: Scheme | JointController
     arm: Arm
-    eyes: Mapping[str, Eye]
+    cameras: Mapping[str, CameraSetup]
     needs: Mapping[str, frozenset[Need]]
-    placed: PlacedTarget
+    experiment_target: PlacedTarget
     targets: Mapping[str, PlacedTarget]
-    places: Mapping[str, Place]
-    depth: bool = False
-    label: str = ""
+    placements: Mapping[str, CameraPlacement]
+    has_depth: bool = False
+    labelled_link: str = ""
 
     @property
-    def flies(self) -> bool:
-        """Whether the camera flies without an arm."""
-        return self.experiment.plant in FLYING
+    def has_free_camera(self) -> bool:
+        """True if the plant is a free camera without an arm."""
+        return self.experiment.plant in FREE_CAMERA_PLANTS
 
     @property
-    def control(self) -> Eye:
-        """The control camera."""
-        return next(iter(self.eyes.values()))
+    def control_camera(self) -> CameraSetup:
+        """Camera whose motion the scheme controls: the first one that it reads."""
+        return next(iter(self.cameras.values()))
 
     @property
     def target(self) -> PlacedTarget:
-        """What the control camera looks at."""
-        return self.targets[self.control.name]
+        """Target of the control camera."""
+        return self.targets[self.control_camera.name]
 
     def has_own_target(self, camera: str) -> bool:
-        """Whether a camera looks at a target of its own."""
-        return camera in self.eyes and self.eyes[camera].spec.target is not None
+        """Return True if a camera observes its own target instead of the experiment's."""
+        return camera in self.cameras and self.cameras[camera].spec.target is not None
 
-    def target_spec(self, camera: str) -> TargetSpec:
-        """The settings of the target that a camera looks at."""
-        return self.eyes[camera].spec.target or self.experiment.target
+    def find_target_spec(self, camera: str) -> TargetSpec:
+        """Return the settings of the target that a camera observes."""
+        return self.cameras[camera].spec.target or self.experiment.target
 
-    def pose_of(self, camera: str, pose: np.ndarray) -> np.ndarray:
-        """world_T_camera (4, 4) of a camera, with the control camera at world_T_camera (4, 4)."""
-        place = self.places.get(camera)
-        return pose if place is None else place.at(pose)
+    def compute_camera_pose(self, camera: str, pose: np.ndarray) -> np.ndarray:
+        """Return world_T_camera (4, 4) of a camera.
+
+        pose: world_T_camera (4, 4) of the control camera.
+        """
+        placement = self.placements.get(camera)
+        return pose if placement is None else placement.compute_pose(pose)

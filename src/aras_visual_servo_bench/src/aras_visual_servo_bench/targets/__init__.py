@@ -1,4 +1,4 @@
-"""What the camera looks at: geometry, outlines, textures, and the files they are written to."""
+"""Targets of the cameras: geometry, motion, outlines, textures, and their URDF and mesh files."""
 
 from .geometry import (
     ARAS,

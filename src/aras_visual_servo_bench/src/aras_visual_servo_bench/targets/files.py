@@ -1,9 +1,10 @@
-"""Targets as descriptions that a simulated world can be given: URDF, mesh and picture.
+"""Write the files of a target for a simulated world: URDF, mesh and texture.
 
     rosrun aras_visual_servo_bench target_files four_dots --size 0.1 0.1 --out DIR
     (or python3 -m aras_visual_servo_bench.targets.files)
 
-A target's frame has its face in z = 0, facing along z. The model stands still and touches nothing.
+The face of a target is in the plane z = 0 of its frame, with its normal along z. The model is
+static and has no collision shape, unless it is on a box.
 """
 
 from __future__ import annotations
@@ -19,16 +20,16 @@ import numpy as np
 
 from aras_visual_servo_camera.polygons import signed_area
 
-from ..errors import ExperimentError, require, writing
+from ..errors import ExperimentError, catch_write_errors, require
 from .geometry import Target
-from .outlines import default_size
-from .scratch import scratch
-from .target_spec import BoxSpec, Pair, TargetSpec
+from .scratch import make_scratch_folder
+from .target_factory import find_default_size
+from .target_spec import BoxSpec, TargetSpec, Vector2
 
 if TYPE_CHECKING:
     from .solids import SolidTarget
 
-ABOVE = 5e-4  # m that an occluder lies above the face
+OCCLUDER_HEIGHT = 5e-4  # m, height of an occluder above the face of its target
 URDF = """<?xml version="1.0"?>
 <robot name="{name}">
   <link name="{name}">
@@ -40,13 +41,13 @@ URDF = """<?xml version="1.0"?>
 </robot>
 """
 SCALE = ' scale="{!r} {!r} {!r}"'
-STANDS = "<gazebo><static>true</static></gazebo>"
+STATIC = "<gazebo><static>true</static></gazebo>"
 BOX = """
     <visual name="box"><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></visual>
     <collision><origin xyz="0 0 {z!r}"/><geometry><box size="{size}"/></geometry></collision>
     <inertial><origin xyz="0 0 {z!r}"/><mass value="{mass!r}"/>
       <inertia ixx="{ixx!r}" iyy="{iyy!r}" izz="{izz!r}" ixy="0" ixz="0" iyz="0"/></inertial>"""
-RUBS = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
+FRICTION = '<gazebo reference="{name}"><mu1>{friction!r}</mu1></gazebo>'
 GREY = '<gazebo reference="{name}"><material>Gazebo/Grey</material></gazebo>'
 OCCLUDER = """
     <visual name="occluder">
@@ -55,161 +56,176 @@ OCCLUDER = """
     </visual>"""
 
 
-def write(
+def write_target(
     target: Target, folder: Path, name: str = "target", meshes: str = "",
-    occluder: tuple[Pair, Pair] | None = None, box: BoxSpec | None = None,
+    occluder: tuple[Vector2, Vector2] | None = None, box: BoxSpec | None = None,
 ) -> Path:
-    """Write a target's files, and answer the path of its URDF.
+    """Write the files of a target, and return the path of its URDF.
 
     Args:
-        target: a flat one, or a solid. name: of files, model and link.
-        meshes: how the URDF names the folder; empty: by its own path.
-        occluder: low and high corner (x, y), m, of a white rectangle on it.
-        box: a loose one on which it lies.
+        target: flat or solid. name: of files, model and link.
+        meshes: URL of the folder in the URDF; '': the path of the folder.
+        occluder: lower and upper corner (x, y), m, of a white rectangle on the target.
+        box: box under the target, which can be moved.
 
     Raises:
-        ExperimentError: the target is not flat, or nothing can be written there.
+        ExperimentError: the target is neither flat nor solid, or the folder cannot be written to.
     """
     if target.is_solid:
-        return _solid(target, folder, name)
+        return _write_solid(target, folder, name)
     vertices = target.vertices()
     require(
         bool(np.abs(vertices[:, 2]).max() < 1e-9),
-        "target.shape 'aras' is part of the robot's description: no files are made of it",
+        "target.shape 'aras' is part of the robot description and has no files: use another shape",
     )
     where = meshes or f"file://{folder.resolve()}"
-    with writing(f"the target into {folder}", ExperimentError):
+    with catch_write_errors(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
         if target.is_textured:
-            faces = [(0, 3, 2), (0, 2, 1)]  # from the picture's first corner, seen from above
+            # Counter-clockwise from above, starting at the texture's first corner.
+            faces = [(0, 3, 2), (0, 2, 1)]
             material = f"Kd 1 1 1\nmap_Kd {name}.png\n"
-            drawn = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
-            require(drawn, f"cannot write the target's picture into {folder}")
+            is_written = cv2.imwrite(str(folder / f"{name}.png"), target.pixels)
+            require(is_written, f"cannot write the target's texture into {folder}")
         else:
-            faces, material = triangles(vertices[:, :2]), "Kd 0 0 0\n"
-        _mesh(folder, name, vertices, faces, material)
+            faces, material = triangulate(vertices[:, :2]), "Kd 0 0 0\n"
+        _write_mesh(folder, name, vertices, faces, material)
         more = ""
         if occluder is not None:
-            _white(folder, f"{name}_occluder", occluder)
-            more = OCCLUDER.format(x=0.0, y=0.0, z=ABOVE, mesh=f"{where}/{name}_occluder.obj")
-        physics = STANDS
+            _write_white_rectangle(folder, f"{name}_occluder", occluder)
+            more = OCCLUDER.format(
+                x=0.0, y=0.0, z=OCCLUDER_HEIGHT, mesh=f"{where}/{name}_occluder.obj"
+            )
+        physics = STATIC
         if box is not None:
-            physics = RUBS.format(name=name, friction=box.friction)
-            more += _box(box)
+            physics = FRICTION.format(name=name, friction=box.friction)
+            more += _make_box(box)
         path = folder / f"{name}.urdf"
         mesh = f"{where}/{name}.obj"
         path.write_text(URDF.format(name=name, mesh=mesh, scale="", more=more, physics=physics))
     return path
 
 
-def _solid(target: SolidTarget, folder: Path, name: str) -> Path:
-    """The URDF of a solid that stands still, by its own mesh file."""
-    with writing(f"the target into {folder}", ExperimentError):
+def _write_solid(target: SolidTarget, folder: Path, name: str) -> Path:
+    """Write the URDF of a static solid, and return its path."""
+    with catch_write_errors(f"the target into {folder}", ExperimentError):
         folder.mkdir(parents=True, exist_ok=True)
-        path, mesh = folder / f"{name}.urdf", target.drawn or target.path
-        grey = "" if target.coloured else GREY.format(name=name)
-        if target.made:
+        path, mesh = folder / f"{name}.urdf", target.coloured_path or target.path
+        grey = "" if target.has_colour else GREY.format(name=name)
+        if target.is_temporary:
             mesh = folder.resolve() / f"{name}.obj"
             mesh.write_text(target.path.read_text())
         path.write_text(URDF.format(
-            name=name, mesh=f"file://{mesh}", scale=SCALE.format(*target.factor), more="",
-            physics=STANDS + grey,
+            name=name, mesh=f"file://{mesh}", scale=SCALE.format(*target.scale), more="",
+            physics=STATIC + grey,
         ))  # fmt: skip
     return path
 
 
-def _box(box: BoxSpec) -> str:
-    """What a link has of a box under a target, a hair below its face."""
-    (x, y, z), share = box.size, box.mass / 12.0
+def _make_box(box: BoxSpec) -> str:
+    """Return the URDF elements of a box under a target, slightly below the target's face."""
+    (x, y, z), twelfth = box.size, box.mass / 12.0
     return BOX.format(
-        size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - ABOVE, mass=box.mass, ixx=share * (y * y + z * z),
-        iyy=share * (x * x + z * z), izz=share * (x * x + y * y),
+        size=f"{x!r} {y!r} {z!r}", z=-0.5 * z - OCCLUDER_HEIGHT, mass=box.mass,
+        ixx=twelfth * (y * y + z * z),
+        iyy=twelfth * (x * x + z * z), izz=twelfth * (x * x + y * y),
     )  # fmt: skip
 
 
 @lru_cache(maxsize=64)
-def description_file(spec: TargetSpec, perturbed_by: int | None = None) -> Path:
-    """The URDF of an experiment's target, made once a process in a folder that goes with it.
+def write_description(spec: TargetSpec, perturbation_seed: int | None = None) -> Path:
+    """Write the URDF of an experiment's target into a temporary folder, once per process.
 
     Args:
-        perturbed_by: seed of what is done to its picture; None: nothing.
+        perturbation_seed: seed of the changes of its texture; None: no changes.
 
     Raises:
-        ExperimentError: see `write` and `shape_of`.
+        ExperimentError: the target cannot be read, or has no texture to change.
     """
-    target = spec.placed.shape
-    if perturbed_by is not None:
+    target = spec.placed_target.shape
+    if perturbation_seed is not None:
         require(
             target.is_textured,
-            f"target '{spec.shape}' has no picture that could be perturbed: use poster or a PNG",
+            f"target '{spec.shape}' has no texture that could be perturbed: use poster or a PNG",
         )
-        target = target.perturbed(perturbed_by)
-    always = spec.occluder if spec.occluded is None else None
-    return write(target, scratch(), occluder=always, box=spec.box)
+        target = target.perturb(perturbation_seed)
+    permanent = spec.occluder if spec.occluded is None else None
+    return write_target(target, make_scratch_folder(), occluder=permanent, box=spec.box)
 
 
 @lru_cache(maxsize=64)
-def occluder_file(rectangle: tuple[Pair, Pair]) -> Path:
-    """The URDF of a white rectangle with that low and high corner (x, y), m, of its own."""
-    folder, name = scratch(), "occluder"
-    _white(folder, name, rectangle)
+def write_occluder(rectangle: tuple[Vector2, Vector2]) -> Path:
+    """Write the URDF of a white rectangle, and return its path.
+
+    rectangle: lower and upper corner (x, y), m.
+    """
+    folder, name = make_scratch_folder(), "occluder"
+    _write_white_rectangle(folder, name, rectangle)
     path = folder / f"{name}.urdf"
     path.write_text(URDF.format(
         name=name, mesh=f"file://{folder.resolve()}/{name}.obj", scale="", more="",
-        physics=STANDS,
+        physics=STATIC,
     ))  # fmt: skip
     return path
 
 
-def triangles(corners: np.ndarray) -> list[tuple[int, int, int]]:
-    """Of a polygon (n, 2) without crossing edges, by cutting ears; counter-clockwise.
+def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
+    """Triangulate a polygon (n, 2) without crossing edges by ear clipping.
+
+    Returns:
+        Corner indices of the triangles, counter-clockwise.
 
     Raises:
-        ExperimentError: its edges cross.
+        ExperimentError: the edges cross, or the polygon has no area.
     """
     order = list(range(len(corners)))
     if signed_area(corners) < 0.0:
         order.reverse()
-    found = []
+    triangles = []
     while len(order) > 3:
         for k in range(len(order)):
             a, b, c = order[k - 1], order[k], order[(k + 1) % len(order)]
             rest = [i for i in order if i not in (a, b, c)]
-            if _left(corners, a, b, c) > 0.0 and not _any_inside(corners, a, b, c, rest):
-                found.append((a, b, c))
+            if _signed_area(corners, a, b, c) > 0.0 and not _has_point_inside(
+                corners, a, b, c, rest
+            ):
+                triangles.append((a, b, c))
                 del order[k]
                 break
         else:
             raise ExperimentError("target.shape: the polygon's edges cross, or it has no area")
-    return [*found, tuple(order)]
+    return [*triangles, tuple(order)]
 
 
-def _left(corners: np.ndarray, a: int, b: int, c: int) -> float:
-    """Twice the area of a triangle, above 0 where it goes counter-clockwise."""
+def _signed_area(corners: np.ndarray, a: int, b: int, c: int) -> float:
+    """Return twice the signed area of a triangle, positive if its corners are counter-clockwise."""
     (ax, ay), (bx, by), (cx, cy) = corners[a], corners[b], corners[c]
     return float((bx - ax) * (cy - ay) - (by - ay) * (cx - ax))
 
 
-def _any_inside(corners: np.ndarray, a: int, b: int, c: int, others: list[int]) -> bool:
+def _has_point_inside(corners: np.ndarray, a: int, b: int, c: int, points: list[int]) -> bool:
     return any(
-        _left(corners, a, b, i) >= 0.0
-        and _left(corners, b, c, i) >= 0.0
-        and _left(corners, c, a, i) >= 0.0
-        for i in others
+        _signed_area(corners, a, b, i) >= 0.0
+        and _signed_area(corners, b, c, i) >= 0.0
+        and _signed_area(corners, c, a, i) >= 0.0
+        for i in points
     )
 
 
-def _white(folder: Path, name: str, rectangle: tuple[Pair, Pair]) -> None:
-    """An OBJ of a white rectangle in z = 0."""
+def _write_white_rectangle(folder: Path, name: str, rectangle: tuple[Vector2, Vector2]) -> None:
+    """Write the mesh of a white rectangle in the plane z = 0."""
     (x0, y0), (x1, y1) = rectangle
     corners = np.array([(x0, y0, 0), (x1, y0, 0), (x1, y1, 0), (x0, y1, 0)], float)
-    _mesh(folder, name, corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
+    _write_mesh(folder, name, corners, [(0, 1, 2), (0, 2, 3)], "Kd 1 1 1\n")
 
 
-def _mesh(
+def _write_mesh(
     folder: Path, name: str, vertices: np.ndarray, faces: list[tuple[int, int, int]], material: str
 ) -> None:
-    """An OBJ of vertices (n, 3), m, with one material; a picture spans its rectangle."""
+    """Write an OBJ file with vertices (n, 3), m, and one material.
+
+    A texture covers the bounding rectangle of the vertices.
+    """
     low, span = vertices[:, :2].min(axis=0), np.ptp(vertices[:, :2], axis=0)
     lines = [f"mtllib {name}.mtl", "usemtl face"]
     lines += ["v {:.9g} {:.9g} {:.9g}".format(*vertex) for vertex in vertices]
@@ -220,29 +236,32 @@ def _mesh(
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Write the files of a target; returns the exit status."""
+    """Write the files of a target; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="target_files", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_bench target_files l_shape --size 0.1 0.08",
     )  # fmt: skip
-    parser.add_argument("shape", help="a target's name, a picture, or an SVG with an outline")
+    parser.add_argument("shape", help="name of a target, or path of an image, an SVG or a mesh")
     parser.add_argument("--size", type=float, nargs="+",
-                        help="x and y, m; of a solid x, y and z (default: an SVG's, a mesh's, "
-                        "else 0.1 0.1)")  # fmt: skip
-    parser.add_argument("--scale", type=float, help="factor on a mesh's lengths, 0.001 for mm")
-    parser.add_argument("--marker", default="", help="of the shape 'marker', as DICT_5X5_100:5")
+                        help="lengths along x and y, of a solid along x, y and z, m (default: "
+                        "the size in an SVG or a mesh, else 0.1 each)")  # fmt: skip
+    parser.add_argument("--scale", type=float,
+                        help="factor on the lengths of a mesh, such as 0.001 for mm")
+    parser.add_argument("--marker", default="",
+                        help="marker of the shape 'marker', such as DICT_5X5_100:5")
     parser.add_argument("--occluder", type=float, nargs=4, metavar=("X0", "Y0", "X1", "Y1"),
-                        help="corners of a white rectangle that lies on it, m")  # fmt: skip
-    parser.add_argument("--name", help="of the files")
-    parser.add_argument("--meshes", default="", help="how the URDF names the folder")
-    parser.add_argument("--out", type=Path, required=True, help="folder")
+                        help="opposite corners of a white rectangle on the target, m")
+    parser.add_argument("--name", help="name of the files and of the model")
+    parser.add_argument("--meshes", default="",
+                        help="URL of the folder in the URDF (default: its path)")
+    parser.add_argument("--out", type=Path, required=True, help="folder to write to")
     options = parser.parse_args(argv)
     try:
-        size = tuple(options.size) if options.size else default_size(options.shape)
+        size = tuple(options.size) if options.size else find_default_size(options.shape)
         spec = TargetSpec(options.shape, size, scale=options.scale, marker=options.marker)
         covered = options.occluder and (tuple(options.occluder[:2]), tuple(options.occluder[2:]))
-        path = write(
-            spec.placed.shape, options.out,
+        path = write_target(
+            spec.placed_target.shape, options.out,
             options.name or Path(options.shape).stem, options.meshes, covered or None,
         )  # fmt: skip
     except ExperimentError as error:

@@ -1,7 +1,7 @@
-"""Targets as exact geometry: what a perfect camera sees of them, and how they move.
+"""Exact geometry of targets: shape, projection into a camera, and motion.
 
-A target's own frame has its z axis along the outward normal of its face. Normalised image
-coordinates are x right, y down, on the plane one metre before the camera.
+The z axis of a target frame is the outward normal of the face. Normalised image coordinates are x
+right, y down, on the plane one metre in front of the camera.
 """
 
 from __future__ import annotations
@@ -15,23 +15,26 @@ from functools import cached_property
 
 import numpy as np
 
-from aras_visual_servo_base.poses import exponential, inverse, rotation_vector, transform
+from aras_visual_servo_base.poses import exponential, inverse, matrix_from_xyz_rpy, rotation_vector
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_controller.errors import ServoError
-from aras_visual_servo_controller.seeing.target_geometry import TargetGeometry, star_union
+from aras_visual_servo_controller.observation.target_geometry import (
+    TargetGeometry,
+    unite_star_shapes,
+)
 
 from ..errors import ExperimentError, ViewError, require
 
-ROUNDING = 1e-12  # m by which a point of a box's rim may lie beside it
-STILL = 1e-9  # m, and of unit axes: a change of a pose by less is none
-SAME_TIME = 1e-7  # s
-NEAREST = 1e-3  # m before the camera; what is nearer has no view worth the name
-FLIPPED = (1.0, -1.0)  # y of a picture runs down
+ROUNDING = 1e-12  # m, rounding error of a point on the edge of a box
+POSE_TOLERANCE = 1e-9  # smallest change of a pose matrix that is recorded (m for its position)
+TIME_TOLERANCE = 1e-7  # s
+MIN_DEPTH = 1e-3  # m, least distance in front of the camera of points that are projected
+IMAGE_FLIP = (1.0, -1.0)  # converts x, y with y up into image axes with y down
 
 
 class Target(ABC):
-    """Something flat and dark that a camera can look at.
+    """Geometry of a target: by default a flat dark shape on a white background.
 
     is_solid: whether it is a SolidTarget. is_textured: whether it is a TexturedTarget.
     """
@@ -41,50 +44,62 @@ class Target(ABC):
 
     @abstractmethod
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Silhouette (n, 2), normalised, in order; ViewError where it is behind the camera."""
+        """Project the silhouette: its corners (n, 2) in order, normalised.
+
+        Raises:
+            ViewError: the target is behind the camera.
+        """
 
     @abstractmethod
     def vertices(self) -> np.ndarray:
-        """Its corners (n, 3) in its own frame, m, in order around it."""
+        """Return the corners (n, 3) in the target frame, m, in order around the target."""
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
-        """The corners (n, 2), normalised, None: it has none; ViewError: one behind the camera."""
+        """Project the corners (n, 2), normalised; None if the target has no corners.
+
+        Raises:
+            ViewError: a corner is behind the camera.
+        """
         return project(self.vertices(), target_T_camera)
 
     @property
     def height(self) -> float:
-        """Of the face above the target's frame, m."""
+        """Height of the face above the origin of the target frame, m."""
         return float(self.vertices()[0, 2])
 
     def depth(self, target_T_camera: np.ndarray) -> float:
-        """Z (m) where the optical axis meets the plane of the face."""
+        """Return the depth Z (m) at which the optical axis meets the plane of the face."""
         return float((self.height - target_T_camera[2, 3]) / target_T_camera[2, 2])
 
     def plane(self, target_T_camera: np.ndarray) -> Plane:
-        """1/Z = A x + B y + C of the face in this view."""
+        """Return the plane of the face in the camera: 1/Z = A x + B y + C."""
         distance = self.height - target_T_camera[2, 3]
         return Plane(*(target_T_camera[2, :3] / distance).tolist())
 
     def outline_plane(self, target_T_camera: np.ndarray) -> Plane:
-        """The plane of what bounds its view, as moments need it; ViewError: none fits."""
+        """Return the plane that contains the points of the outline, for moments.
+
+        Raises:
+            ViewError: no plane fits.
+        """
         return self.plane(target_T_camera)
 
 
 @dataclass(frozen=True, eq=False)
 class BoxesTarget(Target):
-    """Thin boxes on a ground, one or two that overlap in the view; see TargetGeometry."""
+    """One thin box on the ground, or two whose images overlap; see TargetGeometry."""
 
     geometry: TargetGeometry
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """Outline of all boxes together."""
+        """Project the outline of the union of all boxes."""
         try:
-            return self.geometry.outline(target_T_camera)
+            return self.geometry.compute_outline(target_T_camera)
         except ServoError as error:
             raise ViewError(str(error)) from error
 
     def vertices(self) -> np.ndarray:
-        """Corners of the upper faces' union, each at its height, in order around it."""
+        """Return the corners of the union of the upper faces, each at the height of its face."""
         return self._vertices
 
     @cached_property
@@ -92,23 +107,23 @@ class BoxesTarget(Target):
         boxes = self.geometry.boxes
         low, high = boxes[:, 0], boxes[:, 1]
         faces = [np.array([(a, b), (c, b), (c, d), (a, d)]) for (a, b, _), (c, d, _) in boxes]
-        rim = faces[0] if len(faces) == 1 else star_union(*faces)
-        beyond = np.maximum(low[:, :2] - rim[:, None], rim[:, None] - high[:, :2]).max(axis=2)
-        tops = np.where(beyond < ROUNDING, high[:, 2], -np.inf).max(axis=1)
-        return np.column_stack([rim, tops])
+        union = faces[0] if len(faces) == 1 else unite_star_shapes(*faces)
+        outside = np.maximum(low[:, :2] - union[:, None], union[:, None] - high[:, :2]).max(axis=2)
+        tops = np.where(outside < ROUNDING, high[:, 2], -np.inf).max(axis=1)
+        return np.column_stack([union, tops])
 
     def depth(self, target_T_camera: np.ndarray) -> float:
-        """Z (m) where the optical axis meets the surface that the geometry names."""
-        return self.geometry.depth(target_T_camera)
+        """Return the depth Z (m) at which the optical axis meets the surface of the geometry."""
+        return self.geometry.compute_depth(target_T_camera)
 
     def plane(self, target_T_camera: np.ndarray) -> Plane:
-        """That surface in this view."""
-        return self.geometry.plane(target_T_camera)
+        """Return the plane of this surface in the camera."""
+        return self.geometry.compute_plane(target_T_camera)
 
 
 @dataclass(frozen=True)
 class PolygonTarget(Target):
-    """A flat polygon without crossing edges: corners (x, y), m, in its own plane z = 0."""
+    """Flat polygon without crossing edges: corners (x, y), m, in the plane z = 0 of its frame."""
 
     corners: tuple[tuple[float, float], ...]
 
@@ -116,27 +131,27 @@ class PolygonTarget(Target):
         require(len(self.corners) >= 3, "a target's polygon needs at least 3 corners")
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """The projected corners: straight edges stay straight."""
+        """Project the corners; straight edges stay straight in normalised coordinates."""
         return project(self.vertices(), target_T_camera)
 
     def vertices(self) -> np.ndarray:
-        """The corners at z = 0."""
+        """Return the corners (n, 3), at z = 0."""
         return np.array([(x, y, 0.0) for x, y in self.corners])
 
 
 @dataclass(frozen=True)
 class RoundTarget(PolygonTarget):
-    """A disc, as a polygon of many corners: none of them is a point that could be tracked."""
+    """Disc as a polygon of many corners, none of which is a feature point."""
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray | None:
-        """None: a disc has no corners."""
+        """Return None, because a disc has no corners."""
         return None
 
 
-# The demo's target in base_link, where robots/aras_visual_servo.urdf has it: its table is the
-# plane z = 0.59, which hides the lower half of the square's plate.
+# The demo's target in base_link, as in robots/aras_visual_servo.urdf. The table is the plane
+# z = 0.59, which hides the lower half of the square plate.
 ARAS = BoxesTarget(
-    TargetGeometry.checked(
+    TargetGeometry.from_values(
         np.array(
             [
                 [(-0.025, -0.025, 0.5895), (0.025, 0.025, 0.5905)],
@@ -151,18 +166,17 @@ ARAS = BoxesTarget(
 
 @dataclass(frozen=True)
 class Motion:
-    """How a target moves: a steady twist, a sine or a circle, steps, and a path, one on top of the
-    other.
+    """Motion of a target: the sum of a constant twist, a sine, a circle, steps and a path.
 
-    velocity: (vx, vy, vz, wx, wy, wz) in world axes about its own origin, m/s and rad/s.
-    amplitude: (x, y, z) m in world axes. frequency: Hz, of that and of the circle.
-    circle: radius, m, of one in the world's level; it begins and ends at the target's place.
-    step: (x, y, z) m in world axes that it jumps away at `begin`, and back and away again after
-        every `hold` s; 0: once.
-    path: waypoints (t, x, y, z) or (t, x, y, z, roll, pitch, yaw): t s after `begin`, the target is
-        moved by so many m along, and turned by so many rad about, world axes. It goes evenly from
-        its place to the first, and from each to the next, and rests at the last.
-    begin: s; still until then.
+    velocity: (vx, vy, vz, wx, wy, wz) in world axes about the target's origin, m/s and rad/s.
+    amplitude: (x, y, z) of a sine, m in world axes. frequency: of sine and circle, Hz.
+    circle: radius of a horizontal circle through the target's initial position, m.
+    step: (x, y, z) of a jump at `begin`, m in world axes. hold: time after which the target jumps
+        back, and then forth again, s; 0: it jumps only once.
+    path: waypoints (t, x, y, z) or (t, x, y, z, roll, pitch, yaw): displacement (m) and rotation
+        (rad) about world axes, t s after `begin`. Between waypoints the velocity is constant; the
+        target starts at its initial pose and stops at the last waypoint.
+    begin: time until which the target is at rest, s.
     """
 
     velocity: tuple[float, float, float, float, float, float] = (0.0,) * 6
@@ -178,143 +192,159 @@ class Motion:
         check(self, ExperimentError, "motion")
         require(
             self.frequency > 0.0 or not (any(self.amplitude) or self.circle),
-            "target motion: an amplitude, or a circle, needs a frequency above 0 Hz",
+            "motion: amplitude and circle need a frequency above 0 Hz",
         )
         for waypoint in self.path:
             require(
                 len(waypoint) in (4, 7),
-                f"motion.path: {list(waypoint)} is no waypoint: give t, x, y, z, and roll, pitch, "
-                "yaw where it turns",
+                f"motion.path: {list(waypoint)} is no waypoint: give t, x, y, z, and for a "
+                "rotation roll, pitch, yaw",
             )
         times = [0.0, *(waypoint[0] for waypoint in self.path)]
         require(
             all(b > a for a, b in itertools.pairwise(times)),
-            f"motion.path: its times are {', '.join(f'{t:g}' for t in times[1:])} s, must rise "
-            "from above 0",
+            f"motion.path: the times are {', '.join(f'{t:g}' for t in times[1:])} s, must increase "
+            "and be above 0",
         )
 
     @property
-    def still(self) -> bool:
-        """Whether it never moves."""
+    def is_static(self) -> bool:
+        """True if the target never moves."""
         return not (
             any(self.velocity) or any(self.amplitude) or self.circle or any(self.step)
             or self.path
         )
 
-    def displacement(self, time: float) -> np.ndarray:
-        """(4, 4) by which the target has moved at `time` (s), about its own origin."""
-        moved = np.eye(4)
-        since = time - self.begin
-        if self.still or since < 0.0:
-            return moved
+    def compute_displacement(self, time: float) -> np.ndarray:
+        """Compute the displacement (4, 4) at `time` (s), with rotation about the target's origin.
+        """
+        displacement = np.eye(4)
+        elapsed = time - self.begin
+        if self.is_static or elapsed < 0.0:
+            return displacement
         velocity = np.asarray(self.velocity)
-        moved[:3, :3] = _rotation(velocity[3:] * since)
-        phase = 2.0 * np.pi * self.frequency * since
-        moved[:3, 3] = velocity[:3] * since + np.asarray(self.amplitude) * np.sin(phase)
-        moved[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
-        if not self.hold or int(since / self.hold) % 2 == 0:
-            moved[:3, 3] += self.step
+        displacement[:3, :3] = _to_rotation_matrix(velocity[3:] * elapsed)
+        phase = 2.0 * np.pi * self.frequency * elapsed
+        displacement[:3, 3] = velocity[:3] * elapsed + np.asarray(self.amplitude) * np.sin(phase)
+        displacement[:2, 3] += self.circle * np.array([np.sin(phase), 1.0 - np.cos(phase)])
+        if not self.hold or int(elapsed / self.hold) % 2 == 0:
+            displacement[:3, 3] += self.step
         if self.path:
-            place, rotation = self._on_path(since)
-            moved[:3, 3] += place
-            moved[:3, :3] = moved[:3, :3] @ rotation
+            translation, rotation = self._compute_path_displacement(elapsed)
+            displacement[:3, 3] += translation
+            displacement[:3, :3] = displacement[:3, :3] @ rotation
+        return displacement
+
+    def apply(self, pose: np.ndarray, time: float) -> np.ndarray:
+        """Return world_T_target (4, 4) at `time` (s); `pose`: world_T_target at time 0."""
+        displacement = self.compute_displacement(time)
+        moved = pose.copy()
+        moved[:3, :3] = displacement[:3, :3] @ pose[:3, :3]
+        moved[:3, 3] += displacement[:3, 3]
         return moved
 
-    def moved(self, pose: np.ndarray, time: float) -> np.ndarray:
-        """world_T_target (4, 4) at `time` (s), of what lay at `pose` at time 0."""
-        moved = self.displacement(time)
-        placed = pose.copy()
-        placed[:3, :3] = moved[:3, :3] @ pose[:3, :3]
-        placed[:3, 3] += moved[:3, 3]
-        return placed
+    def _compute_path_displacement(self, elapsed: float) -> tuple[np.ndarray, np.ndarray]:
+        """Interpolate the path: displacement (3,), m, and rotation (3, 3).
 
-    def _on_path(self, since: float) -> tuple[np.ndarray, np.ndarray]:
-        """Displacement (3,), m, and rotation (3, 3) by the path, s after `begin`."""
+        elapsed: time since `begin`, s.
+        """
         times, poses = self._waypoints
-        after = int(np.clip(np.searchsorted(times, since), 1, len(times) - 1))
+        after = int(np.clip(np.searchsorted(times, elapsed), 1, len(times) - 1))
         before = after - 1
-        share = np.clip((since - times[before]) / (times[after] - times[before]), 0.0, 1.0)
+        fraction = np.clip((elapsed - times[before]) / (times[after] - times[before]), 0.0, 1.0)
         first, last = poses[before], poses[after]
-        place = (1.0 - share) * first[:3, 3] + share * last[:3, 3]
-        turn = share * rotation_vector(first[:3, :3].T @ last[:3, :3])
-        return place, first[:3, :3] @ _rotation(turn)
+        translation = (1.0 - fraction) * first[:3, 3] + fraction * last[:3, 3]
+        turn = fraction * rotation_vector(first[:3, :3].T @ last[:3, :3])
+        return translation, first[:3, :3] @ _to_rotation_matrix(turn)
 
     @cached_property
     def _waypoints(self) -> tuple[np.ndarray, list[np.ndarray]]:
-        """Times, s after `begin`, and displacements (4, 4), from the target's own place on."""
-        poses = [transform(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
+        """Times (s after `begin`) and displacements (4, 4) of the path, with its start."""
+        poses = [matrix_from_xyz_rpy(p[1:4], p[4:] or (0.0,) * 3) for p in self.path]
         return np.array([0.0, *(p[0] for p in self.path)]), [np.eye(4), *poses]
 
 
-def _rotation(turn: np.ndarray) -> np.ndarray:
-    """(3, 3) of a rotation vector (3,), rad."""
+def _to_rotation_matrix(turn: np.ndarray) -> np.ndarray:
+    """Convert a rotation vector (3,), rad, to a rotation matrix (3, 3)."""
     return exponential(np.append(np.zeros(3), turn))[:3, :3]
 
 
-class Course:
-    """Where a body of the simulated world was, as far as it is known."""
+class PoseHistory:
+    """Recorded poses of a body in the simulated world."""
 
     def __init__(self) -> None:
         self._times: list[float] = []
         self._poses: list[np.ndarray] = []
 
     def add(self, time: float, pose: np.ndarray) -> None:
-        """It is at world_T_body (4, 4) from `time` (s) on."""
-        if not self._poses or np.abs(pose - self._poses[-1]).max() > STILL:
+        """Add the pose world_T_body (4, 4) that holds from `time` (s)."""
+        if not self._poses or np.abs(pose - self._poses[-1]).max() > POSE_TOLERANCE:
             self._times.append(time)
             self._poses.append(pose)
 
-    def at(self, time: float) -> np.ndarray | None:
-        """Its pose (4, 4) at a time (s); None: before what is known."""
-        count = bisect_right(self._times, time + SAME_TIME)
+    def find_pose(self, time: float) -> np.ndarray | None:
+        """Return the pose (4, 4) at a time (s); None before the first recorded one."""
+        count = bisect_right(self._times, time + TIME_TOLERANCE)
         return self._poses[count - 1] if count else None
 
 
 @dataclass(frozen=True)
 class PlacedTarget:
-    """A target in the world, moving. pose: world_T_target (4, 4) at time 0. course: where it was
-    since, of what the simulation moves; None: `motion` says it."""
+    """Target with its pose and motion in the world.
+
+    pose: world_T_target (4, 4) at time 0. pose_history: recorded poses of a target that the
+    simulation moves; None: `motion` gives the pose.
+    """
 
     shape: Target
     pose: np.ndarray
     motion: Motion = Motion()
-    course: Course | None = None
+    pose_history: PoseHistory | None = None
 
     def world_T_target(self, time: float) -> np.ndarray:
-        """(4, 4) at `time` (s)."""
-        if self.course is not None and (known := self.course.at(time)) is not None:
-            return known
-        if self.motion.still:
+        """Return world_T_target (4, 4) at `time` (s)."""
+        if (
+            self.pose_history is not None
+            and (recorded := self.pose_history.find_pose(time)) is not None
+        ):
+            return recorded
+        if self.motion.is_static:
             return self.pose
-        return self.motion.moved(self.pose, time)
+        return self.motion.apply(self.pose, time)
 
-    def seen_from(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
-        """target_T_camera (4, 4)."""
+    def target_T_camera(self, world_T_camera: np.ndarray, time: float = 0.0) -> np.ndarray:
+        """Return target_T_camera (4, 4) at `time` (s)."""
         return inverse(self.world_T_target(time)) @ world_T_camera
 
-    def view(
-        self, of: Callable[[np.ndarray], np.ndarray | None], pose: np.ndarray, time: float = 0.0
+    def project(
+        self,
+        function: Callable[[np.ndarray], np.ndarray | None],
+        pose: np.ndarray,
+        time: float = 0.0,
     ) -> np.ndarray | None:
-        """Places (n, 2), normalised, that a method of the shape gives for world_T_camera (4, 4).
+        """Project points (n, 2), normalised, of the target into a camera.
 
-        of: the shape's `points` or `outline`. None where the pose is unknown (NaN), or a place is
-        not before the camera.
+        The result is None if the pose is unknown (NaN) or a point is behind the camera.
+
+        Args:
+            function: the shape's `points` or `outline`.
+            pose: world_T_camera (4, 4).
         """
         if not np.isfinite(pose).all():
             return None
         try:
-            return of(self.seen_from(pose, time))
+            return function(self.target_T_camera(pose, time))
         except ViewError:
             return None
 
 
 def project(points: np.ndarray, frame_T_camera: np.ndarray) -> np.ndarray:
-    """Normalised coordinates (n, 2) of points (n, 3) of a frame.
+    """Project points (n, 3) of a frame to normalised image coordinates (n, 2).
 
     Raises:
-        ViewError: one is not before the camera.
+        ViewError: a point is behind the camera or closer than MIN_DEPTH.
     """
-    seen = (points - frame_T_camera[:3, 3]) @ frame_T_camera[:3, :3]
-    if (seen[:, 2] < NEAREST).any():
+    in_camera = (points - frame_T_camera[:3, 3]) @ frame_T_camera[:3, :3]
+    if (in_camera[:, 2] < MIN_DEPTH).any():
         raise ViewError("the target is behind the camera: nothing to project")
-    return seen[:, :2] / seen[:, 2:]
+    return in_camera[:, :2] / in_camera[:, 2:]

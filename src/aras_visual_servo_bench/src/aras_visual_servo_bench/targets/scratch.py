@@ -1,4 +1,4 @@
-"""Folders for files that are made for one process alone."""
+"""Temporary folders, which are deleted at the end of the process."""
 
 from __future__ import annotations
 
@@ -9,13 +9,13 @@ from pathlib import Path
 from tempfile import mkdtemp
 
 
-def scratch() -> Path:
-    """A new folder, which goes with the process."""
-    return Path(mkdtemp(dir=_all()))
+def make_scratch_folder() -> Path:
+    """Make a temporary folder, which is deleted at the end of the process."""
+    return Path(mkdtemp(dir=_make_root()))
 
 
 @lru_cache(maxsize=1)
-def _all() -> Path:
+def _make_root() -> Path:
     folder = Path(mkdtemp(prefix="aras_targets_"))
     atexit.register(shutil.rmtree, folder, ignore_errors=True)
     return folder

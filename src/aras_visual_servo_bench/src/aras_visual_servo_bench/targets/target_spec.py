@@ -1,4 +1,4 @@
-"""What is looked at: a target's shape, place, motion and what lies on it."""
+"""Settings of a target: shape, pose, motion, occluder and box."""
 
 from __future__ import annotations
 
@@ -7,37 +7,43 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import check, parameter
 from aras_visual_servo_camera.errors import VisionError
 
 from ..errors import ExperimentError, require
-from .geometry import Course, Motion, PlacedTarget
-from .outlines import find_shape, is_solid, parameters_of, shape_of
+from .geometry import Motion, PlacedTarget, PoseHistory
 from .shapes import SHAPES
+from .target_factory import find_shape, is_solid, list_parameters, make_target
 
-LARGEST_TARGET = 2.0  # m, the table's
-Pair = tuple[float, float]
-Six = tuple[float, float, float, float, float, float]
+MAX_TARGET_SIZE = 2.0  # m, size of the table
+Vector2 = tuple[float, float]
+PoseValues = tuple[float, float, float, float, float, float]
 
 
-def check_times(times: tuple[Pair, ...] | None, name: str) -> None:
-    """ExperimentError where a time, s, from which something is there is not before its end."""
-    for begin, end in times or ():
+def check_times(intervals: tuple[Vector2, ...] | None, name: str) -> None:
+    """Check that time intervals (s) have an end after their start.
+
+    name: key of the intervals, for the error message.
+
+    Raises:
+        ExperimentError: an interval starts before 0 or ends before its start.
+    """
+    for begin, end in intervals or ():
         require(0.0 <= begin < end,
-                f"{name} is from {begin:g} to {end:g} s, must rise from 0 on")
+                f"{name} has the interval {begin:g} to {end:g} s, must be 0 <= start < end")
 
 
 @dataclass(frozen=True)
 class BoxSpec:
-    """A box on which a target lies, loose: it can be pushed and grasped.
+    """Movable box under a target, which can be pushed and grasped.
 
-    size: along the target's x, y and z, m; its top is the target's plane. mass: kg. friction: of
-    its surface.
+    size: along the target's x, y and z, m; its top is the target's plane. mass: kg. friction:
+    coefficient of its surface.
     """
 
-    size: tuple[float, float, float] = parameter(above=0.0, most=LARGEST_TARGET)
+    size: tuple[float, float, float] = parameter(above=0.0, most=MAX_TARGET_SIZE)
     mass: float = parameter(0.2, "kg", above=0.0)
     friction: float = parameter(1.0, least=0.0)
 
@@ -47,37 +53,38 @@ class BoxSpec:
 
 @dataclass(frozen=True)
 class TargetSpec:
-    """The target: what it is, where, and how it moves.
+    """Settings of a target: shape, pose and motion.
 
-    shape: 'aras', the demo's two plates; another name of `targets.shapes.SHAPES`, or
-        'package.module:Class' of your own; corners (x, y), m, of a flat polygon; the path of a
-        picture, of an SVG with an outline, or of a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
-    size: of a named shape, a picture or an SVG's page, along x and y, of a solid along z too, m;
-        None: that of the file (a mesh; an SVG with units), else 0.2 along each.
-    scale: factor on the lengths of a mesh, in place of size: 0.001 where they are in mm.
-    marker: number of the ArUco or AprilTag marker that is followed (5, 'DICT_5X5_100:5'), or a
-        board of several, where the shape shows them; '': the one that the goal was taught by. The
-        shape 'marker' is drawn as the one that is given.
-    pose: x, y, z (m), roll, pitch, yaw (rad) of its frame in the world; its z axis is its normal.
-        The plates of 'aras' lie at (0, 0, 0.59) in that frame. motion: see Motion.
-    occluder: low and high corner (x, y), m, of an opaque rectangle that lies on the target.
-    occluded: from when and until when it lies there, s of simulated time, as often as it comes (to
-        a step of the physics, 1 ms); the goal is taught without it. None: it always lies there,
-        when the goal is taught too.
-    perturbed: a target with a picture has another one in the run than when the goal was taught:
-        brighter or darker, of other contrast, grained, with a patch erased, by the seed.
-    box: a white box under it that is loose; None: it stands and touches nothing (bullet).
-    model: of the world file, one of whose links is the target, in place of a shape; it is where the
-        simulation has it. link: of it; '': the only one that is seen. Without a model it is a link
-        of the robot's own description, which no joint moves.
+    shape: 'aras', the demo's two plates; another name in `targets.shapes.SHAPES`, or your own
+        'package.module:Class'; corners (x, y), m, of a flat polygon; or the path of an image, of an
+        SVG with an outline, or of a mesh (STL, OBJ, DAE, glTF; m), which is a solid.
+    size: of a named shape, an image or an SVG page along x and y, of a solid also along z, m;
+        None: as in the file (mesh; SVG with units), else 0.2 along each axis.
+    scale: factor on the lengths of a mesh, instead of size, such as 0.001 for mm.
+    marker: number of the tracked ArUco or AprilTag marker (5, 'DICT_5X5_100:5'), or a board of
+        markers, if the shape contains them; '': the marker with which the goal was taught. The
+        shape 'marker' is drawn with this number.
+    pose: pose of the target frame in the world: x, y, z (m), roll, pitch, yaw (rad); the z axis is
+        the normal. The plates of 'aras' are at (0, 0, 0.59) in this frame. motion: see Motion.
+    occluder: lower and upper corner (x, y), m, of an opaque rectangle on the target.
+    occluded: intervals (start, end) in which the occluder is present, s of simulated time with the
+        resolution of the physics step (1 ms); the goal is taught without it. None: it is always
+        present, also when the goal is taught.
+    perturbed: change the texture of the target after the goal has been taught: brightness,
+        contrast, noise and an erased patch, all drawn with the seed.
+    box: movable white box under the target; None: the target is fixed and has no collision shape
+        (bullet).
+    model: model in the world file, one of whose links is the target, instead of a shape; the
+        simulation moves it. link: name of this link; '': the only link with visuals. Without a
+        model it is a fixed link of the robot description.
     """
 
-    shape: str | tuple[Pair, ...] = parameter("aras", shorthand=True, importable=True)
+    shape: str | tuple[Vector2, ...] = parameter("aras", shorthand=True, importable=True)
     size: tuple[float, ...] | None = parameter(None, "m", above=0.0)
-    pose: Six = (0.0,) * 6
+    pose: PoseValues = (0.0,) * 6
     motion: Motion = Motion()
-    occluder: tuple[Pair, Pair] | None = None
-    occluded: tuple[Pair, ...] | None = None
+    occluder: tuple[Vector2, Vector2] | None = None
+    occluded: tuple[Vector2, ...] | None = None
     perturbed: bool = False
     box: BoxSpec | None = None
     model: str = ""
@@ -86,81 +93,91 @@ class TargetSpec:
     marker: str | Mapping[str, Any] = parameter("", name=True)
 
     @property
-    def placed(self) -> PlacedTarget:
-        """The target in the world; ExperimentError where its shape cannot be read."""
-        shape = shape_of(self.shape, self.size, self.scale, self.drawn_marker)
-        course = Course() if self.model else None
-        pose = transform(self.pose[:3], self.pose[3:])
-        return PlacedTarget(shape, pose, self.motion, course)
+    def placed_target(self) -> PlacedTarget:
+        """The target in the world.
+
+        Raises:
+            ExperimentError: its shape cannot be read.
+        """
+        shape = make_target(self.shape, self.size, self.scale, self.shape_marker)
+        pose_history = PoseHistory() if self.model else None
+        pose = matrix_from_xyz_rpy(self.pose[:3], self.pose[3:])
+        return PlacedTarget(shape, pose, self.motion, pose_history)
 
     @property
-    def drawn_marker(self) -> str:
-        """The marker that the target is drawn with; '': it is not drawn by one."""
-        return self.marker if "marker" in parameters_of(self.shape) else ""
+    def shape_marker(self) -> str:
+        """Marker with which the shape is drawn; '' if the shape has no such parameter."""
+        return self.marker if "marker" in list_parameters(self.shape) else ""
 
     @property
-    def plain(self) -> bool:
-        """Whether it is nothing but a shape, its place and its motion."""
-        lies = self.box is not None or self.occluder is not None
-        return not (lies or self.perturbed or self.is_link)
+    def is_plain(self) -> bool:
+        """True if the target has no settings besides shape, size, pose, motion and marker."""
+        has_object = self.box is not None or self.occluder is not None
+        return not (has_object or self.perturbed or self.is_link)
 
     @property
     def is_link(self) -> bool:
-        """Whether it is a link of the world's or of the robot's, which brings shape and place."""
+        """True if the target is a link of the world or of the robot, which has shape and pose."""
         return bool(self.model or self.link)
 
     @property
-    def brought(self) -> bool:
-        """Whether it is there without being put into the simulated world."""
-        return self.described or self.is_link
+    def is_provided(self) -> bool:
+        """True if the simulated world contains the target, so that no model has to be spawned."""
+        return self.is_in_description or self.is_link
 
     @property
-    def carried(self) -> bool:
-        """Whether a link can carry it: it moves with that alone."""
-        return self.plain and self.motion.still
+    def is_mountable(self) -> bool:
+        """True if the target can be fixed to a link: it has no motion, box or occluder."""
+        return self.is_plain and self.motion.is_static
 
     @property
-    def described(self) -> bool:
-        """Whether it is part of the simulated robot's description: corners in the world's own
-        frame, which a robot of one's own brings with it."""
+    def is_in_description(self) -> bool:
+        """True if the target is part of the robot description: corners in the world frame."""
         return isinstance(self.shape, tuple) and not any(self.pose)
 
     def __post_init__(self) -> None:
         check(self, ExperimentError, "target")
-        named = find_shape(self.shape) is not None
-        draws_marker = "marker" in parameters_of(self.shape)
-        if not (isinstance(self.shape, tuple) or named or Path(self.shape).suffix):
+        has_name = find_shape(self.shape) is not None
+        draws_marker = "marker" in list_parameters(self.shape)
+        if not (isinstance(self.shape, tuple) or has_name or Path(self.shape).suffix):
             raise ExperimentError(
-                f"target.shape is '{self.shape}', must be a list of corners, the path of a "
-                "picture, an SVG or a mesh, 'package.module:Class', or a name: "
-                f"{nearest(self.shape, SHAPES)}"
+                f"target.shape is '{self.shape}', must be a list of corners, the path of an "
+                "image, an SVG or a mesh, 'package.module:Class', or a name: "
+                f"{suggest(self.shape, SHAPES)}"
             )
         if self.marker != "":
-            self._check_marker(draws_marker, named)
+            self._check_marker(draws_marker, has_name)
         require(self.occluded is None or self.occluder is not None,
-                "target.occluded says when an occluder lies there: give target.occluder")
+                "target.occluded gives the times of an occluder: give target.occluder, too")
         check_times(self.occluded, "target.occluded")
         require(
             not is_solid(self.shape) or self.box is None and self.occluder is None
             and not self.perturbed,
-            "target.box, occluder and perturbed are for flat targets, and this is a solid of its "
-            "own: leave them out",
+            "target.box, occluder and perturbed are for flat targets, and this is a solid: leave "
+            "them out",
         )
         require(
-            not self.is_link or (self.shape == "aras" or is_solid(self.shape)) and self.motion.still
-            and self.box is None and self.occluder is None,
-            "a link that is the target brings its shape, and moves as the simulation has it: leave "
-            "out target.shape, motion, box and occluder",
+            not self.is_link
+            or (self.shape == "aras" or is_solid(self.shape))
+            and self.motion.is_static
+            and self.box is None
+            and self.occluder is None,
+            "a target that is a link has the link's shape and motion: leave out target.shape, "
+            "motion, box and occluder",
         )
-        given = self.shape == "aras" or self.described
+        in_description = self.shape == "aras" or self.is_in_description
         require(
-            self.box is None or not given and self.motion == Motion(),
-            "target.box is for a target of its own that does not move by itself: give it another "
-            "shape, a pose, and no motion",
+            self.box is None or not in_description and self.motion == Motion(),
+            "target.box is for a target with a shape other than 'aras', a pose and no motion: "
+            "change these, or leave box out",
         )
 
-    def _check_marker(self, draws_marker: bool, named: bool) -> None:
-        """ExperimentError for a marker that there is not, or of a target that shows none."""
+    def _check_marker(self, draws_marker: bool, has_name: bool) -> None:
+        """Check that the marker exists and that the target can show it.
+
+        Raises:
+            ExperimentError: the marker is invalid, or the target shows no markers.
+        """
         from aras_visual_servo_camera.markers import MarkerChoice
 
         try:
@@ -169,12 +186,12 @@ class TargetSpec:
             raise ExperimentError(str(error)) from None
         require(
             not draws_marker or choice.board is None,
-            f"target.marker of the shape '{self.shape}' is one that is drawn: a board is for an "
-            "image of it, as a PNG",
+            f"target.marker of the shape '{self.shape}' must be a single marker: for a board, give "
+            "an image of the board as the shape",
         )
         require(
             not self.marker or not is_solid(self.shape) and not self.is_link
-            and (draws_marker or not named) and isinstance(self.shape, str),
-            f"target.marker is for a target that shows markers, as an image, and {self.shape} has "
-            "none: leave it out",
+            and (draws_marker or not has_name) and isinstance(self.shape, str),
+            f"target.marker is for a target that shows markers, such as an image, and {self.shape} "
+            "shows none: leave it out",
         )

@@ -1,4 +1,4 @@
-"""Flat targets that carry a picture, and any PNG."""
+"""Flat targets with a texture, also from image files."""
 
 from __future__ import annotations
 
@@ -8,49 +8,51 @@ from pathlib import Path
 import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
-from aras_visual_servo_base.picture_files import picture_size, read_on_white
+from aras_visual_servo_base.image_files import read_image_size, read_on_white
 
 from ..errors import ExperimentError
 from .geometry import Target, project
 
-PIXELS = 1200  # of a made picture's longer side
+PIXELS = 1200  # longer side of a generated texture, px
 
 
 @dataclass(frozen=True, eq=False)
 class TexturedTarget(Target):
-    """A rectangle in its plane z = 0 with a picture on it, which faces along z.
+    """Rectangle in the plane z = 0 with a texture that faces along z.
 
-    pixels: (rows, columns) uint8; its first row is at +y, its first column at -x. size: along x
-    and y, m. known: points (n, 2) of it, m, that a tracker finds; None: the rectangle's corners.
+    pixels: (rows, columns) uint8; the first row is at +y, the first column at -x.
+    size: along x and y, m.
+    known_points: points (n, 2), m, that a tracker detects; None: the rectangle's corners.
     """
 
     is_textured = True
 
     pixels: np.ndarray
     size: tuple[float, float]
-    known: np.ndarray | None = None
+    known_points: np.ndarray | None = None
 
     def vertices(self) -> np.ndarray:
-        """The rectangle's corners, from the picture's first pixel, round it."""
+        """Return the rectangle's corners in order, starting at the texture's first pixel."""
         w, h = 0.5 * np.asarray(self.size)
         return np.array([[-w, h, 0.0], [w, h, 0.0], [w, -h, 0.0], [-w, -h, 0.0]])
 
     def outline(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """The projected rectangle."""
+        """Project the rectangle."""
         return project(self.vertices(), target_T_camera)
 
     def points(self, target_T_camera: np.ndarray) -> np.ndarray:
-        """What a tracker would find, exactly."""
-        if self.known is None:
+        """Project the points that a tracker detects."""
+        if self.known_points is None:
             return self.outline(target_T_camera)
-        known = np.column_stack([self.known, np.zeros(len(self.known))])
-        return project(known, target_T_camera)
+        points = np.column_stack([self.known_points, np.zeros(len(self.known_points))])
+        return project(points, target_T_camera)
 
-    def perturbed(self, seed: int) -> TexturedTarget:
-        """The same with its picture disturbed as the protocols of Felton and of ViT-VS do it.
+    def perturb(self, seed: int) -> TexturedTarget:
+        """Return a copy whose texture is changed as in the protocols of Felton et al. and ViT-VS.
 
-        With probability 1/2 a patch of 2 to 33 % of the area is erased; brightness times 0.4 to
-        1.6, contrast times 0.6 to 1.4, Gaussian grains of 5 % of white.
+        Brightness is multiplied by 0.4 to 1.6 and contrast by 0.6 to 1.4; Gaussian noise has a
+        standard deviation of 5 % of white; with probability 1/2 a patch of 2 to 33 % of the area is
+        erased.
         """
         random = np.random.default_rng((seed, 489))
         pixels = self.pixels.astype(np.float32) * random.uniform(0.4, 1.6)
@@ -64,29 +66,28 @@ class TexturedTarget(Target):
             wide = min(int(np.sqrt(area / shape) * columns), columns)
             top, left = random.integers(0, rows - high + 1), random.integers(0, columns - wide + 1)
             pixels[top : top + high, left : left + wide] = random.uniform(0.0, 255.0)
-        drawn = np.clip(np.round(pixels), 0, 255).astype(np.uint8)
-        return TexturedTarget(drawn, self.size, self.known)
+        perturbed = np.clip(np.round(pixels), 0, 255).astype(np.uint8)
+        return TexturedTarget(perturbed, self.size, self.known_points)
 
 
-def from_picture(path: Path, size: tuple[float, float]) -> TexturedTarget:
-    """A target with a PNG, a JPEG or another file that Pillow and OpenCV read; what is transparent
-    is white.
+def read_image_target(path: Path, size: tuple[float, float]) -> TexturedTarget:
+    """Make a target from an image file that Pillow and OpenCV can read; transparency becomes white.
 
     Raises:
-        ExperimentError: it cannot be read, or is too large, by its header, before it is decoded.
+        ExperimentError: the image cannot be read, or is too large by its header.
     """
     try:
-        size_px = picture_size(path)
+        size_px = read_image_size(path)
     except DescriptionError as error:
         raise ExperimentError(f"target.texture: {error}") from None
     pixels = read_on_white(path) if size_px is not None else None
     if pixels is None or pixels.size == 0:
-        raise ExperimentError(f"target.texture: {path} is no picture that can be read: give a PNG")
+        raise ExperimentError(f"target.texture: {path} is no readable image: give a PNG")
     return TexturedTarget(pixels, size)
 
 
-def blank(size: tuple[float, float]) -> tuple[np.ndarray, float]:
-    """A white picture of this size, and pixels per metre."""
-    per = PIXELS / max(size)
-    shape = tuple(int(round(length * per)) for length in reversed(size))
-    return np.full(shape, 255, np.uint8), per
+def make_blank_image(size: tuple[float, float]) -> tuple[np.ndarray, float]:
+    """Make a white texture of this size (m); also return its pixels per metre."""
+    per_metre = PIXELS / max(size)
+    shape = tuple(int(round(length * per_metre)) for length in reversed(size))
+    return np.full(shape, 255, np.uint8), per_metre

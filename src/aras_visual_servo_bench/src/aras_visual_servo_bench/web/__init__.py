@@ -1,8 +1,8 @@
-"""Pages for a browser: the live page, the results browser and the report, and what they share.
+"""Web pages: the live page, the results browser and the report, and their shared parts.
 
-Only commands and nodes that start a page import it.
+Only commands and nodes that serve or write a page import this package.
 """
 
 from pathlib import Path
 
-SHARED = Path(__file__).parent / "page"  # scripts and style of more than one page
+SHARED = Path(__file__).parent / "page"  # scripts and style that several pages share

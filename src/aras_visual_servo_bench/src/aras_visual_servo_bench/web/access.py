@@ -1,4 +1,4 @@
-"""Who may see the page: a token in the address, and no page of another origin."""
+"""Access rules of the web servers: a token in the address, and no requests of other origins."""
 
 from __future__ import annotations
 
@@ -8,18 +8,20 @@ import secrets
 from dataclasses import dataclass, field
 from ipaddress import IPv4Address, IPv6Address, ip_address
 
-LOCAL = (IPv4Address("127.0.0.1"), "localhost")
-# A Host header: a name, or an IPv6 address in brackets, and a port.
-PLACE = re.compile(r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?")
+LOCAL_HOSTS = (IPv4Address("127.0.0.1"), "localhost")
+# Host header: a name or an IPv6 address in brackets, and optionally a port.
+HOST_PATTERN = re.compile(
+    r"(?:\[(?P<six>[^][]+)\]|(?P<name>[^][:@/?#\\\s]+))(?::(?P<port>[0-9]{1,5}))?"
+)
 
 
 @dataclass(frozen=True)
 class Access:
-    """The rules of one server.
+    """Access rules of one server.
 
     Attributes:
-        host, port: that it listens on.
-        token: that an address has to carry.
+        host, port: address on which the server listens.
+        token: secret that the address of a request must contain.
     """
 
     host: str = "127.0.0.1"
@@ -28,27 +30,27 @@ class Access:
 
     @property
     def address(self) -> str:
-        """What to open in a browser."""
+        """URL to open in a browser."""
         host = self.host
-        if self._anywhere:
+        if self._is_wildcard:
             host = "::1" if ":" in host else "127.0.0.1"
         return f"http://{f'[{host}]' if ':' in host else host}:{self.port}/?token={self.token}"
 
-    def refusal(self, token: str, host: str, origin: str | None) -> str:
-        """Why a request is not answered, '' where it is.
+    def refusal_reason(self, token: str, host: str, origin: str | None) -> str:
+        """Return why a request is refused; '' if it is allowed.
 
         Args:
-            token: of its address.
-            host: its Host header. A page of elsewhere that has its name point to this machine
-                would carry that name.
-            origin: its Origin header, None where it has none.
+            token: token of the request's address.
+            host: Host header. Its check prevents DNS rebinding: a foreign page whose domain name
+                resolves to this machine sends that name.
+            origin: Origin header, or None.
         """
         if not self._is_own(host):
             return f"this page is not served under the name {host[:60]!r}"
         if origin is not None and not (
             origin.startswith("http://") and self._is_own(origin.removeprefix("http://"))
         ):
-            return f"a page of {origin[:60]!r} may not ask here"
+            return f"requests from pages of {origin[:60]!r} are not allowed"
         if not token:
             return "the address has no token: open the one that the simulator printed"
         if not hmac.compare_digest(token.encode(), self.token.encode()):
@@ -56,27 +58,30 @@ class Access:
         return ""
 
     @property
-    def _anywhere(self) -> bool:
-        """Whether it listens on all of the machine's addresses, and so has no name of its own."""
-        own = _name(self.host)
-        return own == "" or not isinstance(own, str) and own.is_unspecified
+    def _is_wildcard(self) -> bool:
+        """Whether the server listens on all addresses of the machine."""
+        host = _normalize_host(self.host)
+        return host == "" or not isinstance(host, str) and host.is_unspecified
 
-    def _is_own(self, place: str) -> bool:
-        """Whether NAME:PORT, as in a Host header, is this server's."""
-        found = PLACE.fullmatch(place)
+    def _is_own(self, host: str) -> bool:
+        """Return whether a Host header, NAME:PORT, refers to this server."""
+        found = HOST_PATTERN.fullmatch(host)
         if found is None or int(found["port"] or 80) != self.port:
             return False
-        name = _name(found["six"] or found["name"])
+        name = _normalize_host(found["six"] or found["name"])
         if isinstance(name, IPv6Address) != bool(found["six"]):
             return False
-        # Who opened the page to other machines cannot say by what names they know this one; there
-        # an address is taken, which no foreign page can pretend to be.
-        own = not isinstance(name, str) if self._anywhere else name == _name(self.host)
-        return own or name in LOCAL
+        # On all addresses, the names by which other machines know this one are unknown. An IP
+        # address is accepted then, because DNS rebinding needs a name.
+        if self._is_wildcard:
+            is_own = not isinstance(name, str)
+        else:
+            is_own = name == _normalize_host(self.host)
+        return is_own or name in LOCAL_HOSTS
 
 
-def _name(text: str) -> str | IPv4Address | IPv6Address:
-    """An address, however it is written and without its zone; any other name in lower case."""
+def _normalize_host(text: str) -> str | IPv4Address | IPv6Address:
+    """Return an IP address without its zone, or any other name in lower case."""
     try:
         found = ip_address(text)
     except ValueError:

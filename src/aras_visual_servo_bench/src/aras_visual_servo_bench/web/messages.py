@@ -1,4 +1,4 @@
-"""Messages of a page: JSON objects that name a request."""
+"""Messages of the web pages to their servers: JSON objects with a request's name and fields."""
 
 from __future__ import annotations
 
@@ -6,34 +6,35 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import format_value
 
 from ..errors import RefusedError
 
-LARGEST = 4096  # bytes of a request
+MAX_BYTES = 4096  # default limit for a message
 
 
 def read_message(
-    text: str | bytes, known: Mapping[str, type], most: int = LARGEST
+    text: str | bytes, requests: Mapping[str, type], max_bytes: int = MAX_BYTES
 ) -> tuple[str, dict[str, Any]]:
-    """What a page's message, a JSON object {"do": NAME, ...}, asks for, and the fields given.
+    """Read the request's name and the fields of a message {"do": NAME, ...}.
 
     Args:
-        known: requests by name. most: characters.
+        requests: the known requests by name.
+        max_bytes: limit for the length of the message, in characters.
 
     Raises:
-        RefusedError: it is none, or too long, or there is no such request.
+        RefusedError: the message is too long, no such JSON object, or names an unknown request.
     """
-    if not isinstance(text, str) or len(text) > most:
-        raise RefusedError(f"a request is a text of at most {most} characters")
+    if not isinstance(text, str) or len(text) > max_bytes:
+        raise RefusedError(f"a request must be a text of at most {max_bytes} characters")
     try:
         data = json.loads(text)
     except (ValueError, RecursionError):
-        raise RefusedError("a request is a JSON object") from None
+        raise RefusedError("a request must be a JSON object") from None
     if not isinstance(data, dict) or not isinstance(data.get("do"), str):
-        raise RefusedError("a request is a JSON object with a key 'do'")
+        raise RefusedError("a request must be a JSON object with a key 'do'")
     do = data.pop("do")
-    if do not in known:
-        raise RefusedError(f"there is no request {said(do)}: {nearest(do, known)}")
+    if do not in requests:
+        raise RefusedError(f"there is no request {format_value(do)}: {suggest(do, requests)}")
     return do, data

@@ -1,7 +1,7 @@
-"""A web server for one of this program's pages, by Tornado, in a thread of its own.
+"""Base of the web servers of the live page and the results browser.
 
-Every page is served under the same rules (access.py) with the same headers: the live page and the
-results browser are such servers.
+A server runs Tornado in a separate thread. All pages have the same access rules (access.py) and
+the same HTTP headers.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ import tornado.web
 from ..errors import BenchError
 from .access import Access
 
-PORTS = 20  # tried one after the other, where the first is taken
+MAX_PORTS = 20  # successive ports to try
 HEADERS = {
     "Content-Security-Policy": "default-src 'none'; script-src 'self'; style-src 'self'; "
     "img-src 'self' blob: data:; connect-src 'self'; base-uri 'none'; form-action 'none'; "
@@ -36,52 +36,55 @@ HEADERS = {
     "Cross-Origin-Resource-Policy": "same-origin",
 }
 
-
-# Of a report, which is one file with all that it needs within.
+# A report is a single file with inline scripts, styles and images.
 REPORT_POLICY = ("default-src 'none'; style-src 'unsafe-inline'; img-src data:; "
                  "script-src 'unsafe-inline'; base-uri 'none'; form-action 'none'; "
                  "frame-ancestors 'none'")  # fmt: skip
-TYPES = {"js": "text/javascript", "css": "text/css"}
+CONTENT_TYPES = {"js": "text/javascript", "css": "text/css"}
 
 
 class PortTakenError(BenchError):
     """No port is free."""
 
 
-def bound(host: str, port: int) -> tuple[list[socket.socket], str]:
-    """Sockets that listen on the first free port from `port` on, and a word if that is another.
+def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
+    """Listen on the first free port from `port` on.
+
+    Returns:
+        The listening sockets, and a note if another port than `port` is used.
 
     Raises:
-        PortTakenError: none is free, or the address is not this machine's.
+        PortTakenError: no port is free, or the address does not belong to this machine.
     """
-    last = min(port + PORTS, 65536)
+    last = min(port + MAX_PORTS, 65536)
     for candidate in range(port, last):
         try:
             sockets = tornado.netutil.bind_sockets(candidate, host)
         except OSError as error:
             if error.errno in (errno.EADDRINUSE, errno.EACCES):
                 continue
-            raise PortTakenError(f"the page cannot listen on {host}:{port}: {error.strerror}; give "
+            raise PortTakenError(f"the page cannot listen on {host}:{port}: {error.strerror}; use "
                                  "an address of this machine") from error  # fmt: skip
-        word = "" if candidate == port else f"port {port} is taken"
-        return sockets, word
-    raise PortTakenError(f"the page finds no free port from {port} to {last - 1} on {host}: give "
-                         "another one")  # fmt: skip
+        note = "" if candidate == port else f"port {port} is taken"
+        return sockets, note
+    raise PortTakenError(f"the page finds no free port from {port} to {last - 1} on {host}: use "
+                         "another port")  # fmt: skip
 
 
 class WebServer(ABC):
-    """Serves pages until it is closed.
+    """Base of a web server that runs in its own thread until it is closed.
 
     Attributes:
-        access: who may see them. workers: for what takes longer than a moment.
+        access: rules that decide which requests are answered.
+        workers: threads for slow tasks.
     """
 
-    index: Path  # the page itself
-    largest = 65536  # bytes of a request
-    compress = True  # what is sent
+    index: Path  # HTML file of the page
+    max_message_bytes = 65536  # limit for a request
+    is_compressed = True  # compress the responses
 
     def __init__(self, access: Access, sockets: list[socket.socket]) -> None:
-        """`sockets`: as `bound` gives them, on the port that `access` names."""
+        """Create a server on the sockets of `bind_free_port`, whose port is that of `access`."""
         self.access = access
         self.workers = ThreadPoolExecutor(4, "page")
         self._sockets = sockets
@@ -91,61 +94,65 @@ class WebServer(ABC):
         logging.getLogger("tornado.general").setLevel(logging.ERROR)
 
     @abstractmethod
-    def routes(self) -> list[tuple[str, type[Guarded]]]:
-        """Patterns of addresses beside the page and its files, and who answers them."""
+    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
+        """Return the URL patterns and handlers in addition to the page and its files."""
 
     @abstractmethod
-    def page_file(self, name: str) -> str | None:
-        """The text of one of the page's scripts and styles; None: there is none of that name."""
+    def find_page_file(self, name: str) -> str | None:
+        """Return the text of a script or style sheet of the page, or None if it does not exist."""
 
     def start(self) -> None:
-        """Serve, from now on."""
+        """Start the server's thread."""
         self._thread.start()
         self._ready.wait(10.0)
 
     def close(self) -> None:
-        """Serve no more."""
+        """Stop the server and its thread."""
         if self._thread.is_alive():
             self._loop.add_callback(self._stop)
             self._thread.join(5.0)
         self.workers.shutdown(wait=False, cancel_futures=True)
 
-    def begun(self) -> None:
-        """Called in the server's thread before it serves."""
+    def on_start(self) -> None:
+        """Prepare the server; called in its thread before it answers requests."""
 
-    def ended(self) -> None:
-        """Called in the server's thread when it serves no more."""
+    def on_stop(self) -> None:
+        """Release resources; called in the server's thread when it stops."""
 
     def _run(self) -> None:
         asyncio.set_event_loop(asyncio.new_event_loop())
         self._loop = tornado.ioloop.IOLoop.current()
-        given = {"server": self}
-        routes = [(r"/", Index), *self.routes(), (r"/([a-z]+\.(?:js|css))", PageFile)]
+        arguments = {"server": self}
+        routes = [
+            (r"/", IndexHandler),
+            *self.list_routes(),
+            (r"/([a-z]+\.(?:js|css))", PageFileHandler),
+        ]
         self._server = tornado.httpserver.HTTPServer(
             tornado.web.Application(
-                [(pattern, handler, given) for pattern, handler in routes],
-                default_handler_class=Nowhere,
-                default_handler_args=given,
-                compress_response=self.compress,
-                websocket_max_message_size=self.largest,
+                [(pattern, handler, arguments) for pattern, handler in routes],
+                default_handler_class=NotFoundHandler,
+                default_handler_args=arguments,
+                compress_response=self.is_compressed,
+                websocket_max_message_size=self.max_message_bytes,
                 websocket_ping_interval=10.0,
             ),
-            max_body_size=self.largest,
+            max_body_size=self.max_message_bytes,
         )
         self._server.add_sockets(self._sockets)
-        self.begun()
+        self.on_start()
         self._loop.add_callback(self._ready.set)
         self._loop.start()
         self._loop.close(all_fds=True)
 
     def _stop(self) -> None:
-        self.ended()
+        self.on_stop()
         self._server.stop()
         self._loop.call_later(0.1, self._loop.stop)
 
 
-class Guarded(tornado.web.RequestHandler):
-    """A handler that answers only whoever has the token."""
+class AuthorizedHandler(tornado.web.RequestHandler):
+    """Base of all handlers; it refuses requests that `Access` does not allow."""
 
     def initialize(self, server: WebServer) -> None:
         self.server = server
@@ -156,89 +163,94 @@ class Guarded(tornado.web.RequestHandler):
         self.clear_header("Server")
 
     def prepare(self) -> None:
-        why = self.refusal()
+        why = self.refusal_reason()
         if why:
             self.set_status(403)
             self.set_header("Content-Type", "text/plain; charset=utf-8")
             self.finish(f"Refused: {why}.\n")
 
-    def refusal(self) -> str:
-        """Why this request is not answered; '' where it is."""
-        return self.server.access.refusal(
-            self.token(), self.request.host, self.request.headers.get("Origin")
+    def refusal_reason(self) -> str:
+        """Return why this request is refused; '' if it is allowed."""
+        return self.server.access.refusal_reason(
+            self.read_token(), self.request.host, self.request.headers.get("Origin")
         )
 
-    def token(self) -> str:
-        """What the address carries."""
+    def read_token(self) -> str:
+        """Return the token of the address."""
         return self.get_query_argument("token", "")
 
-    def nothing(self, text: str = "There is nothing here.") -> None:
-        """Answer that there is no such thing."""
+    def send_not_found(self, text: str = "There is nothing here.") -> None:
+        """Answer with status 404 and a text."""
         self.set_status(404)
         self.finish(f"{text}\n")
 
-    def give_report(self, path: Path) -> None:
-        """Answer with a report, a page with its scripts and pictures inside."""
+    def send_report(self, path: Path) -> None:
+        """Answer with a report, a page with inline scripts and images."""
         self.set_header("Content-Security-Policy", REPORT_POLICY)
         self.finish(path.read_bytes())
 
 
-class Nowhere(Guarded):
-    """Any other address."""
+class NotFoundHandler(AuthorizedHandler):
+    """Handler of all unknown addresses."""
 
     def get(self) -> None:
-        self.nothing()
+        self.send_not_found()
 
 
-class Index(Guarded):
-    """The page itself."""
+class IndexHandler(AuthorizedHandler):
+    """Handler of the HTML page."""
 
     def get(self) -> None:
         self.finish(self.server.index.read_bytes())
 
 
-class PageFile(Guarded):
-    """A page's scripts and its style."""
+class PageFileHandler(AuthorizedHandler):
+    """Handler of the scripts and the style sheet of a page."""
 
-    def token(self) -> str:
-        """None is asked for: a script cannot hand it to those that it imports, and they are the
-        same for everyone."""
+    def read_token(self) -> str:
+        """Return the valid token: these files need none.
+
+        A script cannot pass the token to its imports, and the files contain no secrets.
+        """
         return self.server.access.token
 
     def get(self, name: str) -> None:
-        text = self.server.page_file(name)
+        text = self.server.find_page_file(name)
         if text is None:
-            self.nothing()
+            self.send_not_found()
             return
-        kind = TYPES[name.rpartition(".")[2]]
+        kind = CONTENT_TYPES[name.rpartition(".")[2]]
         self.set_header("Content-Type", f"{kind}; charset=utf-8")
         self.finish(text)
 
 
-Page = TypeVar("Page", bound=WebServer)
+ServerT = TypeVar("ServerT", bound=WebServer)
 
 
-def begin(
-    make: Callable[[Access, list[socket.socket]], Page], what: str, address: str, port: int,
+def start_server(
+    make_server: Callable[[Access, list[socket.socket]], ServerT], page_name: str, address: str,
+    port: int,
     token: str = "", say: Callable[[str], None] = print,
-) -> Page:  # fmt: skip
-    """Serve a page on an address; says where it is.
+) -> ServerT:  # fmt: skip
+    """Start a server on the first free port, and report its address by `say`.
 
     Args:
-        make: the server. what: the page is called.
+        make_server: creates the server.
+        page_name: name of the page in the report.
+        token: token of the address; random if empty.
 
     Raises:
         PortTakenError: no port is free.
     """
-    sockets, word = bound(address, port)
-    taken = sockets[0].getsockname()[1]
-    access = Access(address, taken, token) if token else Access(address, taken)
-    server = make(access, sockets)
+    sockets, note = bind_free_port(address, port)
+    bound_port = sockets[0].getsockname()[1]
+    access = Access(address, bound_port, token) if token else Access(address, bound_port)
+    server = make_server(access, sockets)
     server.start()
-    say(f"{what} is at {access.address}" + (f" ({word})" if word else ""))
+    say(f"{page_name} is at {access.address}" + (f" ({note})" if note else ""))
     return server
 
 
 def is_local(address: str) -> bool:
-    """Whether only this machine sees what listens there."""
+    """Return whether only this machine can connect to an address."""
     return address in ("127.0.0.1", "localhost", "::1")

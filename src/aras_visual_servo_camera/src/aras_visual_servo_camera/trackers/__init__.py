@@ -1,4 +1,4 @@
-"""Trackers: they find the points of a target in an image. `TRACKERS` has them by name."""
+"""Trackers, which find the points of a target in an image; `TRACKERS` is their registry."""
 
 from .base import TRACKERS, TrackedPoints, Tracker
 

@@ -1,8 +1,8 @@
-"""What a tracker is: it finds the points of a target in an image.
+"""Base class and registry of the trackers, which find the points of a target in an image.
 
-Points are found as pixels, and the lens is taken off afterwards; lines are bent by a lens, so it is
-taken off before they are fitted. `numbered` says whether a point is known by itself (a marker's
-corners) or by its place in the ring alone (dots, crossings).
+Points are found in pixels, and lens distortion is removed afterwards. A lens bends straight lines,
+so distortion is removed before lines are fitted. `is_numbered` states if a point is identified by
+itself (corners of a marker) or only by its place in the ring of points (dots, line crossings).
 """
 
 from __future__ import annotations
@@ -21,69 +21,82 @@ from ..undistortion import CameraModel
 
 
 class TrackedPoints(NamedTuple):
-    """What a tracker finds in a picture.
+    """Points that a tracker finds in an image.
 
-    points: (n, 2) normalised. plane: of the target, where it tells that. accuracy: normalised
-    length to which the points are found. unshared: the part of it in which another picture from the
-    same place, as the goal's, may differ. marker: `DICTIONARY:number` of the marker that they are.
-    spread: (2n, m) effects on x_0, y_0, x_1, ... of independent errors, one standard deviation
-    each, by how edges scatter about their lines; None: not known.
+    points: (n, 2) normalised.
+    plane: plane of the target, if the tracker determines it.
+    accuracy: error of the points, a normalised length.
+    repeatability: the part of this error that can differ in another image from the same place.
+    marker: `DICTIONARY:number` of the marker that the points belong to.
+    spread: (2n, m) effects of independent errors, each of one standard deviation, on x_0, y_0, x_1,
+    ...,
+        from the scatter of edges about their lines; None if unknown.
     """
 
     points: np.ndarray
     plane: Plane | None
     accuracy: float
-    unshared: float = 0.0
+    repeatability: float = 0.0
     marker: str = ""
     spread: np.ndarray | None = None
 
 
 class Tracker(ABC):
-    """Finds points of the target in an image, which count as its corners. Base class of all.
+    """Base class of trackers, which find points of the target in an image.
 
-    A subclass gives `find`, and is named as 'package.module:Class'. Its parameters, if it has any,
-    are the fields of a dataclass.
+    The points are treated as the target's corners. A subclass implements `find` and is selected by
+    'package.module:Class'. If it has parameters, it is a dataclass, and they are its fields.
 
     Attributes:
         name: short name.
-        numbered: whether a point is known by itself.
-        accuracy: px to which points are found in the arm's pictures without noise.
+        is_numbered: True if each point is identified by itself.
+        accuracy: error of the points in noise-free images of the simulated arm, px.
     """
 
     name: ClassVar[str] = ""
-    numbered: ClassVar[bool] = True
+    is_numbered: ClassVar[bool] = True
     accuracy: ClassVar[float] = 0.01
 
     @abstractmethod
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """Points (n, 2) in a picture (rows, columns), px (column, row).
+        """Find the points (n, 2), px (column, row), in an image (rows, columns).
 
         Raises:
-            VisionError: they are not to be seen.
+            VisionError: the points are not visible.
         """
 
-    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """The same points (n, 2), normalised and without the lens; VisionError as `find`."""
+    def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """Find the points (n, 2) and return them normalised, without lens distortion.
+
+        Raises:
+            VisionError: the points are not visible.
+        """
         x, y, _ = camera.normalise(*self.find(grey).T)
         return np.column_stack([x, y])
 
-    def look(
+    def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
     ) -> TrackedPoints:  # fmt: skip
-        """All that is found in the next picture of a loop; VisionError as `find`.
+        """Find the points in the next image of a servo loop.
 
         Args:
-            world_T_camera: (4, 4), where it is known. depth: (rows, columns) m, where there is one.
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            world_T_camera: (4, 4) pose of the camera, if known.
+            depth: (rows, columns) depth image, m, if there is one.
+
+        Raises:
+            VisionError: the points are not visible.
         """
-        return TrackedPoints(self.places(grey, camera), None, self.accuracy / camera.K[0])
+        return TrackedPoints(self.find_normalised(grey, camera), None, self.accuracy / camera.K[0])
 
     def reset(self) -> None:
-        """Forget earlier pictures."""
+        """Forget earlier images."""
 
 
-def in_ring_order(points: np.ndarray) -> np.ndarray:
-    """Return points (n, 2) in order of angle about their middle."""
+def sort_by_angle(points: np.ndarray) -> np.ndarray:
+    """Sort points (n, 2) by their angle about their middle."""
     offset = points - points.mean(axis=0)
     return points[np.argsort(np.arctan2(offset[:, 1], offset[:, 0]))]
 

@@ -1,4 +1,4 @@
-"""Dark round dots."""
+"""Tracker of dark round dots."""
 
 from __future__ import annotations
 
@@ -11,62 +11,77 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import VisionError
-from ..segmented_target import borders
-from .base import TRACKERS, Tracker, in_ring_order
+from ..segmented_target import find_touched_borders
+from .base import TRACKERS, Tracker, sort_by_angle
 
-SMALLEST_DOT = 4  # pixels: of less, no centre can be had
-# Area of a dot over that of the ellipse in its box: least, most (an upright rectangle has 1.27),
-# and least of one of so few pixels that they shape it; how long it may be for its width.
-ROUND, SQUARE, COARSE, COARSELY, LONG = 0.8, 1.15, 60, 0.6, 4.0
-RIM, FADED = 3, 1.5  # pixels about a dot in which the ground is seen, and in which it fades
-DOT_FITS = 2  # the ellipse about a dot is put about its centre
+MIN_DOT_AREA = 4  # pixels; smaller dots have no reliable centre
+# Ratio of a dot's area to that of the ellipse in its bounding box: minimum and maximum (an upright
+# rectangle has 1.27). Dots of up to COARSE_AREA pixels are shaped by the pixels and have a lower
+# minimum. MAX_ELONGATION is the largest ratio of the sides of the box.
+MIN_ROUNDNESS, MAX_ROUNDNESS, COARSE_AREA, MIN_COARSE_ROUNDNESS, MAX_ELONGATION = (
+    0.8,
+    1.15,
+    60,
+    0.6,
+    4.0,
+)
+# px around a dot for the level of the background, and for the blurred edge of the dot
+GROUND_WIDTH, EDGE_WIDTH = 3, 1.5
+DOT_ITERATIONS = 2  # the ellipse around a dot is moved to its computed centre
 
 
 @TRACKERS.register("dots")
 @dataclass(eq=False)
 class DotTracker(Tracker):
-    """Centres of dark round dots on a lighter ground, in order of angle about their middle.
+    """Centres of dark round dots on a lighter background, sorted by angle about their middle.
 
-    A centre is weighted by darkness, so it is found to a hundredth of a pixel; it is that of the
-    dot's image, which for a large dot seen askew is not quite the image of its centre.
+    A centre is weighted by darkness, with an error of about a hundredth of a pixel. It is the
+    centre of the dot's image. For a large, tilted dot this is not exactly the image of the dot's
+    centre.
     """
 
-    numbered = False
+    is_numbered = False
     accuracy = 0.005
 
-    count: int = parameter(4, least=1, help="dots of the target")
+    count: int = parameter(4, least=1, help="number of dots")
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """See Tracker.find; the largest `count` dots."""
+        """Find the largest `count` dots, as `Tracker.find` does."""
         level, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         found, _, stats, _ = cv2.connectedComponentsWithStats(mask)
         dots = []
         for left, top, width, height, area in stats[1:found]:
-            full = np.pi / 4.0 * width * height
-            long = max(width, height) > LONG * min(width, height)
-            if area > COARSE:
-                dotlike = ROUND * full < area < SQUARE * full
+            ellipse_area = np.pi / 4.0 * width * height
+            is_long = max(width, height) > MAX_ELONGATION * min(width, height)
+            if area > COARSE_AREA:
+                is_round = MIN_ROUNDNESS * ellipse_area < area < MAX_ROUNDNESS * ellipse_area
             else:
-                dotlike = area >= SMALLEST_DOT and area > COARSELY * full
-            if dotlike and not (borders((left, top, width, height), grey.shape) or long):
+                is_round = area >= MIN_DOT_AREA and area > MIN_COARSE_ROUNDNESS * ellipse_area
+            if is_round and not (
+                find_touched_borders((left, top, width, height), grey.shape) or is_long
+            ):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
                 f"{len(dots)} of {self.count} dots are in view: are they dark, round and apart?"
             )
         dots.sort(reverse=True)
-        return in_ring_order(np.array([self._centre(grey, *dot[1:]) for dot in dots[: self.count]]))
+        return sort_by_angle(
+            np.array([self._compute_centre(grey, *dot[1:]) for dot in dots[: self.count]])
+        )
 
     @staticmethod
-    def _centre(grey: np.ndarray, left: int, top: int, width: int, height: int) -> tuple:
-        low_u, low_v = max(left - RIM, 0), max(top - RIM, 0)
-        part = grey[low_v : top + height + RIM, low_u : left + width + RIM].astype(float)
+    def _compute_centre(grey: np.ndarray, left: int, top: int, width: int, height: int) -> tuple:
+        low_u, low_v = max(left - GROUND_WIDTH, 0), max(top - GROUND_WIDTH, 0)
+        part = grey[
+            low_v : top + height + GROUND_WIDTH, low_u : left + width + GROUND_WIDTH
+        ].astype(float)
         v, u = np.indices(part.shape)
         middle = left - low_u + 0.5 * (width - 1), top - low_v + 0.5 * (height - 1)
-        for _ in range(DOT_FITS):
-            away = ((u - middle[0]) / (0.5 * width + FADED)) ** 2 + (
-                (v - middle[1]) / (0.5 * height + FADED)
+        for _ in range(DOT_ITERATIONS):
+            distance = ((u - middle[0]) / (0.5 * width + EDGE_WIDTH)) ** 2 + (
+                (v - middle[1]) / (0.5 * height + EDGE_WIDTH)
             ) ** 2
-            dark = np.where(away <= 1.0, np.median(part[away > 1.0]) - part, 0.0)
-            middle = (dark * u).sum() / dark.sum(), (dark * v).sum() / dark.sum()
+            darkness = np.where(distance <= 1.0, np.median(part[distance > 1.0]) - part, 0.0)
+            middle = (darkness * u).sum() / darkness.sum(), (darkness * v).sum() / darkness.sum()
         return low_u + float(middle[0]), low_v + float(middle[1])

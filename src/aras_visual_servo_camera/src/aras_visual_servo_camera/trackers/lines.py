@@ -1,4 +1,4 @@
-"""The lines that bound a dark drawing."""
+"""Tracker of the lines that bound a dark drawing."""
 
 from __future__ import annotations
 
@@ -7,89 +7,101 @@ import numpy as np
 from numpy.typing import NDArray
 
 from ..errors import VisionError
-from ..segmented_target import borders
+from ..segmented_target import find_touched_borders
 from ..undistortion import CameraModel
-from .base import TRACKERS, in_ring_order
-from .straight_edges import EdgeTracker
+from .base import TRACKERS, sort_by_angle
+from .edge_tracker import EdgeTracker
 
-SMALLEST_DRAWING = 400  # pixels of the rectangle about a drawing of lines
-THICKEST = 0.2  # of a line's width over the size of the drawing
-SOLID = "what bounds the dark drawing is no line: use tracker 'outline'"
-STATIONS, FEWEST = 48, 10  # profiles across a line, and of them those that must show it alone
+MIN_DRAWING_AREA = 400  # pixels, of the rectangle around a drawing
+MAX_LINE_WIDTH = 0.2  # relative to the size of the drawing
+SOLID_TARGET_REASON = "the dark drawing is not bounded by lines: use tracker 'outline'"
+# Number of profiles across a line, and the minimum of them that must show this line only.
+PROFILE_COUNT, MIN_PROFILES = 48, 10
 
 
 @TRACKERS.register("lines")
 class LineTracker(EdgeTracker):
-    """The four outermost lines of a dark drawing (a grid, a frame), as the crossings of neighbours.
+    """The intersections of the four outermost lines of a dark drawing (a grid, a frame).
 
-    Each line is fitted to the middles of profiles across it, weighted by darkness, where no other
-    line crosses; to a few hundredths of a pixel, through any lens.
+    Each line is fitted to the middles of profiles across it. The middles are weighted by darkness,
+    and profiles on crossing lines are left out. The error is a few hundredths of a pixel for any
+    lens.
     """
 
-    numbered = False
+    is_numbered = False
 
-    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """See Tracker.places; in order of angle about their middle."""
-        scale = camera.pinhole.fx  # a pixel of the picture without a lens: 1 / fx
-        rough, width = self._rough(grey, camera, scale)
+    def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """Find the points and return them normalised, sorted by angle about their middle."""
+        scale = camera.pinhole.fx  # px of the undistorted image per normalised length of 1
+        rough, width = self._find_rough_corners(grey, camera, scale)
         lines = []
         for start, end in zip(rough, np.roll(rough, -1, axis=0), strict=True):
-            # The rough side is the drawing's rim, half a line's width outside of its middle.
+            # The rough side is the rim of the drawing, half a line width outside the line's middle.
             for reach in (1.5 * width + 3.0, width + 2.0):
-                points, direction = self._fitted(grey, camera, scale, (start, end), reach)
+                points, direction = self._fit_side(grey, camera, scale, (start, end), reach)
                 along = (np.array([start, end]) - points) @ direction
                 start, end = points + along[:, None] * direction
             lines.append((points, direction))
-        return in_ring_order(self._crossings(lines)) / scale
+        return sort_by_angle(self._intersect_lines(lines)) / scale
 
     @staticmethod
-    def _rough(grey: np.ndarray, camera: CameraModel, scale: float) -> tuple[np.ndarray, float]:
-        """Corners (4, 2) of the drawing's rim, and its lines' width, px without the lens."""
+    def _find_rough_corners(
+        grey: np.ndarray, camera: CameraModel, scale: float
+    ) -> tuple[np.ndarray, float]:
+        """Return the corners (4, 2) of the drawing's rim, and the width of its lines.
+
+        Both are in px of the undistorted image.
+        """
         _, mask = cv2.threshold(grey, 0, 255, cv2.THRESH_BINARY_INV | cv2.THRESH_OTSU)
         found, labels, stats, _ = cv2.connectedComponentsWithStats(mask)
         sizes = stats[1:, cv2.CC_STAT_WIDTH] * stats[1:, cv2.CC_STAT_HEIGHT]
-        if found < 2 or sizes.max() < SMALLEST_DRAWING:
+        if found < 2 or sizes.max() < MIN_DRAWING_AREA:
             raise VisionError("no dark lines are in view")
         largest = 1 + int(np.argmax(sizes))
-        if borders(stats[largest, :4], grey.shape):
-            raise VisionError("the lines touch the picture's border: not all of them are in view")
-        drawn = np.where(labels == largest, mask, 0).astype(np.uint8)
-        rim = max(cv2.findContours(drawn, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
+        if find_touched_borders(stats[largest, :4], grey.shape):
+            raise VisionError(
+                "the lines touch the border of the image: not all of them are in view"
+            )
+        drawing = np.where(labels == largest, mask, 0).astype(np.uint8)
+        rim = max(cv2.findContours(drawing, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)[0], key=len)
         x, y, valid = camera.normalise(*rim.reshape(-1, 2).T.astype(float))
         if not valid.all():
-            raise VisionError("the lines reach beyond the lens's model")
+            raise VisionError("the lines extend beyond the range of the lens model")
         hull = cv2.convexHull((scale * np.column_stack([x, y])).astype(np.float32))
         for part in (0.01, 0.02, 0.03, 0.05, 0.08):
             corners = cv2.approxPolyDP(hull, part * cv2.arcLength(hull, True), True)
             if len(corners) <= 4:
                 break
         if len(corners) != 4:
-            raise VisionError(f"{len(corners)} lines, not four, bound what is dark in view")
-        thick = 2.0 * float(cv2.distanceTransform(drawn, cv2.DIST_L2, 3).max())
-        if thick > THICKEST * np.sqrt(cv2.contourArea(hull)):
-            raise VisionError(SOLID)
-        return corners.reshape(4, 2).astype(float), thick
+            raise VisionError(f"{len(corners)} lines, not four, bound the dark drawing")
+        line_width = 2.0 * float(cv2.distanceTransform(drawing, cv2.DIST_L2, 3).max())
+        if line_width > MAX_LINE_WIDTH * np.sqrt(cv2.contourArea(hull)):
+            raise VisionError(SOLID_TARGET_REASON)
+        return corners.reshape(4, 2).astype(float), line_width
 
-    def _fitted(
+    def _fit_side(
         self, grey: np.ndarray, camera: CameraModel, scale: float,
-        side: tuple[np.ndarray, np.ndarray], reach: float,
+        side: tuple[np.ndarray, np.ndarray], search_range: float,
     ) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
-        """A point (2,) of the line and its direction (2,), from profiles `reach` px either side."""
+        """Fit one side; return a point (2,) of the line and its direction (2,).
+
+        The profiles extend `search_range` px to either side.
+        """
         start, end = side
-        way = (end - start) / np.linalg.norm(end - start)
-        across = np.arange(-reach, reach + 0.25, 0.5)
-        stations = start + np.linspace(0.06, 0.94, STATIONS)[:, None] * (end - start)
-        normal = np.array([-way[1], way[0]])
-        values = self._profiles(grey, camera, scale, stations, normal, across)
-        dark = np.clip(np.percentile(values, 95) - values, 0.0, None)
-        dark[dark < 0.1 * dark.max()] = 0.0
-        total = dark.sum(axis=1)
-        ends = np.maximum(dark[:, 0], dark[:, -1]) < 0.3 * dark.max()
-        good = ends & (total > 0.0)
-        if good.sum() >= FEWEST:  # a profile along a crossing line holds more than the others
-            usual = np.median(total[good])
-            good &= np.abs(total - usual) < 0.25 * usual
-        if good.sum() < FEWEST:
-            raise VisionError(SOLID)
-        middle = (dark[good] @ across) / total[good]
-        return self._line(stations[good] + middle[:, None] * normal)
+        direction = (end - start) / np.linalg.norm(end - start)
+        across = np.arange(-search_range, search_range + 0.25, 0.5)
+        stations = start + np.linspace(0.06, 0.94, PROFILE_COUNT)[:, None] * (end - start)
+        normal = np.array([-direction[1], direction[0]])
+        values = self._sample_profiles(grey, camera, scale, stations, normal, across)
+        darkness = np.clip(np.percentile(values, 95) - values, 0.0, None)
+        darkness[darkness < 0.1 * darkness.max()] = 0.0
+        total = darkness.sum(axis=1)
+        is_isolated = np.maximum(darkness[:, 0], darkness[:, -1]) < 0.3 * darkness.max()
+        good = is_isolated & (total > 0.0)
+        if good.sum() >= MIN_PROFILES:  # a profile along a crossing line is darker in total
+            typical = np.median(total[good])
+            good &= np.abs(total - typical) < 0.25 * typical
+        if good.sum() < MIN_PROFILES:
+            raise VisionError(SOLID_TARGET_REASON)
+        middle = (darkness[good] @ across) / total[good]
+        return self._fit_robust_line(stations[good] + middle[:, None] * normal)

@@ -1,4 +1,4 @@
-"""ArUco and AprilTag markers, and boards of them."""
+"""Tracker of ArUco and AprilTag markers and of boards of markers."""
 
 from __future__ import annotations
 
@@ -13,106 +13,114 @@ from numpy.typing import NDArray
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import VisionError
-from ..line_fits import FittedLine, spread_of_crossings
+from ..line_fits import FittedLine, compute_crossing_spread
 from ..markers import MarkerChoice
 from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints
-from .straight_edges import EdgeTracker
+from .edge_tracker import EdgeTracker
 
-LEAST_CONTRAST = 20.0  # grey levels between a marker's rim and what is around it
-# Of a marker's rim: how often its edges are fitted, and the profiles across one: how many, px
-# between two, px and cells that they reach to either side (beyond half a cell, so that black and
-# white are seen, and not to the next cell), px between their samples.
-RIM_FITS, RIM_STATIONS, RIM_SPACED = 2, (24, 64), 0.5
-RIM_PART = 0.8  # of a side that profiles cross
-RIM_REACH, RIM_FURTHEST, RIM_STEP = (1.5, 0.6), 8.0, 0.4
+MIN_CONTRAST = 20.0  # grey levels between a marker's black rim and its surroundings
+# Fit of the black rim: number of iterations; minimum and maximum number of profiles per edge;
+# distance between two profiles, px.
+RIM_FITS, RIM_STATIONS, RIM_SPACING = 2, (24, 64), 0.5
+RIM_PART = 0.8  # fraction of a side that has profiles
+# Half length of a profile: the larger of the two values of RIM_REACH (px, cells), but at most
+# RIM_MAX_REACH (px). It is more than half a cell, to include black and white, and less than a cell.
+# RIM_STEP is the distance between the samples, px.
+RIM_REACH, RIM_MAX_REACH, RIM_STEP = (1.5, 0.6), 8.0, 0.4
 
 
 @TRACKERS.register("marker")
 @dataclass(eq=False)
 class MarkerTracker(EdgeTracker):
-    """The four corners of an ArUco or AprilTag marker, from its own first one, clockwise.
+    """The four corners of an ArUco or AprilTag marker, clockwise from the marker's first corner.
 
-    OpenCV finds and reads it; its corners are then where lines through the edges of its black rim
-    meet, for OpenCV's own refinements are off by half a pixel where a cell has three.
+    OpenCV detects and decodes the marker. Its corners are then the intersections of lines that are
+    fitted to the edges of the black rim, because OpenCV's refinement has errors of half a pixel if
+    a cell is only three pixels wide.
     """
 
-    # In pictures whose white is not brighter than white 0.005; where it is, edges of black move by
-    # some hundredths of a pixel, each by where it lies on the texture's texels.
+    # The error is 0.005 px in images without overexposed white. With overexposed white, black edges
+    # move by some hundredths of a pixel, depending on their position on the texels of the texture.
     accuracy = 0.025
 
     marker: str | Mapping[str, Any] | MarkerChoice = parameter(
-        "", help="which marker, or a board of several; empty: the largest in view"
+        "", help="marker, or board of markers; empty: the largest marker in view"
     )
 
     def __post_init__(self) -> None:
-        given = self.marker
-        chosen = isinstance(given, MarkerChoice)
-        self.choice = given if chosen else MarkerChoice.read(given, "parameter ~marker")
+        marker = self.marker
+        is_choice = isinstance(marker, MarkerChoice)
+        self.choice = marker if is_choice else MarkerChoice.read(marker, "parameter ~marker")
 
-    def places(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
-        """See Tracker.places; of a board the corners of the rectangle about its markers."""
-        return self.look(grey, camera).points
+    def find_normalised(self, grey: NDArray[np.uint8], camera: CameraModel) -> np.ndarray:
+        """Return the normalised corners of the marker, or of the rectangle around the board."""
+        return self.track(grey, camera).points
 
-    def look(
+    def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
     ) -> TrackedPoints:  # fmt: skip
-        """See Tracker.look."""
-        found, scale = self.choice.find(grey), camera.pinhole.fx
+        """Find the corners in the next image, as `Tracker.track` does."""
+        found, scale = self.choice.detect(grey), camera.pinhole.fx
         corners, spreads = [], []
         for one in found:
             x, y, _ = camera.normalise(*one.corners.T.astype(float))
             rough = scale * np.column_stack([x, y])
-            fitted, sides = self._fitted(grey, camera, scale, rough, one.cells)
+            fitted, sides = self._fit_corners(grey, camera, scale, rough, one.cells)
             corners.append(fitted / scale)
-            spreads.append(spread_of_crossings(sides) / scale)
+            spreads.append(compute_crossing_spread(sides) / scale)
         accuracy = self.accuracy / camera.K[0]
         if self.choice.board is None:
             return TrackedPoints(
                 corners[0], None, accuracy, marker=found[0].name, spread=spreads[0]
             )
-        places = np.concatenate([self.choice.corners_on_board(one.name) for one in found])
-        rectangle = self.choice.board_corners()
+        places = np.concatenate([self.choice.compute_marker_corners(one.name) for one in found])
+        rectangle = self.choice.compute_board_corners()
         H, _ = cv2.findHomography(places, np.concatenate(corners))
         if H is None:
-            raise VisionError(f"{self.choice}: its markers in view lie on no plane")
-        # Corners that lie far beyond the visible markers are as much less accurate.
+            raise VisionError(f"{self.choice}: its markers in view do not fit a plane")
+        # The error of corners outside the visible markers grows with the extrapolation.
         beyond = np.ptp(rectangle, axis=0).max() / np.ptp(places, axis=0).max()
         points = cv2.perspectiveTransform(rectangle[None], H)[0]
         return TrackedPoints(points, None, accuracy * max(beyond, 1.0))
 
-    def _fitted(
+    def _fit_corners(
         self, grey: np.ndarray, camera: CameraModel, scale: float, corners: np.ndarray, cells: int
     ) -> tuple[np.ndarray, list[FittedLine]]:
-        """Corners (4, 2) of the black rim, from rough ones, px of the picture without the lens; and
-        its sides, each of which begins at its corner."""
+        """Fit the corners (4, 2) of the black rim, starting from rough ones.
+
+        Positions are in px of the undistorted image.
+
+        Returns:
+            The corners, and the four sides, each of which starts at its corner.
+        """
         for _ in range(RIM_FITS):
             lines, sides = [], []
             for start, end in zip(corners, np.roll(corners, -1, axis=0), strict=True):
                 length = float(np.linalg.norm(end - start))
-                way = (end - start) / length
-                out = np.array([way[1], -way[0]])
-                if (start - corners.mean(axis=0)) @ out < 0.0:
-                    out = -out
-                reach = min(max(RIM_REACH[0], RIM_REACH[1] * length / cells), RIM_FURTHEST)
+                direction = (end - start) / length
+                normal = np.array([direction[1], -direction[0]])
+                if (start - corners.mean(axis=0)) @ normal < 0.0:
+                    normal = -normal
+                reach = min(max(RIM_REACH[0], RIM_REACH[1] * length / cells), RIM_MAX_REACH)
                 across = np.linspace(-reach, reach, 2 * round(reach / RIM_STEP) + 1)
-                count = int(np.clip(RIM_PART * length / RIM_SPACED, *RIM_STATIONS))
+                count = int(np.clip(RIM_PART * length / RIM_SPACING, *RIM_STATIONS))
                 stations = start + np.linspace(0.1, 0.9, count)[:, None] * (end - start)
-                values = self._profiles(grey, camera, scale, stations, out, across)
+                values = self._sample_profiles(grey, camera, scale, stations, normal, across)
                 ends = max(len(across) // 8, 1)
                 black, white = values[:, :ends].mean(), values[:, -ends:].mean()
-                if white - black < LEAST_CONTRAST:
-                    raise VisionError("the marker has no contrast to what is around it")
-                # What is black of a profile ends at the edge, however soft that is.
-                dark = (white - values) / (white - black)
-                covered = np.trapezoid(dark, across, axis=1) - reach
-                edge = stations + covered[:, None] * out
-                place, (dx, dy) = self._line(edge)
+                if white - black < MIN_CONTRAST:
+                    raise VisionError("the marker has no contrast to its surroundings")
+                # The length of the black part of a profile gives the edge, even if it is blurred.
+                darkness = (white - values) / (white - black)
+                edge_offset = np.trapezoid(darkness, across, axis=1) - reach
+                edge = stations + edge_offset[:, None] * normal
+                place, (dx, dy) = self._fit_robust_line(edge)
                 lines.append((place, np.array([dx, dy])))
-                near = edge[self._near(edge, *place, dx, dy)]
-                # Profiles less than a pixel apart err alike.
+                near = edge[self._is_near(edge, *place, dx, dy)]
+                # Profiles less than a pixel apart have the same errors.
                 count = min(float(len(near)), RIM_PART * length)
-                sides.append(FittedLine.of(near, np.array([-dy, dx]), count))
-            corners = self._crossings(lines)
+                sides.append(FittedLine.fit(near, np.array([-dy, dx]), count))
+            corners = self._intersect_lines(lines)
         return corners, sides

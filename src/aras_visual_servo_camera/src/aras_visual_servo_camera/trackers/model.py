@@ -1,4 +1,4 @@
-"""A solid as a target: its pose, told as points of a plane for schemes of points and poses."""
+"""Tracker of a solid, whose pose is given as points of a plane."""
 
 from __future__ import annotations
 
@@ -15,77 +15,85 @@ from aras_visual_servo_base.settings import parameter
 
 from ..errors import ModelError, VisionError
 from ..interaction import Plane
-from ..model.solid import Solid, read_solid
-from ..model.tracking import ModelTracking
+from ..model_tracker.model_tracking import ModelTracking
+from ..model_tracker.solid import Solid, read_solid
 from ..undistortion import CameraModel
 from .base import TRACKERS, TrackedPoints, Tracker
-from .starting import Start
+from .start_pose import StartPose
 
-AT_BEST = 0.01  # px to which the points of a pose are known, whatever its covariance
+BEST_ACCURACY = 0.01  # px; smallest error of the points, for any covariance of the pose
 
 
 @TRACKERS.register("model")
 @dataclass(eq=False)
 class ModelTracker(Tracker):
-    """The corners of a solid's middle plane (see Solid.points), by its pose.
+    """The corners of a solid's middle section, computed from the pose of the solid.
+
+    The section is that of Solid.compute_section_corners.
+
+    Schemes for points and poses can thus be used with a solid.
 
     Attributes:
-        tracking: what finds the pose; its `found` has that of the last picture.
+        tracking: tracker of the pose; its `tracked_pose` is that of the last image.
     """
 
     model: str | Solid = parameter("", help="mesh file (STL, OBJ, DAE) of the target")
-    model_start: Mapping[str, Any] | Start = parameter({}, help="where the target is at first")
+    model_start: Mapping[str, Any] | StartPose = parameter({}, help="start pose of the target")
     model_scale: float = parameter(
-        1.0, above=0.0, help="factor on the file's lengths, 0.001 where they are in mm"
+        1.0, above=0.0, help="factor on the file's lengths, e.g. 0.001 for mm"
     )
 
     def __post_init__(self) -> None:
         start, solid = self.model_start, self.model
-        self._start = start if isinstance(start, Start) else Start(start)
+        self._start_pose = start if isinstance(start, StartPose) else StartPose(start)
         if not solid:
-            raise ModelError("tracker 'model' needs the mesh of what it follows: give model: FILE")
+            raise ModelError("tracker 'model' needs the mesh of the target: set model: FILE")
         if not isinstance(solid, Solid):
             solid = read_solid(solid, self.model_scale)
         self.tracking = ModelTracking(solid)
         self.reset()
 
     def reset(self) -> None:
-        """See Tracker.reset."""
+        """Forget earlier images, as `Tracker.reset` does."""
         self.tracking.start(None)
         self._world_T_solid: np.ndarray | None = None
 
     def find(self, grey: NDArray[np.uint8]) -> np.ndarray:
-        """A pose needs the camera: see `look`."""
+        """Raise VisionError, because a pose needs the calibration; use `track`."""
         raise VisionError("tracker 'model' needs the camera's calibration")
 
-    def look(
+    def track(
         self, grey: NDArray[np.uint8], camera: CameraModel,
         world_T_camera: np.ndarray | None = None, depth: NDArray[np.float32] | None = None,
     ) -> TrackedPoints:  # fmt: skip
-        """See Tracker.look; VisionError where the solid is lost."""
+        """Find the points in the next image, as `Tracker.track` does.
+
+        Raises:
+            VisionError: the solid is lost, or its start pose cannot be computed.
+        """
         tracking, expected = self.tracking, None
-        if not tracking.started:
-            tracking.start(self._start.camera_T_solid(grey, camera, world_T_camera))
+        if not tracking.is_started:
+            tracking.start(self._start_pose.compute_camera_T_solid(grey, camera, world_T_camera))
         elif world_T_camera is not None and self._world_T_solid is not None:
             expected = inverse(world_T_camera) @ self._world_T_solid
         found = tracking.track(grey, camera, expected, depth)
-        if found.lost:
-            if self._world_T_solid is None or self._start.kind == "marker":
-                tracking.start(None)  # it is looked for anew
-            raise VisionError(found.lost)
+        if found.loss_reason:
+            if self._world_T_solid is None or self._start_pose.kind == "marker":
+                tracking.start(None)  # search from the start pose again
+            raise VisionError(found.loss_reason)
         pose = found.camera_T_solid
         if world_T_camera is not None:
             self._world_T_solid = world_T_camera @ pose
-        places = tracking.solid.points() @ pose[:3, :3].T + pose[:3, 3]
+        places = tracking.solid.compute_section_corners() @ pose[:3, :3].T + pose[:3, 3]
         deviation = math.sqrt(np.trace(found.covariance[:3, :3]) / 3.0) / pose[2, 3]
         return TrackedPoints(
-            places[:, :2] / places[:, 2:], _plane(pose, places),
-            math.hypot(AT_BEST / camera.K[0], deviation),
-            deviation * found.unshared,
+            places[:, :2] / places[:, 2:], _compute_plane(pose, places),
+            math.hypot(BEST_ACCURACY / camera.K[0], deviation),
+            deviation * found.unrepeatable_part,
         )  # fmt: skip
 
 
-def _plane(pose: np.ndarray, places: np.ndarray) -> Plane | None:
-    """Of the points (4, 3); None where the camera lies in it."""
-    across = float(pose[:3, 2] @ places[0])
-    return Plane(*(pose[:3, 2] / across).tolist()) if across else None
+def _compute_plane(pose: np.ndarray, points: np.ndarray) -> Plane | None:
+    """Return the plane of the points (4, 3), or None if the camera lies in it."""
+    distance = float(pose[:3, 2] @ points[0])
+    return Plane(*(pose[:3, 2] / distance).tolist()) if distance else None

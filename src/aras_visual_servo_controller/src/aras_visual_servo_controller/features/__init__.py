@@ -1,8 +1,9 @@
-"""Features: what is compared with the goal, and how it moves with the camera.
+"""Visual features s, with their desired values s* and interaction matrices.
 
-`FEATURES` has them by name; a module of this folder declares each with `FEATURES.register`.
+`FEATURES` lists them by name; each module of this folder registers its own with
+`FEATURES.register`.
 """
 
-from .base import FEATURES, Feature, Measured, Stack, wrap
+from .base import FEATURES, Feature, FeatureMeasurement, Stack, wrap
 
-__all__ = ["FEATURES", "Feature", "Measured", "Stack", "wrap"]
+__all__ = ["FEATURES", "Feature", "FeatureMeasurement", "Stack", "wrap"]

@@ -1,11 +1,13 @@
-"""Features of numbered points: corners of a polygon, dots, matches on a texture.
+"""Features of numbered points: corners of a polygon, dots, keypoints of a texture.
 
-All are functions of points p_i = (x_i, y_i) of a plane whose image velocity is known, so their
-interaction matrices follow from that of the points by the chain rule; vanishing points, which
-see rotations alone, have their own. References: F. Chaumette and S. Hutchinson, Visual servo
-control, parts I and II, IEEE Robotics and Automation Magazine 13(4), 2006 and 14(1), 2007; B.
-Espiau, F. Chaumette and P. Rives, A new approach to visual servoing in robotics, IEEE
-Transactions on Robotics and Automation 8(3), 1992 (lines, segments, vanishing points).
+Each feature is a function of image points p_i = (x_i, y_i) of a plane. Its interaction matrix
+follows from that of the points by the chain rule. Vanishing points, which depend on rotations only,
+have their own interaction matrix.
+
+References: F. Chaumette and S. Hutchinson, Visual servo control, parts I and II, IEEE Robotics and
+Automation Magazine 13(4), 2006 and 14(1), 2007; B. Espiau, F. Chaumette and P. Rives, A new
+approach to visual servoing in robotics, IEEE Transactions on Robotics and Automation 8(3), 1992
+(lines, segments, vanishing points).
 """
 
 from __future__ import annotations
@@ -21,172 +23,180 @@ from aras_visual_servo_camera.interaction import point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, DepthPart, Measured, plane_in, wrap, wrap_together
-from .points import TOLERANCE, PointFeature, at_plane, places
+from ..observation.observation import Need, Observation
+from .base import FEATURES, DepthFraction, FeatureMeasurement, get_plane, wrap, wrap_together
+from .points import TOLERANCE, PointFeature, backproject, compute_inverse_depth
 
-TURN = 2.0 * np.pi
-# Of the place of a point, aside and along the optical axis.
-PLACE = (DepthPart(TOLERANCE), DepthPart(TOLERANCE), DepthPart(2.0 * TOLERANCE))
-SMALLEST = 1e-9  # normalised length below which a direction is undefined
+FULL_TURN = 2.0 * np.pi
+# Tolerances of a point's coordinates: X and Y, and Z along the optical axis.
+POINT_TOLERANCES = (
+    DepthFraction(TOLERANCE),
+    DepthFraction(TOLERANCE),
+    DepthFraction(2.0 * TOLERANCE),
+)
+MIN_LENGTH = 1e-9  # normalised length below which a direction is undefined
 
 
 @FEATURES.register("numbered_points")
 class NumberedPoints(PointFeature):
-    """s = (x_0, y_0, x_1, y_1, ...), where it is known which point is which.
+    """s = (x_0, y_0, x_1, y_1, ...) of numbered points, in normalised coordinates.
 
-    Points of exact cameras, dots and markers are; corners of a segmented outline are matched to
-    the goal's.
+    Points of exact cameras, dots and markers have numbers. Corners of a segmented outline are
+    matched to those of the goal.
     """
 
     needs = frozenset((Need.CORNERS,))
 
     def points(self, observation: Observation) -> np.ndarray:
-        """See PointFeature.points."""
+        """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError(
-                f"{self.name}: no corners in this observation: has the target any? (area needs "
-                "none)"
+                f"{self.name}: no corners in this observation: is the target a polygon? (area "
+                "needs none)"
             )
         return observation.corners
 
-    def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
-        """Points (n, 2) in the order of the goal's, and what stays ambiguous.
+    def _match_to_goal(
+        self, observation: Observation, desired: np.ndarray
+    ) -> tuple[np.ndarray, str]:
+        """Return points (n, 2) in the order of the goal, and the ambiguity of the match.
 
         Raises:
-            MeasurementError: another number of points, or one that is not finite.
+            MeasurementError: the number of points differs, or a coordinate is not finite.
         """
-        points = self._counted(observation, desired)
-        if observation.numbered is False and Need.CORNERS in self.needs:
-            return self._matched(points, desired)
+        points = self._check_count(observation, desired)
+        if observation.is_numbered is False and Need.CORNERS in self.needs:
+            return self._match_outline(points, desired)
         return points, ""
 
 
 class CornerFeature(NumberedPoints):
-    """Base of what is made of numbered points.
+    """Base class of features that are computed from numbered points.
 
     Attributes:
-        parts: names of the numbers that one element has. periods: of each, rad; 0: no angle.
-        part_tolerances, part_units: of each.
+        component_names: names of the components of one element, such as a point or an edge.
+        periods: period of each component, rad; 0 if it is no angle.
+        component_tolerances, component_units: tolerance and unit of each component.
     """
 
-    parts: ClassVar[tuple[str, ...]]
+    component_names: ClassVar[tuple[str, ...]]
     periods: ClassVar[tuple[float, ...]]
-    part_tolerances: ClassVar[tuple[float, ...]]
-    part_units: ClassVar[tuple[str, ...]]
+    component_tolerances: ClassVar[tuple[float, ...]]
+    component_units: ClassVar[tuple[str, ...]]
 
     @abstractmethod
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """s (k,) of points (n, 2) with 1/Z (n,), 1/m.
+        """Compute s (k,) from points (n, 2) and their inverse depths 1/Z (n,), 1/m.
 
         Raises:
-            MeasurementError: it is undefined there.
+            MeasurementError: s is undefined for these points.
         """
 
     @abstractmethod
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """L (k, 6) there."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths 1/Z (n,), 1/m."""
 
-    def elements(self, count: int) -> int:
-        """How many elements `count` points give."""
+    def count_elements(self, count: int) -> int:
+        """Return the number of elements for `count` points."""
         return count
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        desired = self.desired_points(goal)
-        points, up_to = self._numbered(observation, desired)
-        w = at_plane(plane_in(observation), points)
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
+        desired = self.read_desired_points(goal)
+        points, ambiguity = self._match_to_goal(observation, desired)
+        w = compute_inverse_depth(get_plane(observation), points)
         s = self.values(points, w)
-        goal_s = self.values(desired, self._goal_depth(goal, desired))
-        error = self._wrapped(s - goal_s, wrap_together)
-        return Measured(s, goal_s, error, self.interaction(points, w), up_to=up_to)
+        goal_s = self.values(desired, self._compute_goal_inverse_depth(goal, desired))
+        error = self._wrap_change(s - goal_s, wrap_together)
+        L = self.interaction(points, w)
+        return FeatureMeasurement(s, goal_s, error, L, ambiguity=ambiguity)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy; of each point's by differences."""
+        """Return the accuracy of s, propagated from that of the points by finite differences."""
         points = super().accuracy(observation, goal)
         if points is None:
             return None
-        desired = self.desired_points(goal)
-        w = self._goal_depth(goal, desired)
+        desired = self.read_desired_points(goal)
+        w = self._compute_goal_inverse_depth(goal, desired)
         s = self.values(desired, w)
         moved = np.transpose([self.values(desired + d.reshape(-1, 2), w) - s for d in points.T])
-        return self._wrapped(moved)
+        return self._wrap_change(moved)
 
-    def _wrapped(
+    def _wrap_change(
         self, change: np.ndarray, modulo: Callable[[np.ndarray, float], np.ndarray] = wrap
     ) -> np.ndarray:
-        """A change of s, (k,) or (k, m), its angles taken modulo their periods."""
+        """Wrap the angles in a change of s, (k,) or (k, m), modulo their periods."""
         for i, period in enumerate(self.periods):
             if period:
-                every = slice(i, None, len(self.parts))
+                every = slice(i, None, len(self.component_names))
                 change[every] = modulo(change[every], period)
         return change
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
-        desired = self.desired_points(goal)
-        return self.interaction(desired, self._goal_depth(goal, desired))
+        """Return the interaction matrix L (k, 6) at the goal."""
+        desired = self.read_desired_points(goal)
+        return self.interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         super().check(goal)
         try:
-            desired = self.desired_points(goal)
-            self.values(desired, self._goal_depth(goal, desired))
+            desired = self.read_desired_points(goal)
+            self.values(desired, self._compute_goal_inverse_depth(goal, desired))
         except MeasurementError as error:
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
     def _set_count(self, count: int) -> None:
         self.count = count
-        k = self.elements(count)
-        self.names = tuple(f"{part}{i}" for i in range(k) for part in self.parts)
-        self.tolerances, self.units = self.part_tolerances * k, self.part_units * k
+        k = self.count_elements(count)
+        self.names = tuple(f"{part}{i}" for i in range(k) for part in self.component_names)
+        self.tolerances, self.units = self.component_tolerances * k, self.component_units * k
 
 
 @FEATURES.register("polar_points")
 class PolarPoints(CornerFeature):
-    """s = (rho, theta) of each point about the principal point; a turn is a straight path.
+    """s = (rho, theta) of each point about the principal point; a rotation is a straight path.
 
     Reference: M. Iwatsuki and N. Okiyama, A new formulation of visual servoing based on
     cylindrical coordinate system, IEEE Transactions on Robotics 21(2), 2005.
     """
 
-    parts, periods = ("rho", "theta"), (0.0, TURN)
-    part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
+    component_names, periods = ("rho", "theta"), (0.0, FULL_TURN)
+    component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         rho = np.hypot(points[:, 0], points[:, 1])
-        if rho.min() < SMALLEST:
+        if rho.min() < MIN_LENGTH:
             raise MeasurementError("a point lies on the optical axis: it has no polar angle")
         return np.stack([rho, np.arctan2(points[:, 1], points[:, 0])], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         rho = np.hypot(points[:, 0], points[:, 1])[:, None]
         c, s = (points / rho).T[:, :, None]
-        x, y = _rows(points, inverse_depth)
+        x, y = _split_point_interaction(points, inverse_depth)
         return np.stack([c * x + s * y, (c * y - s * x) / rho], axis=1).reshape(-1, 6)
 
 
 @FEATURES.register("points_3d")
 class Points3D(CornerFeature):
-    """s = (X, Y, Z) of each point in the camera's frame, m; Z by the observation's plane.
+    """s = (X, Y, Z) of each point in the camera frame, m; Z follows from the target's plane.
 
     L = [-1  [X]x]. Reference: P. Martinet and others, Vision based control law using 3D visual
     features, World Automation Congress 1996.
     """
 
-    parts, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
-    part_tolerances, part_units = PLACE, ("m", "m", "m")
+    component_names, periods = ("X", "Y", "Z"), (0.0, 0.0, 0.0)
+    component_tolerances, component_units = POINT_TOLERANCES, ("m", "m", "m")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
-        return places(points, inverse_depth).ravel()
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
+        return backproject(points, inverse_depth).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
-        X, Y, Z = places(points, inverse_depth).T
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
+        X, Y, Z = backproject(points, inverse_depth).T
         L = np.zeros((len(X), 3, 6))
         L[:, 0, 0] = L[:, 1, 1] = L[:, 2, 2] = -1.0
         L[:, 0, 4], L[:, 0, 5] = -Z, Y
@@ -197,52 +207,52 @@ class Points3D(CornerFeature):
 
 @FEATURES.register("depth")
 class Depth(CornerFeature):
-    """s = log Z of the points' middle, so that s - s* = log(Z / Z*): ViSP's vpFeatureDepth.
+    """s = log Z of the centroid of the points, with s - s* = log(Z / Z*); ViSP's vpFeatureDepth.
 
-    L = (0, 0, -1/Z, -y, x, 0), with (x, y) the image of that middle.
+    L = (0, 0, -1/Z, -y, x, 0), where (x, y) is the image of the centroid.
     """
 
-    parts, periods = ("log_Z",), (0.0,)
-    part_tolerances, part_units = (0.005,), ("",)
+    component_names, periods = ("log_Z",), (0.0,)
+    component_tolerances, component_units = (0.005,), ("",)
     directions = (False, False, True, False, False, False)
 
-    def elements(self, count: int) -> int:
-        """One, of all points together."""
+    def count_elements(self, count: int) -> int:
+        """Return 1: all points have one common depth."""
         return 1
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
-        return np.log(places(points, inverse_depth).mean(axis=0)[2:])
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
+        return np.log(backproject(points, inverse_depth).mean(axis=0)[2:])
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
-        X, Y, Z = places(points, inverse_depth).mean(axis=0)
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
+        X, Y, Z = backproject(points, inverse_depth).mean(axis=0)
         return np.array([[0.0, 0.0, -1.0 / Z, -Y / Z, X / Z, 0.0]])
 
 
 class EdgeFeature(CornerFeature):
-    """Base of features of the edges from each point to the next, round the polygon."""
+    """Base class of features of a polygon's edges, from each point to the next."""
 
     @staticmethod
     def edges(points: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-        """First and last ends (n, 2), lengths (n, 1) and directions (n, 2) of the edges.
+        """Return first and last ends (n, 2), lengths (n, 1) and directions (n, 2) of the edges.
 
         Raises:
-            MeasurementError: two neighbours coincide.
+            MeasurementError: two neighbouring points coincide.
         """
         ends = np.roll(points, -1, axis=0)
-        way = ends - points
-        length = np.hypot(way[:, 0], way[:, 1])[:, None]
-        if length.min() < SMALLEST:
+        step = ends - points
+        length = np.hypot(step[:, 0], step[:, 1])[:, None]
+        if length.min() < MIN_LENGTH:
             raise MeasurementError("two neighbouring points coincide: they make no edge")
-        return points, ends, length, way / length
+        return points, ends, length, step / length
 
     @staticmethod
     def edge_rates(
         points: np.ndarray, inverse_depth: np.ndarray, length: np.ndarray, direction: np.ndarray
     ) -> tuple[np.ndarray, ...]:
-        """L (n, 6) of x and y of the first ends and of the last, of the length, of the angle."""
-        x, y = _rows(points, inverse_depth)
+        """Compute L (n, 6) of x and y of the first and last ends, of the length and the angle."""
+        x, y = _split_point_interaction(points, inverse_depth)
         far_x, far_y = np.roll(x, -1, axis=0), np.roll(y, -1, axis=0)
         dx, dy = direction.T[:, :, None]
         longer = dx * (far_x - x) + dy * (far_y - y)
@@ -252,23 +262,23 @@ class EdgeFeature(CornerFeature):
 
 @FEATURES.register("lines")
 class Lines(EdgeFeature):
-    """s = (rho, theta) of each edge's line, x cos(theta) + y sin(theta) = rho.
+    """s = (rho, theta) of the line of each edge, x cos(theta) + y sin(theta) = rho.
 
-    An edge has a direction, from its point to the next, and with it the normal a sign: theta runs
-    over the whole turn.
+    The direction of an edge, from its point to the next, fixes the sign of the normal. Therefore
+    theta covers the full turn.
     """
 
-    parts, periods = ("rho", "theta"), (0.0, TURN)
-    part_tolerances, part_units = (TOLERANCE, 0.005), ("", "rad")
+    component_names, periods = ("rho", "theta"), (0.0, FULL_TURN)
+    component_tolerances, component_units = (TOLERANCE, 0.005), ("", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         start, _, _, d = self.edges(points)
         rho = -d[:, 1] * start[:, 0] + d[:, 0] * start[:, 1]
         return np.stack([rho, np.arctan2(d[:, 0], -d[:, 1])], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         start, _, length, d = self.edges(points)
         x, y, _, _, _, angle = self.edge_rates(points, inverse_depth, length, d)
         along = (d * start).sum(axis=1)[:, None]
@@ -278,20 +288,20 @@ class Lines(EdgeFeature):
 
 @FEATURES.register("segments")
 class Segments(EdgeFeature):
-    """s = (x_m, y_m, length, angle) of each edge: its middle, its size, its direction."""
+    """s = (x_m, y_m, length, angle) of each edge, where (x_m, y_m) is its midpoint."""
 
-    parts, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, TURN)
-    part_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
-    part_units = ("", "", "", "rad")
+    component_names, periods = ("xm", "ym", "length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
+    component_tolerances = (TOLERANCE, TOLERANCE, 2.0 * TOLERANCE, 0.005)
+    component_units = ("", "", "", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         start, end, length, d = self.edges(points)
         middle = 0.5 * (start + end)
         return np.hstack([middle, length, np.arctan2(d[:, 1:], d[:, :1])]).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         _, _, length, d = self.edges(points)
         x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
         rows = [0.5 * (x + far_x), 0.5 * (y + far_y), longer, angle]
@@ -300,21 +310,21 @@ class Segments(EdgeFeature):
 
 @FEATURES.register("normalised_segments")
 class NormalisedSegments(EdgeFeature):
-    """s = (x_m / l, y_m / l, 1 / l, angle) of each edge: nearly linear in the translation."""
+    """s = (x_m / l, y_m / l, 1 / l, angle) of each edge; nearly linear in the translation."""
 
-    parts, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, TURN)
-    part_tolerances = (0.005, 0.005, 0.01, 0.005)
-    part_units = ("", "", "", "rad")
+    component_names, periods = ("xn", "yn", "inverse_length", "angle"), (0.0, 0.0, 0.0, FULL_TURN)
+    component_tolerances = (0.005, 0.005, 0.01, 0.005)
+    component_units = ("", "", "", "rad")
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
         start, end, length, d = self.edges(points)
         middle = 0.5 * (start + end)
         angle = np.arctan2(d[:, 1:], d[:, :1])
         return np.hstack([middle / length, 1.0 / length, angle]).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         start, end, length, d = self.edges(points)
         x, y, far_x, far_y, longer, angle = self.edge_rates(points, inverse_depth, length, d)
         xm, ym = (0.5 * (start + end)).T[:, :, None]
@@ -330,28 +340,28 @@ class NormalisedSegments(EdgeFeature):
 class VanishingPoints(CornerFeature):
     """s = (1/rho, alpha) of the vanishing points of a quadrilateral's two pairs of sides.
 
-    Polar coordinates of where parallels of the target meet in the image; 1/rho is 0 for a target
-    square to the camera. They see rotations alone: with D the direction of the sides in the
-    camera's frame, dD/dt = D x omega.
+    (rho, alpha) are the polar coordinates of the point in which parallel sides meet in the image;
+    1/rho is 0 if the target is parallel to the image. Vanishing points depend on rotations only:
+    with D the direction of the sides in the camera frame, dD/dt = D x omega.
     """
 
-    parts, periods = ("inverse_rho", "alpha"), (0.0, TURN)
-    part_tolerances, part_units = (0.005, 0.005), ("", "rad")
+    component_names, periods = ("inverse_rho", "alpha"), (0.0, FULL_TURN)
+    component_tolerances, component_units = (0.005, 0.005), ("", "rad")
     directions = (False, False, False, True, True, True)
 
-    def elements(self, count: int) -> int:
-        """Two, of four points."""
+    def count_elements(self, count: int) -> int:
+        """Return 2: four points have two pairs of sides."""
         return 2
 
     def values(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.values."""
-        X, Y, W = self._directions(points).T
+        """Compute s (k,) from points (n, 2) and their inverse depths (n,)."""
+        X, Y, W = self._compute_directions(points).T
         return np.stack([W / np.hypot(X, Y), np.arctan2(Y, X)], axis=1).ravel()
 
     def interaction(self, points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-        """See CornerFeature.interaction."""
+        """Compute L (k, 6) from points (n, 2) and their inverse depths (n,)."""
         L = np.zeros((2, 2, 6))
-        for i, (X, Y, W) in enumerate(self._directions(points)):
+        for i, (X, Y, W) in enumerate(self._compute_directions(points)):
             a = np.hypot(X, Y)
             by_direction = np.array([
                 [-W * X / a**3, -W * Y / a**3, 1.0 / a], [-Y / a**2, X / a**2, 0.0]
@@ -360,8 +370,8 @@ class VanishingPoints(CornerFeature):
         return L.reshape(-1, 6)
 
     @staticmethod
-    def _directions(points: np.ndarray) -> np.ndarray:
-        """Directions (2, 3) of the sides 0-1 (and 3-2), and 1-2 (and 0-3), of length 1."""
+    def _compute_directions(points: np.ndarray) -> np.ndarray:
+        """Compute unit directions (2, 3) of the side pairs 0-1, 3-2 and 1-2, 0-3."""
         if len(points) != 4:
             raise MeasurementError(
                 f"vanishing points need the four corners of a parallelogram, not {len(points)}"
@@ -371,17 +381,19 @@ class VanishingPoints(CornerFeature):
         for a, b, c, d in ((0, 1, 3, 2), (1, 2, 0, 3)):
             one, other = np.cross(p[a], p[b]), np.cross(p[c], p[d])
             meet = np.cross(one, other)
-            # Which way the side runs: its image goes towards the vanishing point, or from it.
-            way = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
+            # Sign of the side's direction: its image runs towards the vanishing point or away.
+            sign = (meet[:2] - p[a, :2] * meet[2]) @ (p[b, :2] - p[a, :2])
             size = np.linalg.norm(meet)
-            same_line = size <= SMALLEST * np.linalg.norm(one) * np.linalg.norm(other)
-            if same_line or np.hypot(meet[0], meet[1]) < SMALLEST * size:
+            same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)
+            if same_line or np.hypot(meet[0], meet[1]) < MIN_LENGTH * size:
                 raise MeasurementError("the sides of the target have no vanishing point")
-            found.append(meet * np.sign(way) / size)
+            found.append(meet * np.sign(sign) / size)
         return np.array(found)
 
 
-def _rows(points: np.ndarray, inverse_depth: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """L (n, 6) of x and of y of each point."""
+def _split_point_interaction(
+    points: np.ndarray, inverse_depth: np.ndarray
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return L (n, 6) of x and of y of each point."""
     L = point_interaction(points, inverse_depth)
     return L[0::2], L[1::2]

@@ -1,4 +1,4 @@
-"""The interaction matrix of a feature compared with finite differences of the feature itself."""
+"""Check of a feature's interaction matrix against finite differences."""
 
 from __future__ import annotations
 
@@ -12,24 +12,24 @@ from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.task import DIRECTIONS
 from ..errors import ConfigurationError, SchemeError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from ..seeing.observer import Observer
-from .base import Feature, Measured
+from ..kinematics.task import DIRECTIONS
+from ..observation.feature_observer import FeatureObserver
+from ..observation.observation import Need, Observation
+from .base import Feature, FeatureMeasurement
 
 Observe = Callable[[np.ndarray], Observation]
 
 # A hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
-# world_T_camera at the goal, and where L is checked: 0.3 m above, tilted, and turned by 17 degrees.
-AT_GOAL = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
-ASIDE = Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix()
+# world_T_camera at the goal (0.3 m above the hexagon) and at the checked view (tilted, turned).
+GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
+TEST_POSE = Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix()
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
-EXACT = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # what needs no image
-STEP = 1e-4  # of the depth, and rad: the differences are then exact to about 1e-7
+EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # available without images
+STEP = 1e-4  # of the depth, and rad; the differences are then exact to about 1e-7
 TOLERANCE = 1e-3
 
 
@@ -54,14 +54,14 @@ def check_interaction_matrix(
     Args:
         feature: the feature. Its L is checked in all six columns, also in those of directions that
             it does not control, because the camera moves in them, too.
-        observe: function that returns the observation of a camera at world_T_camera (4, 4). By
-            default a pinhole camera 0.28 m above a hexagon of 7 cm, with exact moments, contour,
-            corners and plane; a feature that needs images or several cameras needs a function of
-            its own.
-        world_T_camera: (4, 4) optical frame in the world at which L is checked. By default tilted
-            by 14 degrees, 5 cm away from the goal, and turned by 17 degrees about the optical axis.
-        goal: the goal. By default it is taught, 0.3 m above the hexagon.
-        step: half the distance of the two views, in depths and rad.
+        observe: function that returns the observation of a camera at world_T_camera (4, 4). The
+            default is a pinhole camera 0.28 m above a hexagon of 7 cm, with exact moments, contour,
+            corners and plane. A feature that needs images or several cameras needs its own
+            function.
+        world_T_camera: (4, 4) optical frame at which L is checked, in the world. The default is
+            tilted by 14 degrees, 5 cm from the goal, and turned by 17 degrees about the axis.
+        goal: goal. By default it is taught 0.3 m above the hexagon.
+        step: half the distance between the two views, in depths and rad.
         tolerance: largest relative error of a row. Finite differences of exact observations are
             correct to about 1e-6; differences of images need a larger `step` and `tolerance`.
 
@@ -70,16 +70,18 @@ def check_interaction_matrix(
 
     Raises:
         SchemeError: a row is wrong; the message names the row and the column, with both values.
-        ConfigurationError: the default target cannot show what the feature needs, or the feature
+        ConfigurationError: the default target does not offer what the feature needs, or the feature
             refuses the goal.
         MeasurementError: the feature cannot be measured in one of the views.
     """
     if observe is None:
-        observe = _exact_views(feature)
-    pose = ASIDE if world_T_camera is None else np.array(world_T_camera, float)
+        observe = _make_exact_observer(feature)
+    pose = TEST_POSE if world_T_camera is None else np.array(world_T_camera, float)
     if goal is None:
-        seen = observe(AT_GOAL)
-        goal = replace(Goal.teach(None, seen), features={feature.name: feature.teach(seen)})
+        observation = observe(GOAL_POSE)
+        goal = replace(
+            Goal.teach(None, observation), features={feature.name: feature.teach(observation)}
+        )
     feature.check(goal)
     here = feature.measure(observe(pose), goal)
     L = np.asarray(here.L, float)
@@ -87,18 +89,21 @@ def check_interaction_matrix(
     columns = []
     for axis in range(6):
         ahead, behind = (
-            feature.measure(observe(pose @ _motion(axis, h * units[axis])), goal)
+            feature.measure(observe(pose @ _make_motion(axis, h * units[axis])), goal)
             for h in (step, -step)
         )
-        columns.append((_error(feature, ahead, here) - _error(feature, behind, here)) / (2 * step))
+        columns.append(
+            (_compute_error(feature, ahead, here) - _compute_error(feature, behind, here))
+            / (2 * step)
+        )
     differences = np.stack(columns, axis=1)
-    return _compared(feature, L * units, differences, units, tolerance)
+    return _compare_rows(feature, L * units, differences, units, tolerance)
 
 
-def _exact_views(feature: Feature) -> Observe:
-    """Exact observations of the hexagon; ConfigurationError if the feature needs more."""
-    more = sorted(need.value for need in feature.needs - EXACT)
-    if more or feature.reads > 1 or any(feature.cameras):
+def _make_exact_observer(feature: Feature) -> Observe:
+    """Return exact observations of the hexagon; ConfigurationError if the feature needs more."""
+    more = sorted(need.value for need in feature.needs - EXACT_NEEDS)
+    if more or feature.camera_count > 1 or any(feature.cameras):
         what = f"needs {', '.join(more)}" if more else "reads cameras by name"
         raise ConfigurationError(
             f"{feature.name} {what}: give observe, a function that returns the Observation of a "
@@ -108,7 +113,7 @@ def _exact_views(feature: Feature) -> Observe:
     def observe(world_T_camera: np.ndarray) -> Observation:
         points = (CORNERS - world_T_camera[:3, 3]) @ world_T_camera[:3, :3]
         plane = Plane(*(-world_T_camera[2, :3] / world_T_camera[2, 3]).tolist())
-        return Observer(None, feature.needs).of_exact(
+        return FeatureObserver(None, feature.needs).observe_exact_features(
             0.0, CAMERA, world_T_camera=world_T_camera, contour=points[:, :2] / points[:, 2:],
             plane=plane,
         )  # fmt: skip
@@ -116,8 +121,8 @@ def _exact_views(feature: Feature) -> Observe:
     return observe
 
 
-def _motion(axis: int, amount: float) -> np.ndarray:
-    """(4, 4) motion of a camera along (m) or about (rad) one of its own axes."""
+def _make_motion(axis: int, amount: float) -> np.ndarray:
+    """Compute the motion (4, 4) along (m) or about (rad) one axis of the camera frame."""
     motion = np.eye(4)
     if axis < 3:
         motion[axis, 3] = amount
@@ -126,20 +131,22 @@ def _motion(axis: int, amount: float) -> np.ndarray:
     return motion
 
 
-def _error(feature: Feature, measured: Measured, here: Measured) -> np.ndarray:
-    """The error (k,), whose components are those of the view `here`."""
-    if np.shape(measured.error) != np.shape(here.error):
+def _compute_error(
+    feature: Feature, measured: FeatureMeasurement, reference: FeatureMeasurement
+) -> np.ndarray:
+    """Return the error (k,), after a check that it has as many components as the reference."""
+    if np.shape(measured.error) != np.shape(reference.error):
         raise ConfigurationError(
-            f"{feature.name} has {np.size(here.error)} components in one view and "
-            f"{np.size(measured.error)} in the next: its differences tell nothing of L"
+            f"{feature.name} has {np.size(reference.error)} components in one view and "
+            f"{np.size(measured.error)} in the next: L cannot be checked by differences"
         )
     return np.asarray(measured.error, float)
 
 
-def _compared(
+def _compare_rows(
     feature: Feature, L: np.ndarray, differences: np.ndarray, units: np.ndarray, tolerance: float
 ) -> np.ndarray:
-    """Relative errors (k,) of rows; SchemeError for the worst row beyond the tolerance."""
+    """Compute the relative errors (k,) of the rows; SchemeError if a row exceeds the tolerance."""
     if L.shape != differences.shape:
         raise SchemeError(
             f"{feature.name}: L has shape {L.shape}, and its {len(differences)} components need "
@@ -151,11 +158,11 @@ def _compared(
     if not (relative <= tolerance).all():
         row = int(np.argmax(np.nan_to_num(relative, nan=np.inf)))
         column = int(np.argmax(np.abs(np.nan_to_num(L - differences, nan=np.inf)[row])))
-        given, found = L[row, column] / units[column], differences[row, column] / units[column]
+        actual, found = L[row, column] / units[column], differences[row, column] / units[column]
         name = feature.names[row] if row < len(feature.names) else str(row)
         raise SchemeError(
             f"{feature.name}: row '{name}' of L is off by {100.0 * relative[row]:.2g} % (tolerance "
-            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L says {given:.4g}, "
-            f"finite differences {found:.4g}"
+            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L is "
+            f"{actual:.4g}, finite differences {found:.4g}"
         )
     return relative

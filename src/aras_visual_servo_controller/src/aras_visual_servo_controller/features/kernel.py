@@ -1,27 +1,28 @@
-"""The kernel features of 2015, with their derivative corrected.
+"""The kernel features of 2015, with a corrected derivative.
 
-The camera node sends, with x = i dx along the rows and y = j dy along the columns of the image
-(i, j from 1; dx = 0.017, dy = 0.0185 a pixel; I = 1 on the target),
+The camera node publishes the features, with x = i dx along the rows and y = j dy along the columns
+of the image (i, j from 1; dx = 0.017, dy = 0.0185 per pixel; I = 1 on the target),
 
     k0 = sum x^-2 I dx dy,  k1 = sum y^-2 I dx dy,  k2 = sum I dx dy,
     k3 = 1/2 atan2(2 mu11, mu20 - mu02)
 
-k3 with columns as x, as OpenCV's moments have it, and the inverse of a 4x4 Jacobian J for
-motions of the camera along the rows, along the columns, along its axis (relative to the
-distance) and about its axis (from rows to columns).
+where k3 uses columns as x, like OpenCV's moments. It also publishes the inverse of a 4x4 Jacobian J
+for camera motions along the rows, along the columns, along the optical axis (relative to the
+distance) and about the optical axis (from rows to columns).
 
-What is wrong with that J as a derivative of k, and put right here (see the README for what each
-one does to the closed loop):
+J is not the derivative of k. This module corrects the following errors; the README describes their
+effects on the closed loop:
 
-- rows 0 to 2 lack the factor dx dy that k0 to k2 have: the coupling with the rotation, in the
-  same rows, is thereby 3180 times too strong;
-- the rotation is about the first pixel, that of a camera is about its principal point;
-- row 3 turns the other way: k3 is measured from columns to rows, the rotation from rows to columns;
-- approaching enlarges and spreads the target, which changes k0 and k1 as well; with the exponent
-  -2 the two effects add up to xc J00 and yc J11 exactly;
-- kernel units are scaled to metres by the depth and the focal length, so that the gain is a rate
-  in 1/s; the original integrated over 0.01 s whatever time had passed, with gains of 200 and
-  0.01 that make its time constants 5 s in translation and minutes in rotation.
+- Rows 0 to 2 lack the factor dx dy of k0 to k2. The coupling with the rotation, in the same rows,
+  is therefore 3180 times too strong.
+- The rotation is about the first pixel instead of the principal point.
+- The sign of row 3 is wrong: k3 is measured from columns to rows, the rotation from rows to
+  columns.
+- Approaching the target enlarges and spreads it, which also changes k0 and k1. With the exponent
+  -2, both effects add up to exactly xc J00 and yc J11.
+- Depth and focal length scale kernel units to metres, so that the gain is a rate in 1/s. The
+  original integrated over 0.01 s independently of the elapsed time, with gains of 200 and 0.01,
+  which correspond to time constants of 5 s in translation and minutes in rotation.
 """
 
 from __future__ import annotations
@@ -34,35 +35,35 @@ from aras_visual_servo_camera.kernel import DELTA_X, DELTA_Y
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal, GoalKernel
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, Feature, Measured, other_camera, wrap
+from ..observation.observation import Need, Observation
+from .base import FEATURES, Feature, FeatureMeasurement, compare_cameras, wrap
 from .moments import LEVEL_CAMERA
 
 
 @FEATURES.register("kernel")
 class Kernel(Feature):
-    """kernel_0, kernel_1 (place along rows and columns), kernel_2 (area), kernel_3 (angle).
+    """Kernel features: kernel_0 and kernel_1 (position), kernel_2 (area), kernel_3 (angle).
 
-    The errors of the first three are relative to their desired values, the angle's is in rad.
+    The errors of the first three are relative to their desired values; that of the angle is in rad.
 
     Attributes:
-        ratio: of the wanted rates: one row of pixels turns the angle of a near-square by 0.03 rad
-            from one image to the next; at full gain the camera would tremble after it.
-        too_many: the original's threshold of 250 takes a rim of pixels for target, of what is not
-            white all: more than this many times the target's pixels is refused.
+        ratio: factors of the desired error rates. One row of pixels changes the angle of a nearly
+            square target by 0.03 rad between images; at full gain the camera would tremble.
+        max_pixel_ratio: largest accepted number of pixels, relative to the target's pixels. The
+            original's threshold of 250 counts every pixel that is not white as target.
     """
 
     needs = frozenset((Need.KERNEL,))
     names = ("kernel_0", "kernel_1", "kernel_2", "kernel_3")
-    # 1 % of kernel 0 and 1 is half a pixel, 2 % of kernel 2 is 1 % of the distance.
+    # 1 % of kernel 0 and 1 is half a pixel; 2 % of kernel 2 is 1 % of the distance.
     tolerances = (0.01, 0.01, 0.02, 0.04)
     units = ("", "", "", "rad")
     directions = LEVEL_CAMERA
     ratio: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 0.3)
-    too_many: ClassVar[float] = 2.0
+    max_pixel_ratio: ClassVar[float] = 2.0
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         if goal.kernel is None:
             raise ConfigurationError(
                 f"{goal.name} holds no kernel features: teach them (rosrun "
@@ -71,12 +72,12 @@ class Kernel(Feature):
         if not (goal.kernel.features[:3] > 0.0).all():
             raise ConfigurationError(f"{goal.name}: kernel features 0 to 2 must be above 0")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
         kernel = goal.kernel
-        self._same_camera(observation, goal)
+        self._check_camera(observation, goal)
         data = observation.kernel
         if data is None or data.shape != (20,):
             size = "none" if data is None else str(data.size)
@@ -88,7 +89,7 @@ class Kernel(Feature):
         if not np.isfinite(data).all() or k[2] <= 0.0:
             raise MeasurementError("the target is not visible: the kernel features are empty")
         counted = round(k[2] / (DELTA_X * DELTA_Y))
-        if 0 < self.too_many * observation.pixel_count < counted:
+        if 0 < self.max_pixel_ratio * observation.pixel_count < counted:
             raise MeasurementError(
                 f"camera/kernel counts {counted} pixels as target, which has "
                 f"{observation.pixel_count}: the ground is noisy or not white; lower the camera "
@@ -99,36 +100,38 @@ class Kernel(Feature):
         except np.linalg.LinAlgError as error:
             raise MeasurementError("the kernel features' Jacobian is singular") from error
         depth = goal.depth * np.sqrt(kernel.features[2] / k[2])
-        L = _interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
+        L = _compute_interaction(J, np.reshape(observation.camera.K, (3, 3)), depth)
         scale = np.append(kernel.features[:3], 1.0)
         error = (k - kernel.features) / scale
         error[3] = wrap(error[3], np.pi)
-        return Measured(k, kernel.features, error, L / scale[:, None], up_to="180°")
+        return FeatureMeasurement(k, kernel.features, error, L / scale[:, None], ambiguity="180°")
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy: whole pixels are counted, a row of them is about a tolerance."""
+        """Return the accuracy: one row of pixels changes a feature by about its tolerance."""
         return np.diag(self.tolerances)
 
     @staticmethod
-    def _same_camera(observation: Observation, goal: Goal) -> None:
+    def _check_camera(observation: Observation, goal: Goal) -> None:
         kernel: GoalKernel = goal.kernel
-        if told := other_camera(kernel.width, kernel.height, kernel.K, observation.camera):
+        if difference := compare_cameras(
+            kernel.width, kernel.height, kernel.K, observation.camera
+        ):
             raise MeasurementError(
-                f"the kernel features of {goal.name} were taught with another camera ({told}): "
-                "teach them anew (rosrun aras_visual_servo_controller teach)"
+                f"the kernel features of {goal.name} were taught with another camera "
+                f"({difference}): teach them again (rosrun aras_visual_servo_controller teach)"
             )
 
 
-def _interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
-    """dk/dt = L v (4, 6) from the original's Jacobian J (4, 4), see the head of this module."""
+def _compute_interaction(J: np.ndarray, K: np.ndarray, depth: float) -> np.ndarray:
+    """Compute L (4, 6) with dk/dt = L v from the original's J (4, 4); see the module docstring."""
     area = DELTA_X * DELTA_Y
     fx, fy = K[0, 0], K[1, 1]
-    # Pixels are counted from 1 in the kernels, from 0 in K.
+    # The kernels count pixels from 1, K counts them from 0.
     row_centre, column_centre = (K[1, 2] + 1.0) * DELTA_X, (K[0, 2] + 1.0) * DELTA_Y
-    # A pixel is as wide as it is high in angle only if its steps say so: hence the ratio.
+    # Ratio of the kernel steps to the angular size of a pixel, for rows relative to columns.
     across = (fy * DELTA_X) / (fx * DELTA_Y)
     L = np.zeros((4, 6))
-    # Along the rows is the optical y, along the columns x; rows to columns turns against z.
+    # Along the rows is the optical y axis, along the columns x; rows to columns is against z.
     L[1, 0] = area * J[1, 1] * fx * DELTA_Y / depth
     L[0, 1] = area * J[0, 0] * fy * DELTA_X / depth
     L[:3, 2] = np.array([row_centre * J[0, 0], column_centre * J[1, 1], J[2, 2]]) * area / depth

@@ -1,5 +1,7 @@
-"""Feature points of a texture, matched with those of the goal's picture: classical feature-point
-visual servoing, where nothing is known of the target but that it is flat."""
+"""Keypoints of a texture, matched between the image and the goal image.
+
+The target is only assumed to be flat; its geometry need not be known.
+"""
 
 from __future__ import annotations
 
@@ -12,33 +14,34 @@ from aras_visual_servo_camera.interaction import Plane, point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Observation
-from .base import FEATURES, Measured, plane_in
-from .luminance import Luminance, grey_of
-from .points import places as places_of
-from .pose import PoseInGoalFrame, in_goal_frame, pose_of_plane
+from ..observation.observation import Observation
+from .base import FEATURES, FeatureMeasurement, get_plane
+from .luminance import Luminance, get_grey_image
+from .points import backproject as places_of
+from .pose import PoseInGoalFrame, compute_goal_frame_feature, estimate_planar_pose
 
-RATIO = 0.8  # of the distances of the best and the second best match (Lowe 2004)
-LEAST = 8  # matches that agree, below which a picture tells nothing
-APART = 3.0  # px by which a match may miss the homography
-ASIDE = 0.25  # px that SIFT finds keypoints too far right and down: it doubles the picture first
-FARTHEST = 500.0  # goal's depths that a match is away at most: it may lie beyond the horizon
+MATCH_RATIO = 0.8  # largest ratio of the best and second-best match distance (Lowe 2004)
+MIN_MATCHES = 8  # smallest number of consistent matches
+MAX_REPROJECTION_ERROR = 3.0  # px; largest distance of a match from the homography
+# px by which SIFT keypoints are too far right and down, because SIFT first doubles the image
+SIFT_OFFSET = 0.25
+MAX_DEPTH = 500.0  # goal distances; largest depth of a match, which may lie beyond the horizon
 
 
 @FEATURES.register("matches")
 class Matches(Luminance):
-    """s = (x, y) of every keypoint that is matched with one of the goal's picture.
+    """s = (x, y) of every keypoint that matches one of the goal image, normalised.
 
-    Keypoints by SIFT, or by ORB where `detector` says so, of the picture made `widest` pixels wide
-    where it is wider: SIFT doubles what it is given, and so looks at no more than 640 columns.
-    Matches that no homography explains are left out. How many there are changes from image to
-    image; judged is their root mean squared distance, in normalised coordinates.
+    Keypoints are found by SIFT, or by ORB if `detector` is 'orb', in the image scaled down to at
+    most `max_width` pixels. (SIFT doubles the image first, so it works on up to 640 columns.)
+    Matches that do not fit one homography are rejected. The number of matches changes between
+    images; their root mean square distance is compared with the tolerance.
     """
 
     names, tolerances, units = ("rms",), (0.001,), ("",)
     detector: ClassVar[str] = "sift"
     count: ClassVar[int] = 500
-    widest: ClassVar[int] = 320
+    max_width: ClassVar[int] = 320
 
     def __init__(self) -> None:
         super().__init__()
@@ -49,104 +52,108 @@ class Matches(Luminance):
         self._matcher = cv2.BFMatcher(norm)
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         super().check(goal)
-        places, self._wanted = self.keypoints(self._picture)
-        if len(places) < LEAST or goal.camera is None:
+        places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
+        if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: {len(places)} keypoints in its picture, {LEAST} are needed: teach "
-                "it before a target with texture, or servo on moments"
+                f"{goal.name}: {len(places)} keypoints in its image, {MIN_MATCHES} are needed: "
+                "teach it with a textured target, or servo on moments"
             )
-        self._places = places
+        self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
         self._desired_points = np.column_stack([x, y])
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        points, desired = self._matched(observation, goal)
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
+        points, desired = self._match_keypoints(observation, goal)
         error = (points - desired).ravel()
         rms = float(np.sqrt(np.mean(error**2) * 2.0))
-        A, B, C = plane_in(observation)
-        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, 1.0 / (FARTHEST * goal.distance))
+        A, B, C = get_plane(observation)
+        w = np.maximum(A * points[:, 0] + B * points[:, 1] + C, 1.0 / (MAX_DEPTH * goal.distance))
         self._L = L = point_interaction(points, w)
-        self._missed = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
-        return Measured(
+        self._match_error = float(np.std(error - L @ np.linalg.lstsq(L, error, rcond=None)[0]))
+        return FeatureMeasurement(
             points.ravel(), desired.ravel(), error, L,
-            judged=np.array([rms]),
+            error_summary=np.array([rms]),
         )  # fmt: skip
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
-        """See Feature.accuracy: by how far the matches miss the plane's motion."""
-        return self._missed
+        """Return the residual of the last matches after the best camera motion is removed."""
+        return self._match_error
 
-    def keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
-        """Of a grey picture (H, W): where its keypoints are (n, 2), px, and descriptors (n, k).
+    def detect_keypoints(self, grey: np.ndarray) -> tuple[np.ndarray, np.ndarray | None]:
+        """Detect keypoints (n, 2), px, and their descriptors (n, k) in a grey image (H, W).
 
-        Another detector is a class with another `keypoints`.
+        A subclass can override this method to use another detector.
         """
-        scale = min(self.widest / grey.shape[1], 1.0)
+        scale = min(self.max_width / grey.shape[1], 1.0)
         if scale < 1.0:
-            shape = self.widest, max(round(grey.shape[0] * scale), 1)
+            shape = self.max_width, max(round(grey.shape[0] * scale), 1)
             grey, scale = cv2.resize(grey, shape, interpolation=cv2.INTER_AREA), (
                 shape[0] / grey.shape[1], shape[1] / grey.shape[0]
             )  # fmt: skip
         found, descriptors = self._detector.detectAndCompute(grey, None)
         places = np.array([k.pt for k in found], float).reshape(-1, 2)
         if self.detector == "sift":
-            places -= ASIDE
+            places -= SIFT_OFFSET
         return (places + 0.5) / scale - 0.5, descriptors
 
-    def _matched(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, np.ndarray]:
-        """Points (n, 2) seen and those of the goal, normalised, matched.
+    def _match_keypoints(
+        self, observation: Observation, goal: Goal
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return matched points (n, 2) of the image and of the goal, in normalised coordinates.
 
         Raises:
-            MeasurementError: too few agree.
+            MeasurementError: too few matches are consistent.
         """
         if self._goal is not goal:
             self.check(goal)
-        places, descriptors = self.keypoints(grey_of(observation))
+        places, descriptors = self.detect_keypoints(get_grey_image(observation))
         pairs = []
-        if len(places) >= LEAST:
-            for two in self._matcher.knnMatch(descriptors, self._wanted, k=2):
-                if len(two) == 2 and two[0].distance < RATIO * two[1].distance:
+        if len(places) >= MIN_MATCHES:
+            for two in self._matcher.knnMatch(descriptors, self._goal_descriptors, k=2):
+                if len(two) == 2 and two[0].distance < MATCH_RATIO * two[1].distance:
                     pairs.append((two[0].queryIdx, two[0].trainIdx))
-        if len(pairs) >= LEAST:
-            seen, wanted = np.array(pairs).T
-            _, agree = cv2.findHomography(self._places[wanted], places[seen], cv2.RANSAC, APART)
-            keep = np.zeros(len(pairs), bool) if agree is None else agree.ravel().astype(bool)
-            if keep.sum() >= LEAST:
-                x, y, _ = observation.camera.normalise(*places[seen[keep]].T)
-                return np.column_stack([x, y]), self._desired_points[wanted[keep]]
+        if len(pairs) >= MIN_MATCHES:
+            in_image, in_goal = np.array(pairs).T
+            _, agree = cv2.findHomography(
+                self._goal_keypoints[in_goal], places[in_image], cv2.RANSAC, MAX_REPROJECTION_ERROR
+            )
+            inliers = np.zeros(len(pairs), bool) if agree is None else agree.ravel().astype(bool)
+            if inliers.sum() >= MIN_MATCHES:
+                x, y, _ = observation.camera.normalise(*places[in_image[inliers]].T)
+                return np.column_stack([x, y]), self._desired_points[in_goal[inliers]]
         raise MeasurementError(
-            f"{len(pairs)} keypoints match the goal's picture, {LEAST} that agree are needed: is "
-            "the target in view, and textured?"
+            f"{len(pairs)} keypoints match the goal image, {MIN_MATCHES} consistent ones are "
+            "needed: is the target in view, and textured?"
         )
 
 
 @FEATURES.register("matches_orb")
 class MatchesORB(Matches):
-    """The same by ORB: ten times as fast, and less sure."""
+    """Matches with ORB keypoints: ten times as fast as SIFT, and less reliable."""
 
     detector: ClassVar[str] = "orb"
-    widest: ClassVar[int] = 640
+    max_width: ClassVar[int] = 640
 
 
 @FEATURES.register("matches_pose")
 class MatchesPose(Matches):
-    """Position-based on the same matches: s = (g_t_c, theta u) of the plane's points."""
+    """Position-based servoing on matched keypoints: s = (g_t_c, theta u) of their plane."""
 
-    stackable = True
-    names, tolerances, units = zip(*PoseInGoalFrame.rows, strict=True)
+    is_stackable = True
+    names, tolerances, units = zip(*PoseInGoalFrame.components, strict=True)
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        points, desired = self._matched(observation, goal)
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
+        points, desired = self._match_keypoints(observation, goal)
         super().measure(observation, goal)
         plane = goal.plane or Plane.fronto_parallel(goal.depth)
         places = places_of(desired, desired @ (plane.A, plane.B) + plane.C)
-        s, L = in_goal_frame(pose_of_plane(places, points))
-        return Measured(s, np.zeros(6), s, L)
+        s, L = compute_goal_frame_feature(estimate_planar_pose(places, points))
+        return FeatureMeasurement(s, np.zeros(6), s, L)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Matches.accuracy; at the goal s is the camera's offset itself."""
+        """Return the accuracy of s, the camera's offset, propagated from that of the matches."""
         return np.linalg.pinv(self._L) * super().accuracy(observation, goal)

@@ -1,15 +1,16 @@
-"""Features that are formulas over image moments, each by a list of the camera package's names.
+"""Features that are formulas over image moments, given by the names of the camera package.
 
-Their values and interaction matrices are those of `aras_visual_servo_camera.features`: F.
+`aras_visual_servo_camera.features` computes their values and interaction matrices. References: F.
 Chaumette, Image moments: a general and useful set of features for visual servoing, IEEE T-RO
 20(4), 2004; O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
-servoing of planar objects, IEEE T-RO 21(6), 2005. A user's own is a subclass with formulas.
+servoing of planar objects, IEEE T-RO 21(6), 2005. A user-defined feature is a subclass of
+MomentFeature with other formulas.
 """
 
 from __future__ import annotations
 
 from .base import FEATURES
-from .moments import ALPHA, ASIDE, AWAY, LEVEL_CAMERA, MomentFeature
+from .moments import ALPHA, CENTRE_TOLERANCE, DEPTH_TOLERANCE, LEVEL_CAMERA, MomentFeature
 
 
 @FEATURES.register("basic_moments")
@@ -39,10 +40,10 @@ class GravityCentre(MomentFeature):
 
 @FEATURES.register("gravity_centre_normalised")
 class NormalisedGravityCentre(MomentFeature):
-    """s = xn, yn = an (xg, yg), m: linear in the translation."""
+    """s = xn, yn = an (xg, yg), m; linear in the translation."""
 
     formulas = names = ("xn", "yn")
-    tolerances, units = (ASIDE, ASIDE), ("m", "m")
+    tolerances, units = (CENTRE_TOLERANCE, CENTRE_TOLERANCE), ("m", "m")
     directions = (True, True, False, False, False, False)
 
 
@@ -57,16 +58,16 @@ class Area(MomentFeature):
 
 @FEATURES.register("area_normalised")
 class NormalisedArea(MomentFeature):
-    """s = an = Z* sqrt(a* / a), m: the depth of a target square on."""
+    """s = an = Z* sqrt(a* / a), m; the depth of a target parallel to the image."""
 
     formulas = names = ("an",)
-    tolerances, units = (AWAY,), ("m",)
+    tolerances, units = (DEPTH_TOLERANCE,), ("m",)
     directions = (False, False, True, False, False, False)
 
 
 @FEATURES.register("alpha")
 class Alpha(MomentFeature):
-    """s = alpha, rad, the orientation; over the whole turn where the shape has a direction."""
+    """s = alpha, the orientation, rad; over the full turn if the shape has a direction."""
 
     formulas = names = (ALPHA,)
     tolerances, units = (0.005,), ("rad",)
@@ -75,10 +76,10 @@ class Alpha(MomentFeature):
 
 @FEATURES.register("ellipse")
 class Ellipse(MomentFeature):
-    """s = xg, yg, n20, n11, n02 with n = mu / m00: of an ellipse or a circle, vpFeatureEllipse.
+    """s = xg, yg, n20, n11, n02 of an ellipse or circle, with n = mu / m00; vpFeatureEllipse.
 
     n20, n11, n02 are a quarter of the squared semi-axes of the ellipse, so they fit any region.
-    A turn about its axis of symmetry is not seen.
+    A rotation about the axis of symmetry does not change s.
     """
 
     formulas = ("xg", "yg", "mu20 / m00", "mu11 / m00", "mu02 / m00")
@@ -88,9 +89,9 @@ class Ellipse(MomentFeature):
 
 @FEATURES.register("invariants")
 class Invariants(MomentFeature):
-    """s = C1 ... C10 of Tahri and Chaumette 2005: a turn, a shift, a scale leave them alone.
+    """s = C1 ... C10 of Tahri and Chaumette 2005, invariant to rotation, shift and scale.
 
-    They tell the two tilts: ViSP's vpFeatureMomentCInvariant.
+    They depend on the two tilts of the target; vpFeatureMomentCInvariant in ViSP.
     """
 
     formulas = names = tuple(f"C{k}" for k in range(1, 11))
@@ -100,7 +101,7 @@ class Invariants(MomentFeature):
 
 @FEATURES.register("sx_sy")
 class Skewness(MomentFeature):
-    """s = Sx, Sy of Chaumette 2004: the two tilts of a target without symmetry."""
+    """s = Sx, Sy of Chaumette 2004, for the two tilts of a target without symmetry."""
 
     formulas = names = ("Sx", "Sy")
     tolerances, units = (0.001, 0.001), ("", "")
@@ -109,7 +110,7 @@ class Skewness(MomentFeature):
 
 @FEATURES.register("px_py")
 class Symmetry(MomentFeature):
-    """s = Px, Py of Chaumette 2004: the two tilts of a target with a symmetry."""
+    """s = Px, Py of Chaumette 2004, for the two tilts of a symmetric target."""
 
     formulas = names = ("Px", "Py")
     tolerances, units = (0.001, 0.001), ("", "")
@@ -118,18 +119,18 @@ class Symmetry(MomentFeature):
 
 @FEATURES.register("moments_pitch")
 class MomentsPitch(MomentFeature):
-    """xn, yn, an, alpha, and Sy for the pitch: the paper's moments with a fifth direction."""
+    """s = xn, yn, an, Sy, alpha: the moments of the paper, with Sy to control the pitch."""
 
     formulas = names = ("xn", "yn", "an", "Sy", ALPHA)
-    tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.005)
+    tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.005)
     units = ("m", "m", "m", "", "rad")
     directions = (*LEVEL_CAMERA[:4], True, True)
 
 
 @FEATURES.register("moments_six")
 class MomentsSix(MomentFeature):
-    """xn, yn, an, Sx, Sy, alpha: all six directions, of a target without symmetry."""
+    """s = xn, yn, an, Sx, Sy, alpha: all six directions, for a target without symmetry."""
 
     formulas = names = ("xn", "yn", "an", "Sx", "Sy", ALPHA)
-    tolerances = (ASIDE, ASIDE, AWAY, 0.001, 0.001, 0.005)
+    tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.001, 0.001, 0.005)
     units = ("m", "m", "m", "", "", "rad")

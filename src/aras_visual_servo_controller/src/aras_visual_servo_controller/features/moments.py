@@ -1,15 +1,14 @@
-"""Image moments of the target: formulas over them, and the paper's features.
+"""Image moments of the target: formulas over moments, and the features of the paper.
 
-With xg, yg the centre of gravity in normalised coordinates and a = m00 the area:
+With (xg, yg) the centre of gravity in normalised coordinates and a = m00 the area:
 
     an = Z* sqrt(a*/a),   xn = an xg,   yn = an yg,   alpha = 1/2 atan2(2 mu11, mu20 - mu02)
 
-xn, yn and an are metres: the place of the target before a camera parallel to it. alpha is taken
-over the full turn where the target's third-order moments give it a direction; where they do not,
-the error is known up to half a turn and says so. The attitude but for alpha is not modelled: the
-resolver holds it. L has all six columns all the same, for the target's plane as the camera is
-held over it, at the depth that its area tells.
-
+xn, yn and an are the position of the target in front of a camera parallel to it, m. alpha covers
+the full turn if the third-order moments of the target give it a direction; otherwise the error is
+ambiguous by half a turn, which the measurement reports. The features do not control the tilt of the
+camera; the inverse kinematics holds it. L has all six columns, for the plane of the target at the
+depth that follows from its area.
 Reference: O. Tahri and F. Chaumette, Point-based and region-based image moments for visual
 servoing of planar objects, IEEE Transactions on Robotics 21(6), 2005.
 """
@@ -29,34 +28,33 @@ from aras_visual_servo_camera.moments import Moments
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, DepthPart, Feature, Measured, wrap
+from ..observation.observation import Need, Observation
+from .base import FEATURES, DepthFraction, Feature, FeatureMeasurement, wrap
 
 LEVEL_CAMERA = (True, True, True, False, False, True)  # vx, vy, vz, wz
 ALPHA, FULL_ALPHA = "alpha", "alpha_full"
-DIRECTED_ORDER = 4  # of moments that tell alpha over the whole turn, with its L
-# px, times the target's width in px: what each of HARMONICS displacements of its outline amounts
-# to, rms; of a goal that this camera has shown the picture is nearly the same, and FRESH is left of
-# it. Measured on squares of 15 to 55 px, drawn with and without physics (0.01 to 0.04).
-EDGE, FRESH = 0.03, 0.12
-# Difference of the outline's widths, part of their sum of squares, below which pixels make as much
-# of alpha as the target's own shape: alpha is then as if another camera had shown the goal.
-ROUND = 0.1
-HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi, of the direction from the middle
-PIECES = 16  # of each side of an outline
-# Tolerances of xn and yn, and of an: 0.5 and 1 mm before the laboratory's target, at 0.2 m.
-ASIDE, AWAY = DepthPart(0.0025), DepthPart(0.005)
-STEP = 1e-5  # normalised; displacement by which the features' slopes are taken
-
-
-class _AtGoal:
-    """What one goal means for formulas over moments, worked out once."""
+FULL_ALPHA_ORDER = 4  # order of the moments that alpha over the full turn needs, with its L
+# Rms amplitude of each of HARMONICS displacements of the measured outline, px times the target's
+# width in px. If image and goal come from the same camera, their errors are nearly equal, and only
+# SAME_CAMERA_PART of the amplitude counts. Measured on squares of 15 to 55 px, rendered with and
+# without physics (0.01 to 0.04).
+OUTLINE_ACCURACY, SAME_CAMERA_PART = 0.03, 0.12
+# Relative difference of the second moments below which the target is nearly round: pixel noise then
+# determines alpha, and alpha counts as taught with another camera.
+ROUND_TOLERANCE = 0.1
+HARMONICS = 9  # 1, cos phi, sin phi, ... cos 4 phi, sin 4 phi; phi: direction from the centre
+PARTS_PER_SIDE = 16  # integration steps per side of an outline
+# Tolerances of xn and yn, and of an: 0.5 and 1 mm for the laboratory's target, at 0.2 m.
+CENTRE_TOLERANCE, DEPTH_TOLERANCE = DepthFraction(0.0025), DepthFraction(0.005)
+STEP = 1e-5  # normalised; displacement of the outline for finite differences
+class _GoalMoments:
+    """Quantities of one goal for formulas over moments, computed once."""
 
     def __init__(self, goal: Goal, formulas: tuple[str, ...], tolerance: float) -> None:
         if goal.moments is None:
-            raise ConfigurationError(f"{goal.name} holds no moments: teach it anew")
+            raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:
@@ -64,10 +62,14 @@ class _AtGoal:
                 goal.moments, goal.depth, self.plane
             )
             orientation = self.reference.orientation
-            self._directed = orientation is not None and not orientation.symmetric
+            self._has_direction = orientation is not None and not orientation.is_symmetric
             self._formulas = formulas
             found = camera_features.compute_moment_features(
-                goal.moments, self.formulas(goal.moments), self.plane, self.reference, tolerance
+                goal.moments,
+                self.select_formulas(goal.moments),
+                self.plane,
+                self.reference,
+                tolerance,
             )
         except VisionError as error:
             raise ConfigurationError(f"{goal.name}: {error}") from error
@@ -75,25 +77,27 @@ class _AtGoal:
             name, reason = next(iter(found.degenerate.items()))
             raise ConfigurationError(f"{goal.name}: feature {name} is undefined there: {reason}")
         self.s, self.L = found.values, found.L
-        # In the camera's frame, and in the base's where the camera's pose is known.
+        # Normal of the plane in the camera frame, and in the base frame if the pose is known.
         self.camera_normal = np.array(self.plane) / np.linalg.norm(self.plane)
         pose = goal.world_T_camera
         self.normal = None if pose is None else pose[:3, :3] @ self.camera_normal
-        # A patch of area A at depth Z shows a = A (n . r) / Z^2 along the ray r = (x, y, 1).
+        # A patch of area A at depth Z has image area a = A (n . r) / Z^2 on the ray r = (x, y, 1).
         ray = (goal.moments.xg, goal.moments.yg, 1.0)
         depth = 1.0 / self.plane.inverse_depth(*ray[:2])
-        self.patch = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
+        self.patch_area = goal.moments.area * depth**2 / float(self.camera_normal @ ray)
 
     @cached_property
     def slopes(self) -> np.ndarray:
-        """By how much the features (k, HARMONICS) change where the goal's outline is displaced; see
-        `displaced`."""
+        """Changes of the features (k, HARMONICS) per displacement of the goal's outline.
+
+        `compute_displacement_moments` defines the displacements.
+        """
         moments, columns = self.goal.moments, []
-        formulas = self.formulas(moments)
-        for change in displaced(self.goal.outline(), moments.order):
+        formulas = self.select_formulas(moments)
+        for change in compute_displacement_moments(self.goal.compute_outline(), moments.order):
             high, low = (
-                camera_features.values(
-                    moments.plus(step * change), formulas, self.plane, self.reference,
+                camera_features.compute_feature_values(
+                    moments.add(step * change), formulas, self.plane, self.reference,
                     self._tolerance,
                 )
                 for step in (STEP, -STEP)
@@ -104,22 +108,22 @@ class _AtGoal:
             ])  # fmt: skip
         return np.transpose(columns) / STEP
 
-    def formulas(self, moments: Moments) -> tuple[str, ...]:
-        """Those that these moments tell: alpha over the whole turn where the goal's shape has a
-        direction and the moments' order shows it."""
-        if not self._directed or moments.order < DIRECTED_ORDER:
+    def select_formulas(self, moments: Moments) -> tuple[str, ...]:
+        """Return the formulas, with alpha over the full turn if shape and moments allow it."""
+        if not self._has_direction or moments.order < FULL_ALPHA_ORDER:
             return self._formulas
         return tuple(FULL_ALPHA if name == ALPHA else name for name in self._formulas)
 
 
 class MomentFeature(Feature):
-    """Base: give `formulas`, one a component, as the camera package's features are written.
+    """Base class of features over moments; a subclass sets `formulas`, one for each component.
 
-    An `alpha` becomes `alpha_full`, over the whole turn, where the goal's third-order moments
-    give it a direction.
+    The formulas use the names of `aras_visual_servo_camera.features`. `alpha` becomes `alpha_full`,
+    over the full turn, if the third-order moments of the goal give it a direction.
 
     Attributes:
-        anisotropy: below this a shape is a square, without angle: pixels leave it some.
+        anisotropy: relative difference of the second moments below which a shape has no angle.
+            Pixels give even a square a small difference.
     """
 
     formulas: ClassVar[tuple[str, ...]]
@@ -127,22 +131,23 @@ class MomentFeature(Feature):
     anisotropy: ClassVar[float] = 1e-2
 
     def __init__(self) -> None:
-        self._known: _AtGoal | None = None
+        self._goal_moments: _GoalMoments | None = None
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
-        self._at(goal)
+        """Refuse a goal that this feature cannot servo to."""
+        self._prepare_goal(goal)
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        at = self._at(goal)
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
+        goal_moments = self._prepare_goal(goal)
         moments = observation.moments
         if moments is None:
             raise MeasurementError("no moments in this observation: is it the segmented target's?")
-        formulas = at.formulas(moments)
+        formulas = goal_moments.select_formulas(moments)
         try:
             found = camera_features.compute_moment_features(
-                moments, formulas, self._plane(observation, moments, at), at.reference,
+                moments, formulas, self._estimate_plane(observation, moments, goal_moments),
+                goal_moments.reference,
                 self.anisotropy,
             )  # fmt: skip
         except (VisionError, ArithmeticError) as error:
@@ -150,76 +155,84 @@ class MomentFeature(Feature):
         if found.degenerate:
             name, reason = next(iter(found.degenerate.items()))
             raise MeasurementError(f"feature {name} is undefined: {reason}")
-        error = found.values - at.s
-        up_to = ""
+        error = found.values - goal_moments.s
+        ambiguity = ""
         for i, formula in enumerate(formulas):
             if formula == FULL_ALPHA:
                 error[i] = wrap(error[i])
             elif formula == ALPHA:
-                error[i], up_to = wrap(error[i], np.pi), "180°"
-        return Measured(found.values, at.s, error, found.L, up_to=up_to)
+                error[i], ambiguity = wrap(error[i], np.pi), "180°"
+        return FeatureMeasurement(found.values, goal_moments.s, error, found.L, ambiguity=ambiguity)
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
-        return self._at(goal).L
+        """Return the interaction matrix L (k, 6) at the goal."""
+        return self._prepare_goal(goal).L
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy; of displacements of the goal's outline, by differences."""
-        at = self._at(goal)
+        """Return the accuracy of s, from displacements of the goal's outline."""
+        goal_moments = self._prepare_goal(goal)
         if not observation.pixel_count:
-            noise = observation.corner_accuracy  # of an exact outline whose corners have noise
-            return noise * at.slopes if noise and observation.moments is not None else None
-        size = EDGE / sqrt(observation.pixel_count) / observation.camera.K[0]
+            noise = observation.corner_accuracy  # exact outline with noise on its corners
+            is_known = noise and observation.moments is not None
+            return noise * goal_moments.slopes if is_known else None
+        size = OUTLINE_ACCURACY / sqrt(observation.pixel_count) / observation.camera.K[0]
         if goal.camera != observation.camera:
-            return size * at.slopes
-        found = size * FRESH * at.slopes
+            return size * goal_moments.slopes
+        found = size * SAME_CAMERA_PART * goal_moments.slopes
         mu20, mu11, mu02 = goal.moments.second
-        if hypot(mu20 - mu02, 2.0 * mu11) < ROUND * (mu20 + mu02):
-            for i, formula in enumerate(at.formulas(goal.moments)):
+        if hypot(mu20 - mu02, 2.0 * mu11) < ROUND_TOLERANCE * (mu20 + mu02):
+            for i, formula in enumerate(goal_moments.select_formulas(goal.moments)):
                 if formula.startswith("alpha"):
-                    found[i] /= FRESH
+                    found[i] /= SAME_CAMERA_PART
         return found
 
-    def _at(self, goal: Goal) -> _AtGoal:
-        if self._known is None or self._known.goal is not goal:
-            self._known = _AtGoal(goal, self.formulas, self.anisotropy)
-        return self._known
+    def _prepare_goal(self, goal: Goal) -> _GoalMoments:
+        if self._goal_moments is None or self._goal_moments.goal is not goal:
+            self._goal_moments = _GoalMoments(goal, self.formulas, self.anisotropy)
+        return self._goal_moments
 
     @staticmethod
-    def _plane(observation: Observation, moments: Moments, at: _AtGoal) -> Plane:
-        """The observation's where it is measured; else its attitude by kinematics, its depth by
-        the area."""
+    def _estimate_plane(
+        observation: Observation, moments: Moments, goal_moments: _GoalMoments
+    ) -> Plane:
+        """Return the plane of the observation if measured, else that of kinematics and area.
+
+        The orientation then follows from the kinematics, and the depth from the target's area.
+        """
         plane, centre = observation.plane, (moments.xg, moments.yg)
-        if observation.plane_measured and plane.inverse_depth(*centre) > 0.0:
+        if observation.is_plane_measured and plane.inverse_depth(*centre) > 0.0:
             return plane
-        normal = at.camera_normal
-        if at.normal is not None and observation.world_T_camera is not None:
-            normal = observation.world_T_camera[:3, :3].T @ at.normal
+        normal = goal_moments.camera_normal
+        if goal_moments.normal is not None and observation.world_T_camera is not None:
+            normal = observation.world_T_camera[:3, :3].T @ goal_moments.normal
         facing = float(normal @ (*centre, 1.0))
         if facing < 0.05:
             raise MeasurementError("the camera looks along the target's plane, not on it")
-        depth = sqrt(at.patch * facing / moments.area)
+        depth = sqrt(goal_moments.patch_area * facing / moments.area)
         return Plane(*(normal / (facing * depth)).tolist())
 
 
 @FEATURES.register("moments")
 class ImageMoments(MomentFeature):
-    """xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
+    """s = xn, yn, an (m) and alpha (rad), for vx, vy, vz and wz."""
 
-    formulas = names = camera_features.PAPER
-    # The means of a second: a friction of the joints leaves less, the noisy camera a tenth.
-    tolerances = (ASIDE, ASIDE, AWAY, 0.005)
+    formulas = names = camera_features.PAPER_FEATURES
+    # For means over 1 s: joint friction causes smaller errors, camera noise a tenth of these.
+    tolerances = (CENTRE_TOLERANCE, CENTRE_TOLERANCE, DEPTH_TOLERANCE, 0.005)
     units = ("m", "m", "m", "rad")
     directions = LEVEL_CAMERA
 
 
-def displaced(outline: np.ndarray, order: int) -> np.ndarray:
-    """Raw moments (HARMONICS, order + 1, order + 1) of what is gained where an outline (n, 2) is
-    displaced outwards by 1, cos phi, sin phi, ... of the direction phi from its middle."""
-    begin, step = outline, np.roll(outline, -1, axis=0) - outline
-    parts = (np.arange(PIECES) + 0.5) / PIECES
-    places = (begin[:, None] + parts[:, None] * step[:, None]).reshape(-1, 2)
-    lengths = np.repeat(np.linalg.norm(step, axis=1), PIECES) / PIECES
+def compute_displacement_moments(outline: np.ndarray, order: int) -> np.ndarray:
+    """Compute the changes of the raw moments for displacements of an outline (n, 2).
+
+    The outline is displaced outwards by 1, cos phi, sin phi, ..., where phi is the direction from
+    its centre. The result is (HARMONICS, order + 1, order + 1).
+    """
+    start, step = outline, np.roll(outline, -1, axis=0) - outline
+    parts = (np.arange(PARTS_PER_SIDE) + 0.5) / PARTS_PER_SIDE
+    places = (start[:, None] + parts[:, None] * step[:, None]).reshape(-1, 2)
+    lengths = np.repeat(np.linalg.norm(step, axis=1), PARTS_PER_SIDE) / PARTS_PER_SIDE
     x, y = places.T
     dx, dy = (places - outline.mean(axis=0)).T
     phi, orders = np.arctan2(dy, dx), np.arange(1, HARMONICS // 2 + 1)

@@ -1,4 +1,4 @@
-"""Points of the target in the image: corners as segmented, or by a user's own image processing.
+"""Image points of the target: corners of the segmentation, or user-defined points.
 
 s = (x_0, y_0, x_1, y_1, ...) in normalised coordinates; for each point, with its depth Z,
 
@@ -18,43 +18,44 @@ from typing import Any, ClassVar
 
 import numpy as np
 
-from aras_visual_servo_camera.contour import corners_like
+from aras_visual_servo_camera.contour import match_corners
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane, point_interaction
-from aras_visual_servo_camera.line_fits import deviation_of
+from aras_visual_servo_camera.line_fits import compute_rms_deviation
 from aras_visual_servo_camera.polygons import signed_area
 
-from ..errors import BEHIND, ConfigurationError, MeasurementError
+from ..errors import POINT_BEHIND_CAMERA, ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, Feature, Measured, plane_in
+from ..observation.observation import Need, Observation
+from .base import FEATURES, Feature, FeatureMeasurement, get_plane
 
-# Of a goal that this camera has shown, image and goal are measured with nearly the same errors.
-# They differ by NEARLY of a pixel, and CHANGING of the distance by which the points are off.
-# Measured on corners of targets 8 to 40 px wide, 0.001 to 0.3 px off: 0.0025 px and 0.15 of the
-# distance; of 120 arrivals, six tenths of that bounds their errors.
-NEARLY, CHANGING = 0.0012, 0.085
-# Times the corners' spread by their sides, at a distance of one pixel; it grows with the distance's
-# root, from NEAREST px on. Measured on 1 092 rendered pairs of goal and image, 0.001 to 0.3 px off:
-# of markers and of outlines of 10 to 110 px, the camera's offset by them is 0.7 to 1.7 times what
-# this expects, rms, and 2.0 times by outlines of 26 px that are 0.1 to 0.3 px off.
-ROOT, NEAREST = 1.5, 0.006
-TOLERANCE = 0.001  # 0.1 pixel of a camera with f = 100, 0.2 mm at 0.2 m
+# If the goal was taught with the same camera, image and goal have nearly the same measurement
+# errors. Their difference is the first number in px plus the second times the mean distance of the
+# points from the goal. Measured on corners of targets 8 to 40 px wide, 0.001 to 0.3 px from the
+# goal: 0.0025 px and 0.15 of the distance. About half of this bounds the final errors of 120 runs.
+SHARED_PIXEL_ERROR, SHARED_DISTANCE_ERROR = 0.0012, 0.085
+# Factor on the corner spread that the sides of the outline give, at a distance of 1 px. It grows
+# with the square root of the distance, for distances above MIN_DISTANCE px. Measured on 1 092
+# rendered pairs of goal and image, 0.001 to 0.3 px apart: for markers and outlines of 10 to 110 px,
+# the camera's offset is 0.7 to 1.7 times the estimate, rms, and 2.0 times for outlines of 26 px
+# that are 0.1 to 0.3 px apart.
+DEVIATION_FACTOR, MIN_DISTANCE = 1.5, 0.006
+TOLERANCE = 0.001  # normalised: 0.1 px for f = 100 px, 0.2 mm at 0.2 m
 
 
 class PointFeature(Feature):
-    """A feature made of image points: base class for points found by your own image processing.
+    """Base class of features made of image points, such as those of your own image processing.
 
-    A subclass gives `points`; s, s*, e and L follow. The goal's points are those that `teach` kept
-    under this feature's name. If `ordered` is False and the points are not a marker's, they are
-    matched to the goal's as an outline, by turning round.
+    A subclass implements `points`; s, s*, e and L follow. The goal's points are those that `teach`
+    stored under this feature's name. If `is_ordered` is False and the points are not a marker's,
+    they are matched to the goal's points as a closed outline, up to a cyclic shift.
 
     Attributes:
-        ordered: whether `points` always returns the same point first.
-        count: number of points; taken from the goal when it is checked.
+        is_ordered: whether `points` always returns the same point first.
+        count: number of points; taken from the goal when the goal is checked.
     """
 
-    ordered: ClassVar[bool] = True
+    is_ordered: ClassVar[bool] = True
 
     def __init__(self, count: int = 4) -> None:
         self._set_count(count)
@@ -62,32 +63,32 @@ class PointFeature(Feature):
 
     @abstractmethod
     def points(self, observation: Observation) -> np.ndarray:
-        """The points (n, 2) in this image, normalised coordinates.
+        """Return the points (n, 2) in this image, in normalised coordinates.
 
         Raises:
-            MeasurementError: they are not to be seen.
+            MeasurementError: the points are not visible.
         """
 
     def reset(self) -> None:
-        """See Feature.reset."""
-        self._turn = 0.0
+        """Forget earlier images."""
+        self._match_rotation = 0.0
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
-        corners = self.desired_points(goal)
+        """Refuse a goal that this feature cannot servo to."""
+        corners = self.read_desired_points(goal)
         self._set_count(len(corners))
         if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} does not say the target's depth (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         return {"points": np.asarray(self.points(observation), float).tolist()}
 
-    def desired_points(self, goal: Goal) -> np.ndarray:
-        """The goal's points (n, 2).
+    def read_desired_points(self, goal: Goal) -> np.ndarray:
+        """Return the goal's points (n, 2).
 
         Raises:
-            ConfigurationError: the goal holds none of this feature.
+            ConfigurationError: the goal holds no points of this feature.
         """
         taught = goal.features.get(self.name or type(self).__name__, {}).get("points")
         try:
@@ -103,27 +104,27 @@ class PointFeature(Feature):
             raise ConfigurationError(f"{goal.name}: a point is not finite")
         return points
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        desired = self.desired_points(goal)
-        points, up_to = self._numbered(observation, desired)
-        inverse_depth = at_plane(plane_in(observation), points)
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
+        desired = self.read_desired_points(goal)
+        points, ambiguity = self._match_to_goal(observation, desired)
+        inverse_depth = compute_inverse_depth(get_plane(observation), points)
         s, goal_s = points.ravel(), desired.ravel()
-        return Measured(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
-                        up_to=up_to)  # fmt: skip
+        return FeatureMeasurement(s, goal_s, s - goal_s, point_interaction(points, inverse_depth),
+                        ambiguity=ambiguity)  # fmt: skip
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
-        desired = self.desired_points(goal)
-        return point_interaction(desired, self._goal_depth(goal, desired))
+        """Return the interaction matrix L (k, 6) at the goal."""
+        desired = self.read_desired_points(goal)
+        return point_interaction(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy."""
+        """Return the accuracy of s in the image measured last."""
         if not observation.corner_accuracy:
             return None
-        desired = self.desired_points(goal)
-        points = self._numbered(observation, desired)[0]
-        return accuracy_beside(observation, goal, points, desired)
+        desired = self.read_desired_points(goal)
+        points = self._match_to_goal(observation, desired)[0]
+        return estimate_corner_accuracy(observation, goal, points, desired)
 
     def _set_count(self, count: int) -> None:
         self.count = count
@@ -132,53 +133,55 @@ class PointFeature(Feature):
         self.units = ("",) * (2 * count)
 
     @staticmethod
-    def _goal_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
-        """1/Z (n,) of the goal's points, 1/m."""
+    def _compute_goal_inverse_depth(goal: Goal, desired: np.ndarray) -> np.ndarray:
+        """Compute the inverse depth 1/Z (n,) of the goal's points, 1/m."""
         try:
-            return at_plane(goal.plane or Plane.fronto_parallel(goal.depth), desired)
+            return compute_inverse_depth(goal.plane or Plane.fronto_parallel(goal.depth), desired)
         except MeasurementError as error:
             raise ConfigurationError(
-                f"{goal.name}: {error}, where that is believed to be mounted: check the camera's "
-                "place (believed, camera_xyz, camera_rpy) and the goal"
+                f"{goal.name}: {error}, for the assumed camera mounting: check the camera's "
+                "pose (calibration_offset, camera_xyz, camera_rpy) and the goal"
             ) from error
 
-    def _numbered(self, observation: Observation, desired: np.ndarray) -> tuple[np.ndarray, str]:
-        """Points (n, 2) in the order of the goal's, and what stays ambiguous.
+    def _match_to_goal(
+        self, observation: Observation, desired: np.ndarray
+    ) -> tuple[np.ndarray, str]:
+        """Return points (n, 2) in the order of the goal, and the ambiguity of the match.
 
         Raises:
-            MeasurementError: another number of points, or one that is not finite.
+            MeasurementError: the number of points differs, or a coordinate is not finite.
         """
-        points = self._counted(observation, desired)
-        known = self.ordered or observation.numbered
-        return (points, "") if known else self._matched(points, desired)
+        points = self._check_count(observation, desired)
+        known = self.is_ordered or observation.is_numbered
+        return (points, "") if known else self._match_outline(points, desired)
 
-    def _counted(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
-        """The points (n, 2), as many as are desired.
+    def _check_count(self, observation: Observation, desired: np.ndarray) -> np.ndarray:
+        """Return the points (n, 2), after a check that there are as many as in the goal.
 
-        Corners of an outline that have become more or fewer, as those of a target far away do, are
-        looked for again where the goal's would be.
+        If the number of an outline's corners differs, as for a distant target, the corners are
+        searched again near the expected positions.
 
         Raises:
-            MeasurementError: another number of points, or one that is not finite.
+            MeasurementError: the number of points differs, or a coordinate is not finite.
         """
         points = np.asarray(self.points(observation), float)
         if not np.isfinite(points).all():
             raise MeasurementError("a point of the target is not finite")
         if points.shape == desired.shape:
             return points
-        told = f"{len(np.atleast_1d(points))} points are seen, the goal has {len(desired)}"
+        message = f"{len(np.atleast_1d(points))} points are visible, the goal has {len(desired)}"
         if points is not observation.corners or observation.contour is None:
-            raise MeasurementError(told)
+            raise MeasurementError(message)
         try:
-            return corners_like(observation.contour, desired)
+            return match_corners(observation.contour, desired)
         except VisionError as error:
-            raise MeasurementError(f"{told}; {error}") from error
+            raise MeasurementError(f"{message}; {error}") from error
 
-    def _matched(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
-        """Points (n, 2) of an outline in the order of the goal's, and what stays ambiguous.
+    def _match_outline(self, points: np.ndarray, desired: np.ndarray) -> tuple[np.ndarray, str]:
+        """Return points (n, 2) of an outline in the order of the goal, and the ambiguity.
 
-        Each of the n ways round is fitted by a similarity; of those that fit as well as the best,
-        the one nearest to the last turn.
+        Each of the n cyclic shifts is fitted by a similarity. Of those that fit about as well as
+        the best, the one with the rotation nearest to that of the last image is used.
         """
         z, g = (p[:, 0] + 1j * p[:, 1] for p in (points, desired))
         z, g = z - z.mean(), g - g.mean()
@@ -190,10 +193,10 @@ class PointFeature(Feature):
         residual = size - np.abs(fits) ** 2 / float(np.vdot(g, g).real)
         good = np.flatnonzero(residual <= residual.min() + 0.02 * size)
         turns = np.angle(fits[good])
-        chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._turn))))))
-        self._turn = float(turns[chosen])
-        up_to = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
-        return np.roll(points, -int(good[chosen]), axis=0), up_to
+        chosen = int(np.argmin(np.abs(np.angle(np.exp(1j * (turns - self._match_rotation))))))
+        self._match_rotation = float(turns[chosen])
+        ambiguity = "" if len(good) == 1 else f"{360 / len(good):.0f}°"
+        return np.roll(points, -int(good[chosen]), axis=0), ambiguity
 
 
 @FEATURES.register("points")
@@ -201,50 +204,53 @@ class Points(PointFeature):
     """The corners of the segmented target's outline: s = (x_0, y_0, x_1, ...), normalised."""
 
     needs = frozenset((Need.CORNERS,))
-    ordered: ClassVar[bool] = False
+    is_ordered: ClassVar[bool] = False
 
     def points(self, observation: Observation) -> np.ndarray:
-        """See PointFeature.points."""
+        """Return the points (n, 2) in this image, in normalised coordinates."""
         if observation.corners is None:
             raise MeasurementError("no corners in this observation: is the target a polygon?")
         return observation.corners
 
 
-def at_plane(plane: Plane, points: np.ndarray) -> np.ndarray:
-    """1/Z (n,) of the plane at points (n, 2).
+def compute_inverse_depth(plane: Plane, points: np.ndarray) -> np.ndarray:
+    """Compute the inverse depth 1/Z (n,) of the plane at points (n, 2).
 
     Raises:
-        MeasurementError: it lies behind the camera there.
+        MeasurementError: a point is behind the camera.
     """
     inverse = plane.A * points[:, 0] + plane.B * points[:, 1] + plane.C
     if not (inverse > 0.0).all():
-        raise MeasurementError(BEHIND)
+        raise MeasurementError(POINT_BEHIND_CAMERA)
     return inverse
 
 
-def accuracy_beside(
+def estimate_corner_accuracy(
     observation: Observation, goal: Goal, points: np.ndarray, desired: np.ndarray
 ) -> np.ndarray:
-    """How exactly corners are known beside their goal's, as of Feature.accuracy, (2n, m).
+    """Estimate the accuracy (2n, m) of corners relative to the goal's, as in Feature.accuracy.
 
-    points, desired: (n, 2) of image and goal, in the same order, normalised.
+    Args:
+        observation: observation with the accuracy of its corners.
+        goal: goal with its camera.
+        points, desired: (n, 2) of image and goal, in the same order, normalised.
     """
-    accuracy, alone = observation.corner_accuracy, np.eye(points.size)
+    accuracy, identity = observation.corner_accuracy, np.eye(points.size)
     if goal.camera != observation.camera:
-        return accuracy * alone
+        return accuracy * identity
     away, fx = float(np.mean((points - desired) ** 2)), observation.camera.K[0]
     spread = _spread(observation, points)
     if spread is None:
-        common = NEARLY / fx + CHANGING * sqrt(away)
-        return max(min(accuracy, common), observation.corner_unshared) * alone
-    # Noise moves the corners as well, by no more than that.
-    deviation = deviation_of(spread)
+        common = SHARED_PIXEL_ERROR / fx + SHARED_DISTANCE_ERROR * sqrt(away)
+        return max(min(accuracy, common), observation.corner_repeatability) * identity
+    # Noise moves the corners by at most their deviation: subtract it from the distance.
+    deviation = compute_rms_deviation(spread)
     away = fx * sqrt(max(away - deviation**2, 0.0))
-    return min(ROOT * sqrt(max(away, NEAREST)), accuracy / deviation) * spread
+    return min(DEVIATION_FACTOR * sqrt(max(away, MIN_DISTANCE)), accuracy / deviation) * spread
 
 
 def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
-    """The corners' spread (2n, m), as points (n, 2) are ordered; None where they are others."""
+    """Return the corner spread (2n, m) in the order of points (n, 2); None for other points."""
     if observation.corner_spread is None or observation.corner_spread.size == 0:
         return None
     same = (points[:, None] == observation.corners).all(axis=2)
@@ -254,6 +260,6 @@ def _spread(observation: Observation, points: np.ndarray) -> np.ndarray | None:
     return observation.corner_spread[np.column_stack([rows, rows + 1]).ravel()]
 
 
-def places(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
-    """Points (n, 3) in the camera's frame, m, of (n, 2), normalised, with 1/Z (n,), 1/m."""
+def backproject(points: np.ndarray, inverse_depth: np.ndarray) -> np.ndarray:
+    """Compute points (n, 3) in the camera frame, m, from (n, 2), normalised, and 1/Z (n,)."""
     return np.column_stack([points, np.ones(len(points))]) / np.asarray(inverse_depth)[:, None]

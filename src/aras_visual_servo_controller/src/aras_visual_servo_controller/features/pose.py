@@ -1,11 +1,9 @@
-"""Features of the pose between goal and camera, found from numbered points of the target's plane.
+"""Features of the pose between goal and camera, computed from numbered points of a plane.
 
-Where the goal's points and the plane that they lie in are known, they are places in 3-D, and the
-pose is that of a plane seen in perspective: a homography first, then Gauss-Newton on the points
-to rounding. No model of the target is needed. Frames: c the camera now, g the camera at the goal,
-o the middle of the points; a_R_b maps b to a.
-
-References: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE RAM 13(4), 2006
+The goal's points and their plane give 3-D points; the pose follows from a homography, refined by
+Gauss-Newton on the image points. No model of the target is needed. Frames: c the current camera,
+g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
+g the camera at the goal, o the centroid of the points; a_R_b maps b to a.
 (position-based control in both frames); E. Malis, F. Chaumette and S. Boudet, 2 1/2 D visual
 servoing, IEEE Transactions on Robotics and Automation 15(2), 1999.
 """
@@ -21,179 +19,192 @@ from aras_visual_servo_camera.interaction import point_interaction
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Observation
-from .base import FEATURES, DepthPart, Measured
+from ..observation.observation import Observation
+from .base import FEATURES, DepthFraction, FeatureMeasurement
 from .corners import NumberedPoints
 from .points import TOLERANCE
-from .points import places as places_of
+from .points import backproject as places_of
 
-REFINEMENTS, REFINED = 10, 1e-13
-FLATTEST = 1e-9  # part of the greatest singular value below which points lie on one line
+MAX_ITERATIONS, CONVERGED_STEP = 10, 1e-13
+PLANARITY_TOLERANCE = 1e-9  # ratio of singular values below which points count as collinear
 
 
 class RelativePose(NumberedPoints):
-    """Base: give `of_pose`, and be servoed.
+    """Base class of pose features; a subclass implements `compute_from_pose`.
 
     Attributes:
-        rows: names of the components, with tolerances and units.
+        components: name, tolerance and unit of each component.
     """
 
-    rows: ClassVar[tuple[tuple[str, float, str], ...]]
+    components: ClassVar[tuple[tuple[str, float, str], ...]]
 
-    def of_pose(
+    def compute_from_pose(
         self, c_T_g: np.ndarray, origin: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray]:
-        """s (k,) and L (k, 6) where the goal's camera stands at c_T_g (4, 4).
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4) of the goal camera.
 
         Args:
-            origin: (3,) the middle of the points in the goal's camera frame, m.
+            c_T_g: pose of the goal camera in the current camera frame.
+            origin: (3,) centroid of the points in the goal camera frame, m.
         """
         raise NotImplementedError
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         super().check(goal)
-        places = self._places(goal)
-        if len(places) < 4 or on_one_line(places):
+        places = self._backproject_goal(goal)
+        if len(places) < 4 or are_collinear(places):
             raise ConfigurationError(
                 f"{goal.name}: a pose needs four points that are not on one line: it has "
                 f"{len(places)}"
             )
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
-        places = self._places(goal)
-        points, up_to = self._numbered(observation, self.desired_points(goal))
-        c_T_g = pose_of_plane(places, points)
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
+        places = self._backproject_goal(goal)
+        points, ambiguity = self._match_to_goal(observation, self.read_desired_points(goal))
+        c_T_g = estimate_planar_pose(places, points)
         origin = places.mean(axis=0)
-        s, L = self.of_pose(c_T_g, origin)
-        desired, _ = self.of_pose(np.eye(4), origin)
-        return Measured(s, desired, s - desired, L, up_to=up_to)
+        s, L = self.compute_from_pose(c_T_g, origin)
+        desired, _ = self.compute_from_pose(np.eye(4), origin)
+        return FeatureMeasurement(s, desired, s - desired, L, ambiguity=ambiguity)
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy; the pose is that of the least squared distance of the points."""
+        """Return the accuracy of s, propagated from that of the points by least squares."""
         points = super().accuracy(observation, goal)
         if points is None:
             return None
-        desired = self.desired_points(goal)
-        L = point_interaction(desired, self._goal_depth(goal, desired))
+        desired = self.read_desired_points(goal)
+        L = point_interaction(desired, self._compute_goal_inverse_depth(goal, desired))
         return self.desired_interaction(goal) @ np.linalg.pinv(L) @ points
 
     def desired_interaction(self, goal: Goal) -> np.ndarray:
-        """See Feature.desired_interaction."""
-        return self.of_pose(np.eye(4), self._places(goal).mean(axis=0))[1]
+        """Return the interaction matrix L (k, 6) at the goal."""
+        return self.compute_from_pose(np.eye(4), self._backproject_goal(goal).mean(axis=0))[1]
 
-    def _places(self, goal: Goal) -> np.ndarray:
-        """The goal's points (n, 3) in its camera frame, m."""
-        desired = self.desired_points(goal)
-        return places_of(desired, self._goal_depth(goal, desired))
+    def _backproject_goal(self, goal: Goal) -> np.ndarray:
+        """Return the goal's points (n, 3) in the goal camera frame, m."""
+        desired = self.read_desired_points(goal)
+        return places_of(desired, self._compute_goal_inverse_depth(goal, desired))
 
     def _set_count(self, count: int) -> None:
         self.count = count
-        self.names, self.tolerances, self.units = zip(*self.rows, strict=True)
+        self.names, self.tolerances, self.units = zip(*self.components, strict=True)
 
 
-METRES = tuple((name, DepthPart(TOLERANCE), "m") for name in ("tx", "ty", "tz"))
-RADIANS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
+TRANSLATION_COMPONENTS = tuple((name, DepthFraction(TOLERANCE), "m") for name in ("tx", "ty", "tz"))
+ROTATION_COMPONENTS = tuple((name, 0.003, "rad") for name in ("ux", "uy", "uz"))
 
 
 @FEATURES.register("theta_u")
 class ThetaU(RelativePose):
-    """s = theta u of g_R_c, rad: L = (0, J), J the inverse right Jacobian of the rotation."""
+    """s = theta u of g_R_c, rad; L = (0, J), with J the inverse right Jacobian of the rotation."""
 
-    rows = RADIANS
+    components = ROTATION_COMPONENTS
     directions = (False, False, False, True, True, True)
 
-    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
-        return _turn(c_T_g)
+    def compute_from_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
+        return _compute_rotation(c_T_g)
 
 
 @FEATURES.register("translation")
 class Translation(RelativePose):
-    """s = g_t_c, m, in the goal's frame: the camera flies straight. L = (g_R_c, 0)."""
+    """s = g_t_c in the goal frame, m; the camera moves on a straight line. L = (g_R_c, 0)."""
 
-    rows = METRES
+    components = TRANSLATION_COMPONENTS
     directions = (True, True, True, False, False, False)
 
-    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
-        return _place(c_T_g)
+    def compute_from_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
+        return _compute_translation(c_T_g)
 
 
 @FEATURES.register("translation_camera")
 class TranslationCamera(RelativePose):
-    """s = c_t_o, m, in the camera's frame: the target's middle goes straight in the image.
+    """s = c_t_o in the camera frame, m; the target's centroid moves straight in the image.
 
     L = (-1, [c_t_o]x).
     """
 
-    rows = METRES
+    components = TRANSLATION_COMPONENTS
 
-    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+    def compute_from_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         place = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
         return place, np.hstack([-np.eye(3), skew(place)])
 
 
 @FEATURES.register("pose")
 class PoseInGoalFrame(RelativePose):
-    """Position-based: s = (g_t_c, theta u), translation in the goal's frame."""
+    """Position-based servoing: s = (g_t_c, theta u), translation in the goal frame."""
 
-    rows = METRES + RADIANS
+    components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
 
-    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
-        return in_goal_frame(c_T_g)
+    def compute_from_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
+        return compute_goal_frame_feature(c_T_g)
 
 
 @FEATURES.register("model")
 class ModelPose(PoseInGoalFrame):
-    """PoseInGoalFrame by the pose of a known mesh, which the tracker 'model' follows."""
+    """Position-based servoing on the pose of a known mesh, which the tracker 'model' measures."""
 
 
 
 @FEATURES.register("pose_camera")
 class PoseCamera(RelativePose):
-    """Position-based: s = (c_t_o, theta u), translation in the camera's frame."""
+    """Position-based servoing: s = (c_t_o, theta u), translation in the camera frame."""
 
-    rows = METRES + RADIANS
+    components = TRANSLATION_COMPONENTS + ROTATION_COMPONENTS
 
-    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
-        place = TranslationCamera.of_pose(self, c_T_g, origin)
-        return _joined(place, _turn(c_T_g))
+    def compute_from_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
+        place = TranslationCamera.compute_from_pose(self, c_T_g, origin)
+        return _stack(place, _compute_rotation(c_T_g))
 
 
 @FEATURES.register("two_and_half_d")
 class TwoAndHalfD(RelativePose):
-    """2 1/2 D: s = (x, y, log Z, theta u), the image of the points' middle, its depth, the turn."""
+    """2 1/2 D servoing: s = (x, y, log Z, theta u), with (x, y, Z) of the points' centroid."""
 
-    rows = (("x", 0.001, ""), ("y", 0.001, ""), ("log_Z", 0.005, ""), *RADIANS)
+    components = (("x", 0.001, ""), ("y", 0.001, ""), ("log_Z", 0.005, ""), *ROTATION_COMPONENTS)
 
-    def of_pose(self, c_T_g: np.ndarray, origin: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """See RelativePose.of_pose."""
+    def compute_from_pose(
+        self, c_T_g: np.ndarray, origin: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Compute s (k,) and L (k, 6) from the pose c_T_g (4, 4)."""
         X, Y, Z = c_T_g[:3, :3] @ origin + c_T_g[:3, 3]
         x, y = X / Z, Y / Z
-        turn, L_turn = _turn(c_T_g)
+        turn, L_turn = _compute_rotation(c_T_g)
         L_point = point_interaction(np.array([[x, y]]), np.array([1.0 / Z]))
         L_depth = np.array([[0.0, 0.0, -1.0 / Z, -y, x, 0.0]])
         return np.array([x, y, np.log(Z), *turn]), np.vstack([L_point, L_depth, L_turn])
 
 
-def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """c_T_g (4, 4) of points (n, 2), normalised, whose places (n, 3) in g lie in one plane, m.
+def estimate_planar_pose(object_points: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Compute c_T_g (4, 4) from points (n, 2), normalised, of coplanar points (n, 3) in g, m.
 
     Raises:
-        MeasurementError: the points give no pose.
+        MeasurementError: the points do not determine a pose.
     """
-    if on_one_line(points):
+    if are_collinear(points):
         raise MeasurementError("the points of the target give no pose: they lie on one line")
-    middle = places.mean(axis=0)
-    basis = np.linalg.svd(places - middle)[2]
-    flat = (places - middle) @ basis[:2].T
+    middle = object_points.mean(axis=0)
+    basis = np.linalg.svd(object_points - middle)[2]
+    flat = (object_points - middle) @ basis[:2].T
     size = np.abs(flat).max()
-    H = _homography(flat / size, points)
+    H = _estimate_homography(flat / size, points)
     H[:, :2] /= size
     if H[2, 2] < 0.0:
         H = -H
@@ -201,13 +212,13 @@ def pose_of_plane(places: np.ndarray, points: np.ndarray) -> np.ndarray:
     normal = np.cross(basis[0], basis[1])
     frame = np.column_stack([basis[0], basis[1], normal])
     U, _, Vt = np.linalg.svd(np.column_stack([H[:, 0], H[:, 1], np.cross(H[:, 0], H[:, 1])]))
-    R = U @ Vt @ frame.T  # no mirror: of such columns the determinant is above 0
-    return refine_pose(R, H[:, 2] - R @ middle, places, points)
+    R = U @ Vt @ frame.T  # a rotation: the determinant of such columns is positive
+    return refine_pose(R, H[:, 2] - R @ middle, object_points, points)
 
 
-def _homography(flat: np.ndarray, points: np.ndarray) -> np.ndarray:
-    """H (3, 3) with points ~ H (flat, 1), by the direct linear transform."""
-    p = np.column_stack([flat, np.ones(len(flat))])
+def _estimate_homography(plane_points: np.ndarray, points: np.ndarray) -> np.ndarray:
+    """Estimate H (3, 3) with points ~ H (plane_points, 1) by the direct linear transform."""
+    p = np.column_stack([plane_points, np.ones(len(plane_points))])
     A = np.zeros((2 * len(p), 9))
     A[0::2, 0:3] = A[1::2, 3:6] = p
     A[0::2, 6:9] = -points[:, :1] * p
@@ -216,49 +227,49 @@ def _homography(flat: np.ndarray, points: np.ndarray) -> np.ndarray:
 
 
 def refine_pose(
-    R: np.ndarray, t: np.ndarray, places: np.ndarray, points: np.ndarray
+    R: np.ndarray, t: np.ndarray, object_points: np.ndarray, points: np.ndarray
 ) -> np.ndarray:
-    """c_T_g (4, 4) with the least squared distance in the image, from a near one."""
-    for _ in range(REFINEMENTS):
-        P = places @ R.T + t
+    """Refine a pose c_T_g (4, 4) by minimising the squared distances in the image."""
+    for _ in range(MAX_ITERATIONS):
+        P = object_points @ R.T + t
         if not (P[:, 2] > 0.0).all():
             raise MeasurementError("the points of the target give a pose behind the camera")
-        seen = P[:, :2] / P[:, 2:]
-        # The target moves against the camera: hence the sign of L.
-        L = -point_interaction(seen, 1.0 / P[:, 2])
-        step = np.linalg.lstsq(L, (points - seen).ravel(), rcond=None)[0]
+        projected = P[:, :2] / P[:, 2:]
+        # The target moves relative to the camera, so L has the opposite sign.
+        L = -point_interaction(projected, 1.0 / P[:, 2])
+        step = np.linalg.lstsq(L, (points - projected).ravel(), rcond=None)[0]
         turned = exponential(step)[:3, :3]
         R, t = turned @ R, turned @ t + step[:3]
-        if np.abs(step).max() < REFINED:
+        if np.abs(step).max() < CONVERGED_STEP:
             break
     c_T_g = np.eye(4)
     c_T_g[:3, :3], c_T_g[:3, 3] = R, t
     return c_T_g
 
 
-def on_one_line(points: np.ndarray) -> bool:
-    """Whether points (n, 2) or places (n, 3) lie on one line, or all in one place."""
+def are_collinear(points: np.ndarray) -> bool:
+    """Return whether points (n, 2) or (n, 3) lie on one line, or all coincide."""
     spread = np.linalg.svd(points - points.mean(axis=0), compute_uv=False)
-    return not spread[1] > FLATTEST * spread[0]
+    return not spread[1] > PLANARITY_TOLERANCE * spread[0]
 
 
-def in_goal_frame(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """s = (g_t_c, theta u of g_R_c) (6,), m and rad, and its L (6, 6) for the camera's twist."""
-    return _joined(_place(c_T_g), _turn(c_T_g))
+def compute_goal_frame_feature(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute s = (g_t_c, theta u of g_R_c) (6,), m and rad, and its L (6, 6)."""
+    return _stack(_compute_translation(c_T_g), _compute_rotation(c_T_g))
 
 
-def _place(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """g_t_c (3,), m, and its L (3, 6)."""
+def _compute_translation(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute g_t_c (3,), m, and its L (3, 6)."""
     g_R_c = c_T_g[:3, :3].T
     return -g_R_c @ c_T_g[:3, 3], np.hstack([g_R_c, np.zeros((3, 3))])
 
 
-def _turn(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """theta u of g_R_c (3,), rad, and its L (3, 6)."""
+def _compute_rotation(c_T_g: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute theta u of g_R_c (3,), rad, and its L (3, 6)."""
     turn = rotation_vector(c_T_g[:3, :3].T)
     return turn, np.hstack([np.zeros((3, 3)), rotation_vector_rate(turn)])
 
 
-def _joined(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
-    """Values one after the other, rows one under the other."""
+def _stack(*parts: tuple[np.ndarray, np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Concatenate values and stack the rows of L."""
     return np.concatenate([s for s, _ in parts]), np.vstack([L for _, L in parts])

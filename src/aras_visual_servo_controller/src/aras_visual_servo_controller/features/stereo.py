@@ -1,6 +1,6 @@
-"""Features of two cameras at once: points in space by triangulation, and the pose by them.
+"""Features of two cameras: points in space by triangulation, and the pose computed from them.
 
-Nothing but the two cameras' places tells the depth: neither a plane nor a model of the target.
+The depth follows from the poses of the two cameras alone, without a plane or a model of the target.
 Reference: F. Chaumette, S. Hutchinson and P. Corke, Visual servoing, Springer Handbook of Robotics,
 2016, 34.4.2 (stereo).
 """
@@ -13,18 +13,18 @@ from typing import Any, ClassVar
 import numpy as np
 import scipy.linalg
 
-from aras_visual_servo_base.poses import relative, skew
+from aras_visual_servo_base.poses import relative_pose, skew
 
 from ..errors import ConfigurationError, MeasurementError
 from ..goals.goal import Goal
-from ..seeing.observation import Need, Observation
-from .base import FEATURES, Feature, Measured
-from .corners import PLACE, NumberedPoints
-from .points import accuracy_beside
-from .pose import FLATTEST, PoseInGoalFrame, in_goal_frame
+from ..observation.observation import Need, Observation
+from .base import FEATURES, Feature, FeatureMeasurement
+from .corners import POINT_TOLERANCES, NumberedPoints
+from .points import estimate_corner_accuracy
+from .pose import PLANARITY_TOLERANCE, PoseInGoalFrame, compute_goal_frame_feature
 
-NEAREST = 2e-3  # part of the depth between two cameras, below which they tell none
-STEP = 1e-6  # normalised length, of differences
+MIN_DISPARITY = 2e-3  # distance of the cameras, in depths, below which depth is not measurable
+STEP = 1e-6  # normalised length, for finite differences
 
 
 @FEATURES.register("stereo_points")
@@ -32,137 +32,146 @@ class StereoPoints(Feature):
     """s = (X, Y, Z) of each corner in the frame of the first of two cameras, m: L = [-1  [X]x]."""
 
     needs = frozenset((Need.CORNERS,))
-    reads: ClassVar[int] = 2
+    camera_count: ClassVar[int] = 2
 
     def __init__(self) -> None:
-        self._numbering = tuple(NumberedPoints() for _ in range(self.reads))
+        self._point_features = tuple(NumberedPoints() for _ in range(self.camera_count))
         self._set_count(4)
 
-    def measure(self, observation: Observation, goal: Goal) -> Measured:
-        """See Feature.measure."""
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Measure s, s*, the error and L in one image."""
         first = observation.cameras[self.cameras[0]]
-        points, up_to = self._points(observation, goal)
-        places = triangulated(*points, self._between(observation.cameras))
-        s, L, desired = self.of_places(places, self._desired(goal))
-        since = first.up_to_now(L)
-        return Measured(s + since, desired, s + since - desired, first.brought(L), up_to=up_to)
+        points, ambiguity = self._match_points(observation, goal)
+        places = triangulate(*points, self._compute_relative_pose(observation.cameras))
+        s, L, desired = self.compute_from_points(places, self._triangulate_goal(goal))
+        since = first.compute_change_since_exposure(L)
+        return FeatureMeasurement(
+            s + since, desired, s + since - desired, first.transform_to_control(L),
+            ambiguity=ambiguity,
+        )  # fmt: skip
 
-    def of_places(
-        self, places: np.ndarray, desired: np.ndarray
+    def compute_from_points(
+        self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """s (k,), L (k, 6) and s* (k,) of points (n, 3) and their desired places, m."""
-        L = np.vstack([np.hstack([-np.eye(3), skew(place)]) for place in places])
-        return places.ravel(), L, desired.ravel()
+        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) and desired points (n, 3), m."""
+        L = np.vstack([np.hstack([-np.eye(3), skew(place)]) for place in points])
+        return points.ravel(), L, desired_points.ravel()
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """See Feature.accuracy; of each point's by differences."""
+        """Return the accuracy of s, propagated from that of the points by finite differences."""
         views = [observation.cameras[name] for name in self.cameras]
         if not any(view.corner_accuracy for view in views):
             return None
-        desired, between = self._desired(goal), self._between(goal.cameras)
-        points = np.stack(self._taught(goal))
-        seen = self._points(observation, goal)[0]
+        desired, between = self._triangulate_goal(goal), self._compute_relative_pose(goal.cameras)
+        points = np.stack(self._read_goal_points(goal))
+        matched = self._match_points(observation, goal)[0]
         accuracy = scipy.linalg.block_diag(*(
-            accuracy_beside(view, goal.cameras[view.name], *pair)
-            for view, *pair in zip(views, seen, points, strict=True)
+            estimate_corner_accuracy(view, goal.cameras[view.name], *pair)
+            for view, *pair in zip(views, matched, points, strict=True)
         ))
-        at_goal = self.of_places(triangulated(*points, between), desired)[0]
+        at_goal = self.compute_from_points(triangulate(*points, between), desired)[0]
         effects = []
         for i in np.ndindex(points.shape):
             moved = points.copy()
             moved[i] += STEP
-            s = self.of_places(triangulated(*moved, between), desired)[0]
+            s = self.compute_from_points(triangulate(*moved, between), desired)[0]
             effects.append((s - at_goal) / STEP)
         return np.transpose(effects) @ accuracy
 
     def check(self, goal: Goal) -> None:
-        """See Feature.check."""
+        """Refuse a goal that this feature cannot servo to."""
         for name in self.cameras:
             if name not in goal.cameras:
                 raise ConfigurationError(
                     f"{goal.name} has no view of camera '{name}': teach it with this scheme"
                 )
-        apart = float(np.linalg.norm(self._between(goal.cameras)[:3, 3]))
-        if apart < NEAREST * goal.distance:
+        apart = float(np.linalg.norm(self._compute_relative_pose(goal.cameras)[:3, 3]))
+        if apart < MIN_DISPARITY * goal.distance:
             raise ConfigurationError(
-                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart "
-                "and tell no depth: move one of them"
+                f"{self.name}: cameras {' and '.join(self.cameras)} are {1e3 * apart:.1f} mm apart"
+                ", too close to measure depth: move one of them"
             )
-        self._set_count(len(self._desired(goal)))
+        self._set_count(len(self._triangulate_goal(goal)))
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
-        """See Feature.teach."""
+        """Return the data of the view at the goal that the goal file stores."""
         views = [observation.cameras[name] for name in self.cameras]
-        found = [n.points(v) for n, v in zip(self._numbering, views, strict=True)]
-        if len(found[0]) == len(found[1]):  # in the order of the first camera's
-            found[1] = self._numbering[1]._numbered(views[1], found[0])[0]
+        found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
+        if len(found[0]) == len(found[1]):  # use the order of the first camera
+            found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}
 
     def reset(self) -> None:
-        """See Feature.reset."""
-        for numbering in self._numbering:
+        """Forget earlier images."""
+        for numbering in self._point_features:
             numbering.reset()
 
     def _set_count(self, count: int) -> None:
         self.names = tuple(f"{axis}{i}" for i in range(count) for axis in "XYZ")
-        self.tolerances, self.units = PLACE * count, ("m",) * (3 * count)
+        self.tolerances, self.units = POINT_TOLERANCES * count, ("m",) * (3 * count)
 
-    def _between(self, seen: Mapping[str, Observation] | Mapping[str, Goal]) -> np.ndarray:
-        """second_T_first (4, 4) of two views or goals, each camera at its own exposure."""
-        first, second = (seen[name].world_T_camera for name in self.cameras)
-        return relative(second, first)
+    def _compute_relative_pose(
+        self, views: Mapping[str, Observation] | Mapping[str, Goal]
+    ) -> np.ndarray:
+        """Compute second_T_first (4, 4) of two views or goals, each at its own exposure."""
+        first, second = (views[name].world_T_camera for name in self.cameras)
+        return relative_pose(second, first)
 
-    def _taught(self, goal: Goal) -> list[np.ndarray]:
-        """The goal's points, (n, 2) of each camera."""
+    def _read_goal_points(self, goal: Goal) -> list[np.ndarray]:
+        """Return the goal's points, (n, 2) of each camera."""
         taught = goal.features.get(self.name, {}).get("points", ())
         shapes = {np.shape(points) for points in taught}
-        if len(taught) != self.reads or len(shapes) != 1 or len(min(shapes)) != 2:
+        if len(taught) != self.camera_count or len(shapes) != 1 or len(min(shapes)) != 2:
             raise ConfigurationError(
                 f"{goal.name} holds no points of two cameras: teach it with {self.name}"
             )
         return [np.array(points, float) for points in taught]
 
-    def _desired(self, goal: Goal) -> np.ndarray:
-        """The goal's places (n, 3)."""
+    def _triangulate_goal(self, goal: Goal) -> np.ndarray:
+        """Triangulate the goal's points (n, 3) in the first camera's frame, m."""
         try:
-            return triangulated(*self._taught(goal), self._between(goal.cameras))
+            return triangulate(
+                *self._read_goal_points(goal), self._compute_relative_pose(goal.cameras)
+            )
         except MeasurementError as error:
             raise ConfigurationError(f"{goal.name}: {error}") from error
 
-    def _points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
-        """Points (2, n, 2) of both cameras in the goal's order, and what stays ambiguous."""
-        found, blind = [], []
+    def _match_points(self, observation: Observation, goal: Goal) -> tuple[np.ndarray, str]:
+        """Return points (2, n, 2) of both cameras in the goal's order, and the ambiguity."""
+        found, ambiguities = [], []
         views = (observation.cameras[name] for name in self.cameras)
-        for numbering, view, wanted in zip(
-            self._numbering, views, self._taught(goal), strict=True
+        for numbering, view, goal_points in zip(
+            self._point_features, views, self._read_goal_points(goal), strict=True
         ):
-            points, up_to = numbering._numbered(view, wanted)
+            points, ambiguity = numbering._match_to_goal(view, goal_points)
             found.append(points)
-            blind.append(up_to)
-        return np.stack(found), min(blind)
+            ambiguities.append(ambiguity)
+        return np.stack(found), min(ambiguities)
 
 
 @FEATURES.register("stereo_pose")
 class StereoPose(StereoPoints):
-    """Position-based: s = (g_t_c, theta u) of the rigid motion between goal's and seen places."""
+    """Position-based servoing: s = (g_t_c, theta u) of the motion between goal and image points."""
 
 
-    def of_places(
-        self, places: np.ndarray, desired: np.ndarray
+    def compute_from_points(
+        self, points: np.ndarray, desired_points: np.ndarray
     ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-        """See StereoPoints.of_places."""
-        s, L = in_goal_frame(rigid_motion(desired, places))
+        """Compute s (k,), L (k, 6) and s* (k,) from points (n, 3) in space."""
+        s, L = compute_goal_frame_feature(estimate_rigid_motion(desired_points, points))
         return s, L, np.zeros(6)
 
     def _set_count(self, count: int) -> None:
-        self.names, self.tolerances, self.units = zip(*PoseInGoalFrame.rows, strict=True)
+        self.names, self.tolerances, self.units = zip(*PoseInGoalFrame.components, strict=True)
 
 
-def triangulated(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarray) -> np.ndarray:
-    """Places (n, 3) in the first camera's frame, m, of points (n, 2), normalised, in two.
+def triangulate(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarray) -> np.ndarray:
+    """Triangulate points (n, 3), m, in the first camera's frame from points (n, 2) in two cameras.
 
-    Least squares of x Z = X and y Z = Y in both. Raises:
-        MeasurementError: a place is behind a camera, as of points that are not the same.
+    It is the least-squares solution of x Z = X and y Z = Y in both cameras.
+
+    Raises:
+        MeasurementError: a point is behind a camera, for example after a wrong match.
     """
     R, t = second_T_first[:3, :3], second_T_first[:3, 3]
     places = np.empty((len(first), 3))
@@ -175,15 +184,15 @@ def triangulated(first: np.ndarray, second: np.ndarray, second_T_first: np.ndarr
     return places
 
 
-def rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
-    """a_T_b (4, 4) that brings places (n, 3) nearest to others, by least squares (Kabsch).
+def estimate_rigid_motion(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """Compute a_T_b (4, 4) that maps `before` (n, 3) to `after` by least squares (Kabsch).
 
     Raises:
-        MeasurementError: they lie on one line, or all in one place.
+        MeasurementError: the points are collinear, or all coincide.
     """
     middle, other = before.mean(axis=0), after.mean(axis=0)
     U, sizes, Vt = np.linalg.svd(before.T @ (after - other))
-    if not sizes[1] > FLATTEST * sizes[0]:
+    if not sizes[1] > PLANARITY_TOLERANCE * sizes[0]:
         raise MeasurementError("the points of the target lie on one line: they give no pose")
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = Vt.T @ np.diag([1.0, 1.0, np.linalg.det(Vt.T @ U.T)]) @ U.T

@@ -1,1 +1,1 @@
-"""What the camera is to see and where the arm stands then: goals and starts."""
+"""Goals and start poses of the camera."""

@@ -1,22 +1,23 @@
-"""The goal of the loop: what the camera sees there, and from where, in a YAML file.
+"""Goal of the servo loop: the view and the pose of the camera, stored in a YAML file.
 
     joints: {J1: 0.0, J2: 0.0}                   # by name, rad or m
     camera_pose: {xyz: [...], rpy: [...]}        # base_T_camera, the optical frame
     depth: 0.1917                                # of the target along the optical axis, m
-    plane: [0.0, 0.0, 5.2]                       # 1/Z = A x + B y + C, 1/m; level where left out
+    plane: [0.0, 0.0, 5.2]                       # 1/Z = A x + B y + C, 1/m; default: horizontal
     moments: {order: 6, m: [...], mu: [...]}     # normalised coordinates, as in ImageMoments
     kernel: {width: 320, height: 240, K: [9 numbers], features: [4 numbers]}
     camera: {width: 320, height: 240, K: [9 numbers], D: [], model: plumb_bob}
-    features: {points: {...}}                    # what features taught, under their names
-    target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # where it is known
+    features: {points: {...}}                    # data taught by the features, by their names
+    target: {surface: 0.5905, ground: 0.59, boxes: [[low, high], ...]}   # if it is known
     mounting: {xyz: [...], rpy: [...]}           # of the camera on its link, for the record
-    marker: DICT_APRILTAG_36h11:0                # that is the target
-    seen_by: left                                # of several cameras the control camera
-    cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # the others
+    marker: DICT_APRILTAG_36h11:0                # marker that is the target
+    camera_name: left                            # control camera, if there are several
+    cameras: {right: {camera_pose: ..., plane: ..., moments: ..., camera: ...}}   # other cameras
 
-Moments do not depend on the lens; kernel features hold for one camera. All depend on where the
-camera is mounted: a goal whose pose is not the one that the arm has at its joints was taught with
-another mounting. It is refused or, where the file has the target's geometry, computed again.
+Moments do not depend on the intrinsic parameters; kernel features are valid for one camera only.
+All of them depend on the mounting of the camera. If the stored pose differs from the arm's pose at
+the stored joints, the goal was taught with another mounting. It is then rejected or, if the file
+contains the target's geometry, computed again.
 """
 
 from __future__ import annotations
@@ -38,51 +39,59 @@ from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.moments import MAX_ORDER, Moments, Pinhole
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..arm.limits import check_inside
 from ..errors import ConfigurationError, ServoError, UnreachableError
-from ..seeing.observation import CAMERA, Observation
-from ..seeing.rig import MovedBy, OppositeCamera
-from ..seeing.target_geometry import TargetGeometry, ellipse_of
-from .goal_file import EDGE_ON, GoalKernel, goal_fields, goal_text, pose_entry
+from ..kinematics.limits import check_within_limits
+from ..observation.camera_rig import CameraKinematics, InverseCameraKinematics
+from ..observation.observation import CAMERA, Observation
+from ..observation.target_geometry import TargetGeometry, ellipse_of
+from .goal_file import (
+    EDGE_ON_COSINE,
+    GoalKernel,
+    make_pose_entry,
+    read_goal_fields,
+    write_goal_text,
+)
 
 if TYPE_CHECKING:
-    from ..arm import Arm
+    from ..kinematics import Arm
 
-DEPTH = 0.2  # m: a target's depth where the goal does not say it; the laboratory's
-REACHABLE = 2e-3  # m, and 0.1 m x rad, from which on a pose counts as beyond the arm's reach
-# Beyond these the camera is mounted elsewhere than when the goal was taught, m and rad.
+DEFAULT_DEPTH = 0.2  # depth of the target if the goal does not contain it, m; the laboratory's
+# Position error, m, and orientation error, 0.1 m x rad, above which a pose is out of the arm's
+# reach.
+REACH_TOLERANCE = 2e-3
+# Pose differences, m and rad, above which the camera's mounting has changed since teaching.
 SAME_PLACE, SAME_ANGLE = 1e-4, 1e-3
 
 
-class Teaching(Protocol):
-    """What keeps something of an observation for its goal: a Scheme or a JointController."""
+class GoalTeacher(Protocol):
+    """Interface of schemes and controllers that store data of an observation in the goal."""
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """What its features want to keep, by their names."""
+        """Return the data that each feature stores in the goal, by feature name."""
 
 
 @dataclass(frozen=True, eq=False)
 class Goal:
-    """What the camera sees at its goal, and from where; what is not known is None or empty.
+    """View and pose of the camera at its goal; unknown entries are None or empty.
 
-    A feature takes its desired value s* from it. A goal is made by `load` from a file, by `teach`
-    from an observation, or by an experiment. `a_T_b` (4, 4) maps b to a; the optical frame has z
-    forward, x right, y down.
+    A feature takes its desired value s* from the goal. A goal is created by `load` from a file, by
+    `teach` from an observation, or by an experiment. `a_T_b` (4, 4) maps b to a; the optical frame
+    has z forward, x right, y down.
 
     Attributes:
         name: of the file, for messages.
-        joints: a posture whose camera pose is the desired one, by name, rad or m.
-        world_T_camera: (4, 4) of the optical frame in the arm's base.
+        joints: posture that brings the camera to the goal pose, by joint name, rad or m.
+        world_T_camera: (4, 4) pose of the optical frame in the arm's base.
         depth: Z* of the target's plane along the optical axis, m.
         plane: of the target in the optical frame.
-        moments: of the target there.
-        kernel: the original's kernel features.
-        camera: that saw it.
-        features: what features taught, by their names.
-        target: the target's geometry in the arm's base.
-        mounting: (4, 4) of the camera on its link when it was taught.
-        seen_by: name of the camera, of a scheme of several.
-        others: the goals of the other cameras, by name: what they see there, and from where.
+        moments: of the target in the goal's view.
+        kernel: kernel features of the original package.
+        camera: intrinsics of the camera that taught the goal.
+        features: data taught by the features, by their names.
+        target: geometry of the target in the arm's base.
+        mounting: (4, 4) pose of the camera on its link at teaching.
+        camera_name: name of the camera, for a scheme of several.
+        other_cameras: goals of the other cameras, by name.
         marker: `DICTIONARY:number` of the marker that is the target.
     """
 
@@ -97,52 +106,54 @@ class Goal:
     features: Mapping[str, Mapping[str, Any]] = field(default_factory=dict)
     target: TargetGeometry | None = None
     mounting: np.ndarray | None = None
-    seen_by: str = CAMERA
-    others: Mapping[str, Goal] = field(default_factory=dict)
+    camera_name: str = CAMERA
+    other_cameras: Mapping[str, Goal] = field(default_factory=dict)
     marker: str = ""
 
     @cached_property
     def distance(self) -> float:
-        """Depth of the target's plane on the optical axis, m: the scene's unit of length."""
+        """Depth of the target's plane on the optical axis, m; the scene's unit of length."""
         if self.plane is not None and self.plane.C > 0.0:
             return 1.0 / self.plane.C
-        return self.depth or DEPTH
+        return self.depth or DEFAULT_DEPTH
 
     @property
     def scale(self) -> float:
-        """Times as far as the laboratory's target, for which lengths of settings were chosen."""
-        return self.distance / DEPTH
+        """Ratio of the target's depth to DEFAULT_DEPTH, by which lengths in settings are scaled."""
+        return self.distance / DEFAULT_DEPTH
 
     @cached_property
     def cameras(self) -> dict[str, Goal]:
-        """The goal of each camera of the scheme, by name; the first, this one, is the control
-        camera's."""
-        return {self.seen_by: self, **self.others}
+        """Return the goal of each camera by name; this goal, the control camera's, is the first."""
+        return {self.camera_name: self, **self.other_cameras}
 
     @classmethod
     def teach(
         cls,
-        scheme: Teaching | None,
+        scheme: GoalTeacher | None,
         observation: Observation,
         name: str = "goal",
         depth: float | None = None,
         target: TargetGeometry | None = None,
     ) -> Goal:
-        """What this observation sees, as a goal.
+        """Create a goal from an observation.
 
         Args:
-            scheme: what its features want to keep is kept; None: moments, kernel and pose alone.
-            observation: made at the goal; of pictures, exact contours or points alike.
+            scheme: whose features store their data in the goal; None: store moments, kernel and
+                pose only.
+            observation: made at the goal, from images, exact contours or points.
             name: for messages.
-            depth: of the target, m; from the observation's plane where it is left out.
-            target: its geometry, where it is known.
+            depth: of the target, m; default: from the observation's plane.
+            target: geometry of the target, if it is known.
 
         Raises:
-            ConfigurationError: the target is not seen, or neither depth nor plane is known.
+            ConfigurationError: the target is not visible, or neither depth nor plane is known.
         """
         if not observation.valid:
             by = f" by camera {observation.name}" if observation.name != CAMERA else ""
-            raise ConfigurationError(f"{name}: the target is not seen{by}: {observation.reason}")
+            raise ConfigurationError(
+                f"{name}: the target is not detected{by}: {observation.reason}"
+            )
         try:
             taught = {} if scheme is None else {
                 key: dict(entry) for key, entry in scheme.teach(observation).items()
@@ -151,7 +162,7 @@ class Goal:
             raise ConfigurationError(f"{name}: {error}") from error
         pose, plane = observation.world_T_camera, observation.plane
         if plane is None and depth is None and target is not None and pose is not None:
-            plane = target.plane(pose)
+            plane = target.compute_plane(pose)
         if plane is None and depth is None:
             raise ConfigurationError(f"{name}: give the depth of the target, m")
         depth = 1.0 / plane.C if depth is None else float(depth)
@@ -167,168 +178,181 @@ class Goal:
         goal = cls(name, values, pose, depth, plane, observation.moments, kernel,
                    observation.camera, taught, target, None, observation.name,
                    marker=observation.marker)  # fmt: skip
-        return goal._with_others(observation) if observation.others else goal
+        return goal._add_other_cameras(observation) if observation.other_cameras else goal
 
-    def _with_others(self, observation: Observation) -> Goal:
-        """This goal with those of the other cameras of its observation; the target's plane in
-        their views is that of this one, where they do not tell it."""
-        seen = self if self.plane is not None else replace(self, plane=self.level_plane())
+    def _add_other_cameras(self, observation: Observation) -> Goal:
+        """Return this goal with the goals of the other cameras of the observation.
+
+        If their views do not determine the target's plane, it is computed from this goal.
+        """
+        goal = self if self.plane is not None else replace(self, plane=self.make_level_plane())
         others = {}
-        for camera, view in observation.others.items():
-            if view.plane is None and view.apart:
+        for camera, view in observation.other_cameras.items():
+            if view.plane is None and view.has_other_target:
                 raise ConfigurationError(
-                    f"{self.name}: camera {camera} looks at a target of its own, and nothing tells "
-                    "how far away that is: teach the goal with features that measure depth, or by "
-                    "an experiment, which knows the target"
+                    f"{self.name}: camera {camera} has its own target, whose distance is unknown: "
+                    "teach the goal with features that measure depth, or by an experiment, which "
+                    "knows the target"
                 )
             if view.plane is None and view.world_T_camera is not None:
-                view = replace(view, plane=seen.plane_from(view.world_T_camera))
+                view = replace(view, plane=goal.compute_plane(view.world_T_camera))
             others[camera] = Goal.teach(None, view, self.name, None, self.target)
-        return replace(self, others=others)
+        return replace(self, other_cameras=others)
 
     def for_arm(self, arm: Arm) -> Goal:
-        """The goal as this arm sees it: pose from the joints, plane level where none is given.
+        """Return the goal for this arm: pose from the joints, horizontal plane if none is given.
 
         Raises:
-            ConfigurationError: a joint that the arm has not, or one that is missing, beyond its
-                limits; a camera mounted elsewhere than when the goal was taught.
+            ConfigurationError: the arm does not have one of the joints, a joint is missing or
+                beyond its limits, or the camera's mounting has changed since teaching.
         """
         goal = self
         if self.joints:
-            goal = self._posed(arm)
+            goal = self._compute_pose(arm)
         if goal.plane is None and goal.world_T_camera is not None and goal.depth is not None:
-            goal = replace(goal, plane=goal.level_plane())
+            goal = replace(goal, plane=goal.make_level_plane())
         return goal
 
-    def for_cameras(self, arms: Mapping[str, MovedBy]) -> Goal:
-        """The goal as several cameras see it, the control camera first.
+    def for_cameras(self, arms: Mapping[str, CameraKinematics]) -> Goal:
+        """Return the goal for several cameras, the control camera first.
 
-        A camera that it holds no view of gets one by the target's geometry, where that is known.
+        A camera without a view in this goal gets one from the target's geometry, if it is known.
 
         Args:
-            arms: that move them, by the cameras' names.
+            arms: kinematics of the cameras, by name.
 
         Raises:
-            ConfigurationError: as `for_arm`.
+            ConfigurationError: see `for_arm`.
         """
         (name, arm), *rest = arms.items()
-        held, goal = self.cameras, self
-        if name in self.others:
-            goal = replace(self.others[name], joints=self.joints, features=self.features,
+        stored, goal = self.cameras, self
+        if name in self.other_cameras:
+            goal = replace(self.other_cameras[name], joints=self.joints, features=self.features,
                            target=self.target)  # fmt: skip
-        goal = replace(goal.for_arm(arm), seen_by=name, others={})
-        q, others = goal.joint_values(arm.names), {}
+        goal = replace(goal.for_arm(arm), camera_name=name, other_cameras={})
+        q, others = goal.get_joints(arm.names), {}
         for camera, other in rest:
-            if camera in held:
+            if camera in stored:
                 joints = self.joints if hasattr(other, "names") else {}
                 others[camera] = replace(
-                    held[camera], joints=joints, others={}, seen_by=camera
+                    stored[camera], joints=joints, other_cameras={}, camera_name=camera
                 ).for_arm(other)
             elif goal.target is not None and q is not None and not isinstance(
-                other, OppositeCamera
+                other, InverseCameraKinematics
             ):
-                view = goal.seen_from(np.array(other.pose(q)))
-                others[camera] = replace(view, joints={}, camera=None, seen_by=camera)
-        return replace(goal, others=others) if others else goal
+                view = goal.predict_from_pose(np.array(other.pose(q)))
+                others[camera] = replace(view, joints={}, camera=None, camera_name=camera)
+        return replace(goal, other_cameras=others) if others else goal
 
-    def posture(self, arm: Arm) -> np.ndarray | None:
-        """Joints (n,) at the goal: its own, else those found for its pose; None: there are none."""
+    def find_posture(self, arm: Arm) -> np.ndarray | None:
+        """Return joints (n,) at the goal: stored ones, or a solution for its pose, or None."""
         if self.joints or self.world_T_camera is None:
-            return self.joint_values(arm.names)
+            return self.get_joints(arm.names)
         try:
-            return arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+            return arm.inverse_kinematics(
+                self.world_T_camera, np.zeros(len(arm.names)), REACH_TOLERANCE
+            )
         except UnreachableError:
             return None
 
-    def beyond(self, arm: Arm) -> str:
-        """Why the arm cannot be where the goal was taught, in words; empty where it can, to
-        REACHABLE (an arm of few joints has no pose exactly), or where the goal names joints."""
+    def find_unreachable_reason(self, arm: Arm) -> str:
+        """Describe why the arm cannot reach the goal's pose.
+
+        The text is empty if the arm can reach it to within REACH_TOLERANCE (an arm of few joints
+        rarely reaches a pose exactly), or if the goal contains joints.
+        """
         if self.joints or self.world_T_camera is None:
             return ""
         try:
-            arm.inverse(self.world_T_camera, np.zeros(len(arm.names)), REACHABLE)
+            arm.inverse_kinematics(self.world_T_camera, np.zeros(len(arm.names)), REACH_TOLERANCE)
         except UnreachableError as error:
             return f"{self.name}: {error}"
         return ""
 
-    def level_plane(self) -> Plane:
-        """The level target (normal along the base's z) at the goal's depth.
+    def make_level_plane(self) -> Plane:
+        """Return the horizontal target plane (normal along the base's z) at the goal's depth.
 
         Raises:
-            ConfigurationError: the camera looks along the table there, not on it.
+            ConfigurationError: the optical axis is almost parallel to the plane.
         """
         up = self.world_T_camera[2, :3]
-        if abs(up[2]) < EDGE_ON:
+        if abs(up[2]) < EDGE_ON_COSINE:
             raise ConfigurationError(
-                f"{self.name}: at the goal the camera looks along the table, not on it: "
-                "mount it more upright"
+                f"{self.name}: at the goal the camera looks parallel to the table, not at it: "
+                "point it more downwards"
             )
         return Plane(*(up / (self.depth * up[2])).tolist())
 
-    def plane_from(self, world_T_camera: np.ndarray) -> Plane | None:
-        """The plane of a target that stands still, as seen from a pose (4, 4) in the arm's base;
-        None where the goal does not say it, or where the camera lies in it."""
+    def compute_plane(self, world_T_camera: np.ndarray) -> Plane | None:
+        """Return the plane of a target at rest in the frame of a camera pose (4, 4).
+
+        The plane is None if the goal does not contain it, or if the camera lies in it.
+        """
         if self.plane is None or self.world_T_camera is None:
             return None
         # The plane's points X, in the goal's camera frame, have (A, B, C) . X = 1.
-        normal, reach = self._plane_in_world
-        ahead = reach - float(normal @ world_T_camera[:3, 3])
-        if ahead == 0.0:
+        normal, offset = self._plane_in_world
+        height = offset - float(normal @ world_T_camera[:3, 3])
+        if height == 0.0:
             return None
-        return Plane(*((normal / ahead) @ world_T_camera[:3, :3]).tolist())
+        return Plane(*((normal / height) @ world_T_camera[:3, :3]).tolist())
 
     @cached_property
     def _plane_in_world(self) -> tuple[np.ndarray, float]:
-        """Normal (3,) and reach of the plane's points X there: normal . X = reach."""
+        """Normal (3,) and offset of the plane in the arm's base: normal . X = offset."""
         normal = self.world_T_camera[:3, :3] @ np.array(self.plane)
         return normal, 1.0 + float(normal @ self.world_T_camera[:3, 3])
 
-    def seen_from(self, world_T_camera: np.ndarray) -> Goal:
-        """The same target from another pose, worked out by its geometry.
+    def predict_from_pose(self, world_T_camera: np.ndarray) -> Goal:
+        """Compute the goal's view of the same target from another pose, by the target's geometry.
 
         Raises:
-            ConfigurationError: the geometry is not known, or not visible from there.
+            ConfigurationError: the geometry is unknown, or the target is not visible from that
+                pose.
         """
         if self.target is None:
-            raise ConfigurationError(f"{self.name} does not say what the target's geometry is")
+            raise ConfigurationError(f"{self.name} does not contain the target's geometry")
         try:
-            view = self.target.outline(world_T_camera)
-            plane = self.target.plane(world_T_camera)
+            view = self.target.compute_outline(world_T_camera)
+            plane = self.target.compute_plane(world_T_camera)
             moments = Moments.from_polygon(view, MAX_ORDER)
-            depth = self.target.depth(world_T_camera)
+            depth = self.target.compute_depth(world_T_camera)
             kernel = self.kernel
             if kernel is not None:
-                from aras_visual_servo_camera.kernel import kernel_of_outline
+                from aras_visual_servo_camera.kernel import compute_outline_kernel_features
 
                 lens, size = Pinhole.from_K(kernel.K), (kernel.width, kernel.height)
-                kernel = replace(kernel, features=kernel_of_outline(view, lens, *size).values)
+                kernel = replace(
+                    kernel, features=compute_outline_kernel_features(view, lens, *size).values
+                )
         except (ServoError, VisionError) as error:
             raise ConfigurationError(
-                f"{self.name}: the target is not visible from there ({error}); check where the "
-                "camera is mounted (believed, camera_rpy), or teach the goal with this mounting"
+                f"{self.name}: the target is not visible from this pose ({error}); check the "
+                "camera's mounting (calibration_offset, camera_rpy), or teach the goal with this "
+                "mounting"
             ) from error
         return replace(
             self, world_T_camera=world_T_camera, depth=depth, plane=plane, moments=moments,
             kernel=kernel, features={}, mounting=None,
         )  # fmt: skip
 
-    def outline(self) -> np.ndarray:
-        """The target (n, 2) as it looks from the goal, normalised; (0, 2) where nobody knows.
+    def compute_outline(self) -> np.ndarray:
+        """Return the target's outline (n, 2) at the goal, normalised; (0, 2) if it is unknown.
 
-        By its geometry, else the ellipse that has its moments: as large, as long and turned alike.
+        It is computed from the geometry, else it is the ellipse with the target's moments.
         """
         if self.target is not None and self.world_T_camera is not None:
             with contextlib.suppress(ServoError):
-                return self.target.outline(self.world_T_camera)
+                return self.target.compute_outline(self.world_T_camera)
         if self.moments is None:
             return np.zeros((0, 2))
         return ellipse_of(self.moments)
 
-    def joint_values(self, names: Sequence[str]) -> np.ndarray | None:
-        """The joints (n,) in this order; None where the goal has none.
+    def get_joints(self, names: Sequence[str]) -> np.ndarray | None:
+        """Return the joints (n,) in the order of `names`; None if the goal has none.
 
         Raises:
-            ConfigurationError: one is missing.
+            ConfigurationError: a joint is missing.
         """
         if not self.joints:
             return None
@@ -336,13 +360,13 @@ class Goal:
         if missing:
             raise ConfigurationError(
                 f"{self.name} has no value for the joint(s) {', '.join(missing)}; it has "
-                f"{', '.join(self.joints)}: is it a goal of this arm?"
+                f"{', '.join(self.joints)}: check that the goal belongs to this arm"
             )
         return np.array([self.joints[n] for n in names], float)
 
-    def _posed(self, arm: Arm) -> Goal:
-        q = self.joint_values(arm.names)
-        check_inside(q, arm, f"the goal {self.name}")
+    def _compute_pose(self, arm: Arm) -> Goal:
+        q = self.get_joints(arm.names)
+        check_within_limits(q, arm, f"the goal {self.name}")
         pose = np.array(arm.pose(q))
         if self.world_T_camera is None:
             return replace(self, world_T_camera=pose)
@@ -350,44 +374,46 @@ class Goal:
         if distance < SAME_PLACE and angle < SAME_ANGLE:
             return replace(self, world_T_camera=pose)
         if self.target is not None:
-            return replace(self, name=f"{self.name}, camera moved").seen_from(pose)
+            return replace(self, name=f"{self.name}, camera moved").predict_from_pose(pose)
         raise ConfigurationError(
-            f"the goal {self.name} was taught with the camera elsewhere: at its joints it is now "
-            f"{1e3 * distance:.1f} mm and {np.degrees(angle):.1f} degrees away: teach it anew "
-            "(rosrun aras_visual_servo_controller teach)"
+            f"the goal {self.name} was taught with another mounting of the camera: at the goal's "
+            f"joints the camera is now {1e3 * distance:.1f} mm and {np.degrees(angle):.1f} degrees "
+            "away; teach the goal again (rosrun aras_visual_servo_controller teach)"
         )
 
     # -- files -----------------------------------------------------------------------------
 
     @classmethod
     def load(cls, path: str | Path) -> Goal:
-        """Read a file.
+        """Read a goal file.
 
         Raises:
-            ConfigurationError: it cannot be read, is too large, is not YAML, or a key is wrong.
+            ConfigurationError: the file cannot be read, is too large or not YAML, or a key is
+                wrong.
         """
         return cls.from_mapping(read_yaml(path, ConfigurationError, "the goal"), Path(path).name)
 
     @classmethod
     def from_mapping(cls, data: Mapping[str, Any], name: str = "goal") -> Goal:
-        """Check a mapping as YAML gives it.
+        """Create a goal from a mapping as read from YAML, and check it.
 
         Raises:
-            ConfigurationError: naming the key, what is wrong and what would be right.
+            ConfigurationError: naming the key, the error and the expected value.
         """
-        fields = goal_fields(data, name)
+        fields = read_goal_fields(data, name)
         others = data.get("cameras") or {}
-        return cls(name, **fields, others={
-            camera: replace(cls.from_mapping(entry, f"{name}: cameras.{camera}"), seen_by=camera)
+        return cls(name, **fields, other_cameras={
+            camera: replace(cls.from_mapping(entry, f"{name}: cameras.{camera}"),
+                camera_name=camera)
             for camera, entry in others.items()
         })  # fmt: skip
 
     def to_yaml(self, heading: str = "") -> str:
-        """The file's text; heading becomes a comment at its top."""
+        """Return the text of the goal file; `heading` becomes a comment at its top."""
         moments, camera = self.moments, self.camera
-        return goal_text({
+        return write_goal_text({
             "joints": self.joints,
-            "camera_pose": pose_entry(self.world_T_camera),
+            "camera_pose": make_pose_entry(self.world_T_camera),
             "depth": self.depth,
             "plane": self.plane,
             "moments": None if moments is None else {
@@ -401,8 +427,9 @@ class Goal:
             },
             "features": self.features,
             "target": None if self.target is None else self.target.to_mapping(),
-            "mounting": pose_entry(self.mounting),
+            "mounting": make_pose_entry(self.mounting),
             "marker": self.marker or None,
-            "seen_by": self.seen_by if self.others else None,
-            "cameras": {name: yaml.safe_load(goal.to_yaml()) for name, goal in self.others.items()},
+            "camera_name": self.camera_name if self.other_cameras else None,
+            "cameras": {name: yaml.safe_load(goal.to_yaml()) for name,
+                goal in self.other_cameras.items()},
         }, heading)  # fmt: skip

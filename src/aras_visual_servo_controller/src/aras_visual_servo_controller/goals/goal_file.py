@@ -1,4 +1,4 @@
-"""Goal files: every key is checked when one is read, one line for what is wrong."""
+"""Reading and writing of goal files; every key is checked, with a one-line message for an error."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import yaml
 
-from aras_visual_servo_base.poses import to_xyz_rpy, transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy, xyz_rpy_from_matrix
 from aras_visual_servo_base.settings import build, parameter
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.interaction import Plane
@@ -18,20 +18,21 @@ from aras_visual_servo_camera.moments import MAX_ORDER, Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..errors import ConfigurationError
-from ..seeing.observation import CAMERA
-from ..seeing.observer import implausible
-from ..seeing.target_geometry import TargetGeometry
-from .starts import PoseEntry, Three
+from ..observation.feature_observer import explain_implausible
+from ..observation.observation import CAMERA
+from ..observation.target_geometry import TargetGeometry
+from .starts import PoseEntry, ThreeNumbers
 
-# Sine of the angle between line of sight and target's plane below which nothing is seen of it.
-EDGE_ON = 0.05
-NEAREST, FARTHEST = 1e-3, 100.0  # m that a target may be from the camera
+# Sine of the angle between the line of sight and the target's plane below which the target is not
+# visible.
+EDGE_ON_COSINE = 0.05
+MIN_DEPTH, MAX_DEPTH = 1e-3, 100.0  # allowed distance between target and camera, m
 Matrix = tuple[float, float, float, float, float, float, float, float, float]
 
 
 @dataclass(frozen=True, eq=False)
 class GoalKernel:
-    """Kernel features (4,) at the goal, seen by the camera with these intrinsics K (3, 3)."""
+    """Kernel features (4,) at the goal, measured by a camera with the intrinsic matrix K (3, 3)."""
 
     width: int
     height: int
@@ -41,7 +42,7 @@ class GoalKernel:
 
 @dataclass(frozen=True)
 class MomentsEntry:
-    """Moments of a file, normalised coordinates."""
+    """Moments in a goal file, in normalised coordinates."""
 
     order: int = parameter(least=1, most=MAX_ORDER)
     m: tuple[float, ...] = parameter()
@@ -50,7 +51,7 @@ class MomentsEntry:
 
 @dataclass(frozen=True)
 class KernelEntry:
-    """Kernel features of a file. K: intrinsics by rows, px."""
+    """Kernel features in a goal file; K is the intrinsic matrix by rows, px."""
 
     width: int
     height: int
@@ -60,12 +61,14 @@ class KernelEntry:
 
 @dataclass(frozen=True)
 class GoalEntries:
-    """What a goal file may hold; see goal.py."""
+    """Entries of a goal file; see goal.py."""
+
+    renamed_keys = {"seen_by": "camera_name"}
 
     joints: Mapping[str, float] | None = None
     camera_pose: PoseEntry | None = None
-    depth: float | None = parameter(None, "m: is it in metres?", least=NEAREST, most=FARTHEST)
-    plane: Three | None = None
+    depth: float | None = parameter(None, "m: is it in metres?", least=MIN_DEPTH, most=MAX_DEPTH)
+    plane: ThreeNumbers | None = None
     moments: MomentsEntry | None = None
     kernel: KernelEntry | None = None
     camera: CameraModel | None = None
@@ -73,108 +76,116 @@ class GoalEntries:
     target: Mapping[str, Any] | None = None
     mounting: PoseEntry | None = None
     marker: str = ""
-    seen_by: str = CAMERA
+    camera_name: str = CAMERA
     cameras: Mapping[str, Mapping[str, Any]] | None = None
 
 
-def goal_fields(data: Any, name: str) -> dict[str, Any]:
-    """The fields of a Goal but its name, of a mapping as YAML gives it; see Goal.from_mapping."""
+def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
+    """Read the fields of a Goal, except its name, from a mapping as read from YAML."""
     try:
-        given = build(GoalEntries, data, f"{name}: ", ConfigurationError)
-    except VisionError as error:  # of the camera
+        entries = build(GoalEntries, data, f"{name}: ", ConfigurationError)
+    except VisionError as error:  # raised by the camera model
         raise ConfigurationError(f"{name}: {error}") from error
-    target = given.target
+    target = entries.target
     return {
-        "joints": dict(given.joints or {}),
-        "world_T_camera": _pose(given.camera_pose),
-        "depth": given.depth,
-        "plane": _plane(given.plane, name),
-        "moments": _moments(given.moments, name),
-        "kernel": _kernel(given.kernel),
-        "camera": given.camera,
-        "features": {key: dict(taught) for key, taught in (given.features or {}).items()},
+        "joints": dict(entries.joints or {}),
+        "world_T_camera": _read_pose(entries.camera_pose),
+        "depth": entries.depth,
+        "plane": _read_plane(entries.plane, name),
+        "moments": _read_moments(entries.moments, name),
+        "kernel": _read_kernel(entries.kernel),
+        "camera": entries.camera,
+        "features": {key: dict(taught) for key, taught in (entries.features or {}).items()},
         "target": None if target is None else TargetGeometry.from_mapping(
             target, f"{name}: target"
         ),
-        "mounting": _pose(given.mounting),
-        "marker": _marker(given.marker, name),
-        "seen_by": given.seen_by,
+        "mounting": _read_pose(entries.mounting),
+        "marker": _read_marker(entries.marker, name),
+        "camera_name": entries.camera_name,
     }
 
 
-def _marker(given: str, name: str) -> str:
-    if not given:
-        return given
+def _read_marker(entry: str, name: str) -> str:
+    if not entry:
+        return entry
     from aras_visual_servo_camera.markers import MarkerChoice
 
     try:
-        MarkerChoice.read(given, f"{name}: marker")
+        MarkerChoice.read(entry, f"{name}: marker")
     except VisionError as error:
         raise ConfigurationError(str(error)) from None
-    return given
+    return entry
 
 
-def _plane(given: Three | None, name: str) -> Plane | None:
-    if given is None:
+def _read_plane(entry: ThreeNumbers | None, name: str) -> Plane | None:
+    if entry is None:
         return None
-    plane = Plane(*given)
-    if not 1.0 / FARTHEST <= plane.C <= 1.0 / NEAREST:
+    plane = Plane(*entry)
+    if not 1.0 / MAX_DEPTH <= plane.C <= 1.0 / MIN_DEPTH:
         raise ConfigurationError(
-            f"{name}: plane ends with {plane.C:g}, which must be 1/Z of a target {NEAREST:g} "
-            f"to {FARTHEST:g} m before the camera"
+            f"{name}: plane ends with {plane.C:g}, which must be 1/Z of a target {MIN_DEPTH:g} "
+            f"to {MAX_DEPTH:g} m in front of the camera"
         )
-    if plane.C / math.hypot(*plane) < EDGE_ON:
+    if plane.C / math.hypot(*plane) < EDGE_ON_COSINE:
         raise ConfigurationError(
-            f"{name}: plane is {list(plane)}: the camera looks along it, not on it"
+            f"{name}: plane is {list(plane)}: the camera looks parallel to it, not at it"
         )
     return plane
 
 
-def _pose(given: PoseEntry | None) -> np.ndarray | None:
-    return None if given is None else transform(given.xyz, given.rpy)
+def _read_pose(entry: PoseEntry | None) -> np.ndarray | None:
+    return None if entry is None else matrix_from_xyz_rpy(entry.xyz, entry.rpy)
 
 
-def _moments(given: MomentsEntry | None, name: str) -> Moments | None:
-    if given is None:
+def _read_moments(entry: MomentsEntry | None, name: str) -> Moments | None:
+    if entry is None:
         return None
-    count = (given.order + 1) * (given.order + 2) // 2
+    count = (entry.order + 1) * (entry.order + 2) // 2
     for key in ("m", "mu"):
-        if len(getattr(given, key)) != count:
+        if len(getattr(entry, key)) != count:
             raise ConfigurationError(f"{name}: moments.{key} must be {count} finite numbers")
     try:
-        moments = Moments.from_arrays(np.array(given.m), np.array(given.mu), given.order)
+        moments = Moments.from_arrays(np.array(entry.m), np.array(entry.mu), entry.order)
     except VisionError as error:
         raise ConfigurationError(f"{name}: {error}") from error
-    if fault := implausible(moments):
+    if fault := explain_implausible(moments):
         raise ConfigurationError(f"{name}: {fault}")
     return moments
 
 
-def _kernel(given: KernelEntry | None) -> GoalKernel | None:
-    if given is None:
+def _read_kernel(entry: KernelEntry | None) -> GoalKernel | None:
+    if entry is None:
         return None
-    K, features = np.array(given.K).reshape(3, 3), np.array(given.features)
+    K, features = np.array(entry.K).reshape(3, 3), np.array(entry.features)
     for array in (K, features):
         array.setflags(write=False)
-    return GoalKernel(given.width, given.height, K, features)
+    return GoalKernel(entry.width, entry.height, K, features)
 
 
-def goal_text(entries: Mapping[str, Any], heading: str) -> str:
-    """The text of a file; entries that hold nothing are left out, heading becomes a comment."""
-    data = {name: value for name, value in _plain(entries).items() if value not in (None, {})}
+def write_goal_text(entries: Mapping[str, Any], heading: str) -> str:
+    """Return the text of a goal file; empty entries are left out, `heading` becomes a comment."""
+    data = {
+        name: value for name, value in _to_plain_values(entries).items() if value not in (None, {})
+    }
     comment = "".join(f"# {line}\n" for line in heading.splitlines())
     return comment + yaml.safe_dump(data, sort_keys=False)
 
 
-def _plain(value: Any) -> Any:
-    """Numbers, lists and mappings for YAML, of whatever holds them."""
+def _to_plain_values(value: Any) -> Any:
+    """Convert arrays, tuples and mappings to numbers, lists and dicts for YAML."""
     if isinstance(value, Mapping):
-        return {name: _plain(inner) for name, inner in value.items()}
+        return {name: _to_plain_values(inner) for name, inner in value.items()}
     if isinstance(value, np.ndarray | np.generic):
         return value.tolist()
-    return [_plain(inner) for inner in value] if isinstance(value, list | tuple) else value
+    return (
+        [_to_plain_values(inner) for inner in value] if isinstance(value, list | tuple) else value
+    )
 
 
-def pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
-    """A pose (4, 4) as a file has it."""
-    return None if a_T_b is None else dict(zip(("xyz", "rpy"), to_xyz_rpy(a_T_b), strict=True))
+def make_pose_entry(a_T_b: np.ndarray | None) -> dict[str, list[float]] | None:
+    """Return a pose (4, 4) as an entry of a goal file."""
+    return (
+        None
+        if a_T_b is None
+        else dict(zip(("xyz", "rpy"), xyz_rpy_from_matrix(a_T_b), strict=True))
+    )

@@ -1,4 +1,4 @@
-"""Initial poses: by name, as joints, or as poses of the camera."""
+"""Start poses of a run: by name, as joints, or as poses of the camera."""
 
 from __future__ import annotations
 
@@ -9,101 +9,101 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 from aras_visual_servo_base.settings import build, convert
 from aras_visual_servo_base.yaml_files import read_yaml
 
-from ..arm import Arm
 from ..errors import ConfigurationError, UnreachableError
+from ..kinematics import Arm
 
 NONE = "none"
-Three = tuple[float, float, float]
+ThreeNumbers = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
 class PoseEntry:
-    """A pose as it is written: xyz, m, and fixed-axis rpy, rad, as in a URDF."""
+    """A pose in a file: xyz, m, and fixed-axis rpy, rad, as in a URDF."""
 
-    xyz: Three
-    rpy: Three
+    xyz: ThreeNumbers
+    rpy: ThreeNumbers
 
 
-def start_joints(
+def find_start_joints(
     start: Any, arm: Arm, package: Path, near: np.ndarray | None = None
 ) -> np.ndarray | None:
-    """Joints (n,) of a start, or None for 'none': servo from wherever the arm stands.
+    """Return the joints (n,) of a start, or None for 'none': servo from the present joints.
 
     Args:
-        start: 'none', a name of config/starts.yaml, n numbers (a list, or words in a string),
-            numbers by joint name, or {xyz, rpy} of the camera in the arm's base.
-        arm: whose joints they are.
+        start: 'none', a name of config/starts.yaml, n numbers (a list or a string), numbers by
+            joint name, or {xyz, rpy} of the camera in the arm's base.
+        arm: whose joints are returned.
         package: directory of this package.
-        near: joints (n,) from which those of a pose are looked for: with the posture at the goal
-            the arm comes to it in that, which an experiment has chosen such that it does not hide
-            the target and runs into nothing. None: zero, or what is nearest to it.
+        near: joints (n,) from which the solution for a pose is searched. With the goal's posture
+            the arm reaches the goal without changing its configuration, for which an experiment has
+            checked collisions and occlusion. None: zero, or the nearest joints within the limits.
 
     Raises:
-        ConfigurationError: an unknown name, a wrong count, a joint that the arm has not, a pose
-            out of its reach.
+        ConfigurationError: an unknown name, a wrong count, a joint that the arm does not have, or a
+            pose out of its reach.
     """
     if isinstance(start, str):
-        words = start.replace(",", " ").strip("[] ")
-        if len(words.split()) > 1:
-            start = _numbers(words, "parameter ~start")
+        text = start.replace(",", " ").strip("[] ")
+        if len(text.split()) > 1:
+            start = _read_numbers(text, "parameter ~start")
         elif start == NONE:
             return None
         else:
-            return _named(start, arm, package)
+            return _load_start(start, arm, package)
     if isinstance(start, Mapping):
         if set(start) == {"xyz", "rpy"}:
-            return _of_pose(start, arm, near)
-        return _by_joint(start, arm, f"{dict(start)}")
+            return _solve_pose(start, arm, near)
+        return _read_joints(start, arm, f"{dict(start)}")
     if not (isinstance(start, list | tuple) and len(start) == len(arm.names)):
         raise ConfigurationError(
             f"parameter ~start is {start!r}, must be a name, none, {{xyz, rpy}} of the camera, or "
             f"a finite number for each of {', '.join(arm.names)}"
         )
-    return np.array(_numbers(start, "parameter ~start"))
+    return np.array(_read_numbers(start, "parameter ~start"))
 
 
-def _named(name: str, arm: Arm, package: Path) -> np.ndarray:
+def _load_start(name: str, arm: Arm, package: Path) -> np.ndarray:
     path = package / "config" / "starts.yaml"
-    found = read_yaml(path, ConfigurationError)
-    known = convert(found, Mapping[str, Mapping[str, float]], f"{path}: ", ConfigurationError)
+    data = read_yaml(path, ConfigurationError)
+    known = convert(data, Mapping[str, Mapping[str, float]], f"{path}: ", ConfigurationError)
     if name not in known:
         raise ConfigurationError(
-            f"parameter ~start is '{name}': {nearest(name, [*known, NONE])} (or a number for "
+            f"parameter ~start is '{name}': {suggest(name, [*known, NONE])} (or a number for "
             f"each of {', '.join(arm.names)})"
         )
-    return _by_joint(known[name], arm, name)
+    return _read_joints(known[name], arm, name)
 
 
-def _by_joint(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
+def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
     values = convert(values, Mapping[str, float], "parameter ~start", ConfigurationError)
     for joint in values:
         if joint not in arm.names:
             raise ConfigurationError(
-                f"parameter ~start is '{name}', which says where {joint} is: this arm's joints are "
-                f"{', '.join(arm.names)}; give theirs, or none"
+                f"parameter ~start is '{name}', which has a value for {joint}: the joints of this "
+                f"arm are {', '.join(arm.names)}; give values for these, or none"
             )
     missing = [joint for joint in arm.names if joint not in values]
     if missing:
         raise ConfigurationError(
-            f"parameter ~start is '{name}', which says nothing of {', '.join(missing)}"
+            f"parameter ~start is '{name}', which has no value for {', '.join(missing)}"
         )
     return np.array([values[joint] for joint in arm.names])
 
 
-def _of_pose(given: Mapping[str, Any], arm: Arm, near: np.ndarray | None) -> np.ndarray:
-    pose = build(PoseEntry, given, "parameter ~start", ConfigurationError)
+def _solve_pose(entry: Mapping[str, Any], arm: Arm, near: np.ndarray | None) -> np.ndarray:
+    pose = build(PoseEntry, entry, "parameter ~start", ConfigurationError)
     if near is None:
         near = np.clip(0.0, arm.lower, arm.upper)
     try:
-        return arm.inverse(transform(pose.xyz, pose.rpy), near)
+        return arm.inverse_kinematics(matrix_from_xyz_rpy(pose.xyz, pose.rpy), near)
     except UnreachableError as error:
         raise ConfigurationError(f"parameter ~start: {error}") from error
 
 
-def _numbers(values: Any, where: str) -> tuple[float, ...]:
+def _read_numbers(values: Any, where: str) -> tuple[float, ...]:
     return convert(values, tuple[float, ...], where, ConfigurationError)

@@ -1,4 +1,4 @@
-"""Control laws: how fast each error should shrink. One file a law, `LAWS` has them by name."""
+"""Control laws, which compute the desired rate of each error. `LAWS` lists them by name."""
 
 from .base import LAWS, Law
 from .proportional import Proportional

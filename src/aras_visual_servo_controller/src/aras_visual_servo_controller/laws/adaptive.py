@@ -1,4 +1,4 @@
-"""The adaptive law: a gain that grows towards the goal."""
+"""The adaptive law: the gain is higher near the goal."""
 
 from __future__ import annotations
 
@@ -23,7 +23,7 @@ class Adaptive(Law):
     slope: float = parameter(30.0, "1/(s m)", above=0.0, help="slope of the gain at the goal")
 
     def check(self) -> None:
-        """See Law.check."""
+        """Refuse parameters that are out of bounds or do not fit together."""
         super().check()
         if self.zero <= self.infinity:
             raise ConfigurationError(
@@ -31,10 +31,15 @@ class Adaptive(Law):
                 f"{self.infinity:g} 1/s"
             )
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
-        """See Law.rate."""
+        """Compute the desired rate of the error, e_dot (k,)."""
         span = self.zero - self.infinity
-        size = float(np.abs(rotated_error).max())
+        size = float(np.abs(pseudo_inverse_error).max())
         return -(span * np.exp(-self.slope * size / span) + self.infinity) * error

@@ -1,4 +1,4 @@
-"""Base class of control laws: how fast each error should shrink."""
+"""Base class of control laws, which compute the desired rate of each error."""
 
 from __future__ import annotations
 
@@ -13,26 +13,26 @@ from aras_visual_servo_base.settings import check, parameter
 
 from ..errors import ConfigurationError
 
-# Above this a gain is a mistake of units: at 30 images a second 60/s already rings.
-GREATEST_GAIN = 1000.0
+# 1/s; a higher gain is probably an error of units: at 30 images/s even 60/s oscillates.
+MAX_GAIN = 1000.0
 
 
 def gain(default: float, help: str = "decay rate of the error") -> Any:
     """Return the declaration of a parameter that is a gain, 1/s."""
-    return parameter(default, "1/s", above=0.0, most=GREATEST_GAIN, help=help)
+    return parameter(default, "1/s", above=0.0, most=MAX_GAIN, help=help)
 
 
 @dataclass(eq=False)
 class Law(ABC):
-    """A control law: it maps the error to the error's desired rate. Base class of all laws.
+    """A control law maps the error to its desired rate. Base class of all laws.
 
     With the error e = s - s*, the law is a function e_dot = f(e, L, t), such as e_dot = -gain e.
-    The arm then realises the twist v of the camera with L v = e_dot in the least-squares sense.
+    The camera twist v is then computed from L v = e_dot in the least-squares sense.
 
-    A subclass implements `rate`. Its parameters are annotated attributes, `gain: float = 5.0`, or
-    are declared with unit and bounds by `parameter`: every law is a dataclass. Numbers may be
-    changed while the law runs, also by dynamic_reconfigure. `reset` clears the state that a law
-    keeps between images; it is called once after construction, too.
+    A subclass implements `desired_error_rate`. Every law is a dataclass: its parameters are
+    annotated attributes, `gain: float = 5.0`, or are declared with unit and bounds by `parameter`.
+    Parameters of type float can be changed while the law runs, also by dynamic_reconfigure. A law
+    that keeps state between images clears it in `reset`, which is also called after construction.
 
     Source: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
     Automation Magazine 13(4), 2006.
@@ -44,7 +44,7 @@ class Law(ABC):
     name: ClassVar[str] = ""
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make a dataclass of every law, and name it after its class unless it is registered."""
+        """Turn each subclass into a dataclass, named after its class unless it is registered."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(eq=False)(cls)
@@ -54,11 +54,11 @@ class Law(ABC):
         self.reset()
 
     @abstractmethod
-    def rate(
+    def desired_error_rate(
         self,
         error: np.ndarray,
         L: np.ndarray,
-        rotated_error: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
         t: float,
         dt: float,
     ) -> np.ndarray:
@@ -66,34 +66,35 @@ class Law(ABC):
 
         Args:
             error: (k,) e = s - s*.
-            L: (k, 6) interaction matrix in the directions that the scheme models, 0 in the others.
-            rotated_error: (6,) L^+ e, the error as a displacement of the camera in its own frame,
-                m and rad.
+            L: (k, 6) interaction matrix; columns of directions that the scheme does not control
+                are 0.
+            pseudo_inverse_error: (6,) L^+ e, the error as a displacement of the camera in its own
+                frame, m and rad.
             t: time since servoing started, or restarted after the target was lost, s.
             dt: time since the previous image, s; 0.0 for the first.
         """
 
-    def reset(self) -> None:  # noqa: B027 - a law without state has nothing to forget
-        """Clear integrals and whatever else the law keeps between images."""
+    def reset(self) -> None:  # noqa: B027 - a law without state needs no reset
+        """Clear integrals and other state that the law keeps between images."""
 
     def check(self) -> None:
-        """Refuse parameters that are out of bounds, or do not go together.
+        """Refuse parameters that are out of bounds or do not fit together.
 
         Raises:
-            ConfigurationError: naming the parameter, its value and what would be right.
+            ConfigurationError: naming the parameter, its value and what is allowed.
         """
         check(self, ConfigurationError, f"law {self.name}: ")
 
-    def numbers(self) -> dict[str, float]:
+    def list_tunable_parameters(self) -> dict[str, float]:
         """Return the parameters that may be changed while the law runs, by name."""
         own = {field.name: getattr(self, field.name) for field in fields(self) if field.init}
         return {name: value for name, value in own.items() if isinstance(value, float)}
 
-    def change(self, **parameters: float) -> None:
-        """Change parameters, also while the law runs; those that are not named stay.
+    def set_parameters(self, **parameters: float) -> None:
+        """Change the named parameters, also while the law runs.
 
         Raises:
-            ConfigurationError: as `check`; all are as they were then.
+            ConfigurationError: a value is not valid; all parameters then keep their old values.
         """
         before = {name: getattr(self, name) for name in parameters if hasattr(self, name)}
         try:

@@ -9,31 +9,36 @@ import numpy as np
 from aras_visual_servo_base.settings import parameter
 
 from ..errors import ConfigurationError
-from .base import GREATEST_GAIN, LAWS, Law
+from .base import LAWS, MAX_GAIN, Law
 
 
 @LAWS.register("diagonal")
 class Diagonal(Law):
-    """de_i/dt = -values_i e_i; the laboratory's Lambda."""
+    """Diagonal gain matrix: de_i/dt = -values_i e_i."""
 
     values: tuple[float, ...] = parameter(
-        dataclasses.MISSING, "1/s", above=0.0, most=GREATEST_GAIN, help="gain of each feature"
+        dataclasses.MISSING, "1/s", above=0.0, most=MAX_GAIN, help="gain of each feature"
     )
 
     def check(self) -> None:
-        """See Law.check."""
+        """Refuse parameters that are out of bounds or do not fit together."""
         super().check()
         if not self.values:
             raise ConfigurationError(f"law {self.name}: values is empty, it must hold a gain for "
                                      "each feature")  # fmt: skip
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
-        """See Law.rate.
+        """Compute the desired rate of the error, e_dot (k,).
 
         Raises:
-            ConfigurationError: as many gains as features are needed.
+            ConfigurationError: the number of gains differs from the number of features.
         """
         if len(error) != len(self.values):
             raise ConfigurationError(

@@ -9,7 +9,7 @@ from .base import LAWS, Law, gain
 
 @LAWS.register("proportional")
 class Proportional(Law):
-    """de/dt = -gain e: every error decays as exp(-gain t).
+    """Exponential decay, de/dt = -gain e: every error decays as exp(-gain t).
 
     Source: F. Chaumette and S. Hutchinson, Visual servo control, part I, IEEE Robotics and
     Automation Magazine 13(4), 2006.
@@ -17,8 +17,13 @@ class Proportional(Law):
 
     gain: float = gain(5.0)
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
-        """See Law.rate."""
+        """Compute the desired rate of the error, e_dot (k,)."""
         return -self.gain * error

@@ -1,4 +1,4 @@
-"""Make a law by its name, with a smooth start round it."""
+"""Construction of laws by name, with an optional smooth start."""
 
 from __future__ import annotations
 
@@ -8,16 +8,16 @@ from .base import LAWS, Law
 def create_law(
     name: str, /, continuous_start: float = 0.0, ramp: float = 0.0, **parameters: object
 ) -> Law:
-    """Return the law of a short name or of 'package.module:Class'.
+    """Create a law from its short name or 'package.module:Class'.
 
     Args:
-        name: such as 'proportional' or 'pi'; see LAWS for all.
-        continuous_start: mu of a ContinuousStart round it, 1/s; 0 for none.
-        ramp: time of a Ramp round it, s; 0 for none.
-        parameters: of the law.
+        name: such as 'proportional' or 'pi'; LAWS lists all names.
+        continuous_start: rate mu of a ContinuousStart that wraps the law, 1/s; 0 for none.
+        ramp: time constant of a Ramp that wraps the law, s; 0 for none.
+        parameters: parameters of the law.
 
     Raises:
-        ConfigurationError: unknown law, or a parameter that it refuses.
+        ConfigurationError: the law is unknown, or does not accept a parameter.
     """
     law = LAWS.create(name, **parameters)
     if ramp == continuous_start == 0.0:

@@ -1,4 +1,4 @@
-"""Laws round a law: a start without a jump of the speed."""
+"""Laws that wrap another law so that the camera starts without a step of its velocity."""
 
 from __future__ import annotations
 
@@ -10,48 +10,62 @@ from .base import Law
 
 
 class ContinuousStart(Law):
-    """The camera starts from rest, whatever its first error (ViSP's compensated start).
+    """Continuous start: the camera starts from rest for any first error (as in ViSP).
 
-    The initial motion L^+ e(0) is subtracted and let decay as exp(-mu t):
-    e' = e - L (L^+ e(0)) exp(-mu t) goes to the law inside. mu in 1/s. Reference: N. Mansard and
-    F. Chaumette, Task sequencing for high-level sensor-based control, IEEE T-RO 23(1), 2007.
+    The initial displacement L^+ e(0) is subtracted and decays as exp(-mu t): the wrapped law gets
+    e' = e - L (L^+ e(0)) exp(-mu t), with mu in 1/s.
+
+    Reference: N. Mansard and F. Chaumette, Task sequencing for high-level sensor-based control,
+    IEEE T-RO 23(1), 2007.
     """
 
     law: Law = parameter(internal=True)
-    mu: float = parameter(4.0, "1/s", above=0.0, help="rate at which the first motion is let in")
+    mu: float = parameter(
+        4.0, "1/s", above=0.0, help="rate at which the initial motion is blended in"
+    )
 
     def reset(self) -> None:
-        """See Law.reset."""
+        """Clear the state kept between images."""
         self.law.reset()
-        self._first: tuple[float, np.ndarray] | None = None  # time and rotated error
+        self._initial_motion: tuple[float, np.ndarray] | None = None  # time and L^+ e
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
-        """See Law.rate."""
-        if self._first is None:
-            self._first = t, np.array(rotated_error)
-        began, first = self._first
-        held = np.exp(-self.mu * max(t - began, 0.0)) * first
-        return self.law.rate(error - L @ held, L, rotated_error, t, dt)
+        """Compute the desired rate of the error, e_dot (k,)."""
+        if self._initial_motion is None:
+            self._initial_motion = t, np.array(pseudo_inverse_error)
+        start, initial = self._initial_motion
+        subtracted = np.exp(-self.mu * max(t - start, 0.0)) * initial
+        return self.law.desired_error_rate(error - L @ subtracted, L, pseudo_inverse_error, t, dt)
 
 
 class Ramp(Law):
-    """The wanted rate of the law inside, rising from 0 as 1 - exp(-t / time). time in s."""
+    """Ramp: the desired rate of the wrapped law, multiplied by 1 - exp(-t / time); time in s."""
 
     law: Law = parameter(internal=True)
     time: float = parameter(0.1, "s", above=0.0, help="time constant")
 
     def reset(self) -> None:
-        """See Law.reset."""
+        """Clear the state kept between images."""
         self.law.reset()
-        self._began: float | None = None
+        self._start_time: float | None = None
 
-    def rate(
-        self, error: np.ndarray, L: np.ndarray, rotated_error: np.ndarray, t: float, dt: float
+    def desired_error_rate(
+        self,
+        error: np.ndarray,
+        L: np.ndarray,
+        pseudo_inverse_error: np.ndarray,
+        t: float,
+        dt: float,
     ) -> np.ndarray:
-        """See Law.rate."""
-        if self._began is None:
-            self._began = t
-        part = 1.0 - np.exp(-max(t - self._began, 0.0) / self.time)
-        return part * self.law.rate(error, L, rotated_error, t, dt)
+        """Compute the desired rate of the error, e_dot (k,)."""
+        if self._start_time is None:
+            self._start_time = t
+        part = 1.0 - np.exp(-max(t - self._start_time, 0.0) / self.time)
+        return part * self.law.desired_error_rate(error, L, pseudo_inverse_error, t, dt)

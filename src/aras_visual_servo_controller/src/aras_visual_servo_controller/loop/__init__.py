@@ -1,1 +1,1 @@
-"""The closed loop: from an observation to the joint commands of every tick."""
+"""Servo loop: from an observation to the joint commands of every tick."""

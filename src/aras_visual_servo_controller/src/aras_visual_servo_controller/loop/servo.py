@@ -1,16 +1,16 @@
-"""The servo loop without ROS: images in, joint commands out, at two rates.
+"""Servo loop without ROS: from images to joint commands, at two rates.
 
-    see(observation): compute -> solve_ik, once an image; nothing changes unless all of it succeeds
-    tick(t, joints):  solve_ik -> commands, between the images as well
+    process_image(observation): compute -> solve_ik, once per image; has no effect if it fails
+    update(t, joints):          solve_ik -> commands, also between images
 
-Phases: `waiting` (for joint states or images), `approaching` (the start pose, without images),
-`servoing`, `converged` (the mean of the measured error over `hold` seconds is within the
-tolerances; the loop stays closed), `holding` (no safe answer: the arm comes smoothly to rest, and
-continues with the next good image), `stopped` (until `start`).
+Phases: `waiting` (for joint states or images), `approaching` (moving to the start pose, without
+images), `servoing`, `converged` (the mean error over `hold` seconds is within the tolerances; the
+loop stays closed), `holding` (no safe task: the arm stops smoothly and continues with the next
+valid image), `stopped` (until `start`).
 
-The commands are integrated from the last command, not from the measured positions: a joint held
-back by friction is pushed until it moves; how far they may run ahead is bounded. Time is what
-the stamps and `tick` say, simulated or not; the loop reads no clock of its own.
+Commands are integrated from the last command, not from the measured positions: a joint that
+friction holds is pushed until it moves. The distance between command and joint is limited. Time is
+given by the stamps and by `update`, simulated or not; the loop does not read a clock.
 """
 
 from __future__ import annotations
@@ -19,15 +19,16 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.joint_sample import JointSample
-from ..arm.resolver import solve_ik
 from ..errors import (
     MeasurementError,
     SchemeError,
     SchemeTimeoutError,
     ServoError,
 )
-from ..records.outcomes import NOT_ARRIVED, Arrived
+from ..kinematics.differential_ik import solve_ik
+from ..kinematics.joint_sample import JointSample
+from ..observation.observation import Observation
+from ..records.outcomes import NOT_ARRIVED, ArrivalStatus
 from ..records.run_record import ImageRecord, JointRecord, RunEvent
 from ..records.state import (
     APPROACHING,
@@ -39,117 +40,126 @@ from ..records.state import (
     Command,
     ServoState,
 )
-from ..schemes.base import Decision
+from ..schemes.base import SchemeOutput
 from ..schemes.compute import compute
-from ..seeing.observation import Observation
 from .servo_control import ServoControl
 
 if TYPE_CHECKING:
-    from ..arm.resolution import Resolution
+    from ..kinematics.ik_solution import IKSolution
 
-# An image from so far in the future is left over from before the clock went back, s.
-FUTURE = 1.0
+# An image this far in the future was exposed before the clock was reset, s.
+MAX_STAMP_LEAD = 1.0
 
 
 class Servo(ServoControl):
-    """The loop. Construct, `tick` with each joint state, `see` each image.
+    """Servo loop: call `update` for each joint state and `process_image` for each image.
 
-    Closes v = L^+ e_dot around one scheme and one arm: `see` computes the joint velocities of an
-    image, `tick` integrates them into commands (n,) of positions, velocities or efforts. Node and
-    runner both use this class. If an image cannot be used or the scheme fails, the arm holds still
-    and `reason` says why.
+    The loop closes v = L^+ e_dot around one scheme and one arm. `process_image` computes the joint
+    velocities for an image; `update` integrates them into commands (n,) of positions, velocities or
+    efforts. The ROS node and the runner of experiments both use this class. If an image cannot be
+    used or the scheme fails, the arm stops and `reason` says why.
 
     Attributes:
-        scheme, arm, resolver, settings: as given.
-        goal: as this arm sees it.
-        beyond: why the arm cannot be where the goal was taught, as text; empty where it can.
+        scheme, arm, differential_ik, settings: as given.
+        goal: for this arm, see `Goal.for_arm`.
+        unreachable_reason: why the arm cannot reach the goal's pose, as text; empty if it can.
         phase, reason: of the loop now.
         source: of the images, for messages.
-        motion, pursuit: integrates the commands; computes the velocities between images.
+        integrator: integrates the commands.
+        executor: computes the joint velocities between images.
         state: the latest ServoState, None before the first.
-        keep: function that gets each record that the diagnosis reads; None: they are not stored.
+        on_record: function that is called with each record of the diagnosis, or None.
     """
 
     # -- images ----------------------------------------------------------------------------
 
-    def see(self, observation: Observation) -> ServoState:
-        """Answer one image. If it cannot be used or the scheme fails, the arm holds still.
+    def process_image(self, observation: Observation) -> ServoState:
+        """Compute the joint velocities for one image.
 
-        An image that is not newer than the last one changes nothing.
+        If the image cannot be used or the scheme fails, the arm stops. An image that is not newer
+        than the last one has no effect.
         """
         stamp = float(observation.stamp)
         late = self._stamp is not None and stamp <= self._stamp
-        early = self._now is not None and stamp > self._now + FUTURE
+        early = self._now is not None and stamp > self._now + MAX_STAMP_LEAD
         if late or early or not np.isfinite(stamp):
             return self._record(observation, reason=f"image of {stamp:.3f} s ignored: it is late")
         if self._stamp is not None:
             self._period = stamp - self._stamp
         self._stamp = stamp
-        if self.phase == STOPPED or self._held:
+        if self.phase == STOPPED or self._hold_reason:
             return self._record(observation)
-        if self.approaching:
-            if self._approach is self._to_start or not observation.valid:
+        if self.is_approaching:
+            if self._start_approach is self._to_start or not observation.valid:
                 return self._record(observation)
-            self._approach, self._jumped = None, True  # the target is visible on the way back
+            # the target is visible on the path back
+            self._start_approach, self._have_joints_jumped = None, True
         joints = observation.joints if observation.joints is not None else self._joints
         if joints is None:
             self._halt(WAITING, "no joint states yet")
             return self._record(observation)
-        began = None if self.clock is None else self.clock()
+        start_time = None if self.clock is None else self.clock()
         solution = None
-        try:  # everything that can go wrong, before anything counts
+        try:  # nothing changes unless all of these calls succeed
             self.arm.check(joints.positions, joints.velocities)
-            if self._paused and self.motion.at_rest:
-                # The arm stands: integrals and the start's profile begin anew.
-                self._began = stamp
-                self._begin_scheme()
-                self._arrival.clear()
-            decision = compute(
-                self.scheme, observation, self.goal, stamp - self._began, self.name,
+            if self._is_paused and self.integrator.is_at_rest:
+                # The arm is at rest: reset integrals and the initial transient of the law.
+                self._start_stamp = stamp
+                self._reset_scheme()
+                self._arrival_check.clear()
+            output = compute(
+                self.scheme, observation, self.goal, stamp - self._start_stamp, self.name,
                 self.settings.scheme_timeout,
             )  # fmt: skip
-            if decision.task is not None:
+            if output.task is not None:
                 solution = solve_ik(
-                    decision.task, joints.positions, self.resolver, self.settings.resolve_period,
-                    self.motion.velocity,
+                    output.task, joints.positions, self.differential_ik,
+                    self.settings.resolve_period,
+                    self.integrator.velocity,
                 )  # fmt: skip
         except MeasurementError as error:
             self._halt(HOLDING, str(error))
             return self._record(observation)
         except SchemeTimeoutError as error:
-            self._hold_after(error, f"image of {stamp:.2f} s")
+            self._hold_after_timeout(error, f"image of {stamp:.2f} s")
             return self._record(observation, fault=error.trace)
         except SchemeError as error:
             new = str(error) != self._fault
             self._fault = str(error)
             self._halt(HOLDING, str(error))
             return self._record(observation, fault=(error.trace or str(error)) if new else "",
-                                faulty=True)  # fmt: skip
+                                is_faulty=True)  # fmt: skip
         except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
-            return self._record(observation, decision=None)
-        seconds = 0.0 if began is None else self.clock() - began
-        return self._commit(observation, joints, decision, solution, seconds)
+            return self._record(observation, scheme_output=None)
+        seconds = 0.0 if start_time is None else self.clock() - start_time
+        return self._commit(observation, joints, output, solution, seconds)
 
     def _commit(
         self,
         observation: Observation,
         joints: JointSample,
-        decision: Decision,
-        resolution: Resolution | None,
+        scheme_output: SchemeOutput,
+        solution: IKSolution | None,
         seconds: float,
     ) -> ServoState:
         stamp = observation.stamp
-        self._paused, self._fault = False, ""
-        self._fresh = True
-        task, dropped = decision.task, ""
-        if task is not None and task.measurable is not task:
-            task, dropped = task.measurable, task.dropped
-        self.pursuit.ask(task, resolution, stamp, self._now)
-        arrived = self._arrival.add(decision, observation, self.goal, self.scheme, resolution)
-        self.phase = CONVERGED if arrived.reached else SERVOING
-        reasons = [] if resolution is None else list(resolution.reasons)
-        reasons += [t for t in (dropped, *decision.notes, self._late, arrived.short) if t]
+        self._is_paused, self._fault = False, ""
+        self._has_new_answer = True
+        task, dropped = scheme_output.task, ""
+        if task is not None and task.measurable_task is not task:
+            task, dropped = task.measurable_task, task.dropped_reason
+        self.executor.set_task(task, solution, stamp, self._now)
+        arrived = self._arrival_check.add(
+            scheme_output, observation, self.goal, self.scheme, solution
+        )
+        self.phase = CONVERGED if arrived.is_reached else SERVOING
+        reasons = [] if solution is None else list(solution.reasons)
+        reasons += [
+            t
+            for t in (dropped, *scheme_output.notes, self._lag_reason, arrived.pending_reason)
+            if t
+        ]
         if seconds > self._period > 0.0:
             reasons.append(
                 f"scheme {self.name} took {seconds:.3f} s, longer than the image period of "
@@ -157,22 +167,28 @@ class Servo(ServoControl):
             )
         self.reason = "; ".join(dict.fromkeys(reasons))
         return self._record(
-            observation, joints, decision, resolution, seconds, arrived=arrived
+            observation, joints, scheme_output, solution, seconds, arrival_status=arrived
         )
 
     # -- ticks -----------------------------------------------------------------------------
 
-    def tick(
-        self, t: float, joints: JointSample | None = None, unmeasured: str = ""
+    def update(
+        self, t: float, joints: JointSample | None = None, missing_reason: str = ""
     ) -> Command:
-        """Move on to the time t (s, of the clock); measured joints where there are new ones, or
-        why they could not be measured, which stops the arm.
+        """Advance the loop to the time t (s) and return the joint command.
 
-        A t before the last one is a clock that went back: the loop begins anew.
+        If t is before the last time, the clock was reset, and the loop is reset.
+
+        Args:
+            t: s.
+            joints: new measurement, or None.
+            missing_reason: why the joints could not be measured; stops the arm.
         """
         t = float(t)
         if not np.isfinite(t):
-            return self._sent(0.0 if self._now is None else self._now, None, "time is not finite")
+            return self._make_command(
+                0.0 if self._now is None else self._now, None, "time is not finite"
+            )
         if self._now is not None and t < self._now:
             self.reset()
         dt = 0.0 if self._now is None else min(t - self._now, self.settings.longest_step)
@@ -182,138 +198,147 @@ class Servo(ServoControl):
                 self.arm.check(joints.positions, joints.velocities)
                 self._joints = joints
             except MeasurementError as error:
-                unmeasured = str(error)
-        if unmeasured:
-            if self.phase != STOPPED and not self._held:
-                self._halt(HOLDING, unmeasured)
-                self._note(RunEvent("joints_unmeasured", unmeasured))
-            self.motion.brake(dt)
-            return self._sent(t, self._joints, unmeasured)
+                missing_reason = str(error)
+        if missing_reason:
+            if self.phase != STOPPED and not self._hold_reason:
+                self._halt(HOLDING, missing_reason)
+                self._add_record(RunEvent("joints_unmeasured", missing_reason))
+            self.integrator.brake(dt)
+            return self._make_command(t, self._joints, missing_reason)
         if self._joints is None:
             self.phase = WAITING if self.phase != STOPPED else STOPPED
-            return self._sent(t, None, "no joint states yet")
+            return self._make_command(t, None, "no joint states yet")
         measured = self._joints
-        if self.motion.command is None:
-            self.motion.begin(measured.positions)
-        if self.approaching and self.phase != STOPPED and not self._held:
-            return self._approached(t, dt, measured)
-        self._watch(t)
-        return self._sent(t, measured, self._move(t, dt, measured) or self.reason)
+        if self.integrator.command is None:
+            self.integrator.start_at(measured.positions)
+        if self.is_approaching and self.phase != STOPPED and not self._hold_reason:
+            return self._update_approach(t, dt, measured)
+        self._check_watchdog(t)
+        return self._make_command(t, measured, self._execute_task(t, dt, measured) or self.reason)
 
-    def _move(self, t: float, dt: float, measured: JointSample) -> str:
-        """Integrate what was asked last; what held it back, in words."""
-        self.pursuit.take_up(t)
-        if self._foreign:
-            self.motion.yield_to([name in self._foreign for name in self.motion.names], dt)
+    def _execute_task(self, t: float, dt: float, measured: JointSample) -> str:
+        """Integrate the velocities of the present task; return what limited them, as text."""
+        self.executor.activate_pending(t)
+        if self._foreign_nodes:
+            self.integrator.yield_to(
+                [name in self._foreign_nodes for name in self.integrator.names], dt
+            )
             return ""
-        if self.pursuit.task is not None and dt <= 0.0:
-            return ""  # an image's own instant: the joints will be newer when time goes on
+        if self.executor.task is not None and dt <= 0.0:
+            return ""  # at the stamp of an image; newer joints follow as time advances
         try:
-            asked = self.pursuit.velocities(t, dt, measured, self._began)
+            result = self.executor.compute_velocities(t, dt, measured, self._start_stamp)
         except SchemeTimeoutError as error:
-            self._hold_after(error, f"joints of {t:.2f} s")
+            self._hold_after_timeout(error, f"joints of {t:.2f} s")
         except SchemeError as error:
             self._fault = str(error)
             self._halt(HOLDING, str(error))
-            self._note(RunEvent("scheme_failed", str(error)))
+            self._add_record(RunEvent("scheme_failed", str(error)))
         except (ServoError, ValueError, ArithmeticError) as error:
             self._halt(HOLDING, str(error))
         else:
-            if asked is None:
-                self.motion.brake(dt)
+            if result is None:
+                self.integrator.brake(dt)
                 return ""
-            velocities, reason = asked
-            if self._jumped:
-                self._take_up_jumped(measured)
-            self._late = self.motion.advance(velocities, measured.positions, dt)
-            return "; ".join(text for text in (reason, self._late) if text)
-        self.motion.brake(dt)
+            velocities, reason = result
+            if self._have_joints_jumped:
+                self._adopt_jumped_joints(measured)
+            self._lag_reason = self.integrator.integrate(velocities, measured.positions, dt)
+            return "; ".join(text for text in (reason, self._lag_reason) if text)
+        self.integrator.brake(dt)
         return self.reason
 
-    def _watch(self, t: float) -> None:
-        """Stop the arm when no fresh answer comes."""
-        if self._fresh:
-            self._fresh, self._answered = False, t
+    def _check_watchdog(self, t: float) -> None:
+        """Stop the arm if no new task arrives in time."""
+        if self._has_new_answer:
+            self._has_new_answer, self._answer_time = False, t
         if self.phase not in (SERVOING, CONVERGED):
             return
-        answered, patience = self.answered
+        answered, patience = self.answer_timing
         if answered is not None and t - answered > patience:
-            self._note(RunEvent("starved", time=t, period=self._period))
-            self._halt(WAITING, self.source.missing(t - answered))
+            self._add_record(RunEvent("starved", time=t, period=self._period))
+            self._halt(WAITING, self.source.describe_silence(t - answered))
 
-    def _approached(self, t: float, dt: float, measured: JointSample) -> Command:
+    def _update_approach(self, t: float, dt: float, measured: JointSample) -> Command:
         self.phase = APPROACHING
-        if self._take_up_jumped(measured):
-            self._approach.reset()
-        command = self._approach.command(t, dt, measured.positions)
+        if self._adopt_jumped_joints(measured):
+            self._start_approach.reset()
+        command = self._start_approach.compute_command(t, dt, measured.positions)
         if dt > 0.0:
-            self.motion.velocity = (command - self.motion.command) / dt
-        self.motion.command = command
-        self.reason = self._approach.reason
-        if self._approach.done:
+            self.integrator.velocity = (command - self.integrator.command) / dt
+        self.integrator.command = command
+        self.reason = self._start_approach.reason
+        if self._start_approach.is_done:
             self.phase, self.reason = WAITING, ""
-            self.motion.velocity = np.zeros_like(command)
-        return self._sent(t, measured, self.reason)
+            self.integrator.velocity = np.zeros_like(command)
+        return self._make_command(t, measured, self.reason)
 
     @property
-    def goes_on(self) -> bool:
-        """Whether the coming ticks do nothing but go after the task."""
-        return self.phase in (SERVOING, CONVERGED) and not (self._fresh or self._jumped)
+    def is_only_executing(self) -> bool:
+        """Return whether the next ticks only execute the present task."""
+        return self.phase in (SERVOING, CONVERGED) and not (
+            self._has_new_answer or self._have_joints_jumped
+        )
 
     @property
-    def answered(self) -> tuple[float, float]:
-        """When the last image was answered, and for how long that is enough, s."""
+    def answer_timing(self) -> tuple[float, float]:
+        """Return the time of the last processed image, and for how long its task may act, s."""
         settings = self.settings
-        return self._answered, max(settings.watchdog, settings.watchdog_images * self._period)
+        return self._answer_time, max(settings.watchdog, settings.watchdog_images * self._period)
 
-    def ticked(self, joints: JointSample, late: str) -> None:
-        """Ticks were made up to these joints; what was late in the last one, in words."""
-        self._now, self._joints, self._late = joints.stamp, joints, late
+    def apply_updates(self, joints: JointSample, lag_reason: str) -> None:
+        """Take over the result of ticks that were computed elsewhere, up to these joints.
+
+        Args:
+            joints: after the last tick.
+            lag_reason: which joints were late in the last tick, as text.
+        """
+        self._now, self._joints, self._lag_reason = joints.stamp, joints, lag_reason
 
     # -- shared ----------------------------------------------------------------------------
 
-    def _sent(self, t: float, measured: JointSample | None, reason: str) -> Command:
-        if self._foreign:
-            reason = self._with_foreign(reason)
-        return self.motion.sent(t, measured, self.arm.effort, reason, self.phase)
+    def _make_command(self, t: float, measured: JointSample | None, reason: str) -> Command:
+        if self._foreign_nodes:
+            reason = self._add_foreign_nodes(reason)
+        return self.integrator.make_command(t, measured, self.arm.effort, reason, self.phase)
 
     def _record(
         self,
         observation: Observation,
         joints: JointSample | None = None,
-        decision: Decision | None = None,
-        resolution: Resolution | None = None,
+        scheme_output: SchemeOutput | None = None,
+        solution: IKSolution | None = None,
         seconds: float = 0.0,
         fault: str = "",
         reason: str | None = None,
-        faulty: bool = False,
-        arrived: Arrived = NOT_ARRIVED,
+        is_faulty: bool = False,
+        arrival_status: ArrivalStatus = NOT_ARRIVED,
     ) -> ServoState:
-        """The state of this image, with what the diagnosis makes of it."""
-        own = self.reason if reason is None else reason
+        """Create the state of this image and add the outcome of the diagnosis."""
+        text = self.reason if reason is None else reason
         state = ServoState(
             float(observation.stamp), self.phase,
-            reason=self._with_foreign(own) if self._foreign else own,
-            decision=decision, resolution=resolution,
+            reason=self._add_foreign_nodes(text) if self._foreign_nodes else text,
+            scheme_output=scheme_output, ik_solution=solution,
             joints=joints or observation.joints or self._joints, command=self.command,
-            computing=seconds, fault=fault, answers_image=reason is None,
-            scheme=self.name, arrived=arrived,
+            computation_time=seconds, fault=fault, has_processed_image=reason is None,
+            scheme=self.name, arrival_status=arrival_status,
         )  # fmt: skip
         if reason is None:
             joints = None
             if self._joints is not None:
                 joints = JointRecord(
-                    self.motion.late, self.motion.velocity, self._joints.velocities
+                    self.integrator.is_late, self.integrator.velocity, self._joints.velocities
                 )
             age = max(self.settings.delay, 0.0 if self._now is None else self._now - state.stamp)
-            found = self._note(ImageRecord(
-                state, observation.without_pixels(), age, faulty, joints, self._foreign
+            found = self._add_record(ImageRecord(
+                state, observation.without_pixels(), age, is_faulty, joints, self._foreign_nodes
             ))
             state = state.with_outcome(found)
-            if decision is not None and self.phase == SERVOING and (
-                self.settings.duration <= observation.stamp - self._began
+            if scheme_output is not None and self.phase == SERVOING and (
+                self.settings.duration <= observation.stamp - self._start_stamp
             ):
                 self.time_out(self.settings.duration)
-                self.stop("the time for it is over")
+                self.stop("the duration of the run is over")
             self.state = state
         return state

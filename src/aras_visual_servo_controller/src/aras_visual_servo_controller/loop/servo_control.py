@@ -1,4 +1,4 @@
-"""What a loop can be told between its images and ticks: start, stop, hold, who else commands."""
+"""Control of the servo loop: construction, start, stop, hold, and commands of other nodes."""
 
 from __future__ import annotations
 
@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from aras_visual_servo_base.names import unknown
+from aras_visual_servo_base.names import describe_unknown
 
-from ..arm.joint_sample import JointSample
+from ..diagnosis.arrival_check import ArrivalCheck
+from ..diagnosis.diagnosis import Diagnosis
+from ..diagnosis.joint_check import describe_foreign_nodes
 from ..errors import (
     ConfigurationError,
     SchemeError,
     SchemeTimeoutError,
 )
 from ..goals.goal import Goal
-from ..judging.arrival import Arrival
-from ..judging.diagnosis import Diagnosis
-from ..judging.joint_check import foreign_text
-from ..records.outcomes import Outcome, outcome
+from ..kinematics.joint_sample import JointSample
+from ..records.outcomes import Outcome, make_outcome
 from ..records.run_record import Record, RunContext, RunEvent
 from ..records.state import (
     APPROACHING,
@@ -33,223 +33,246 @@ from ..records.state import (
     ServoState,
     Source,
 )
-from ..schemes.answer_checks import checked_goal
 from ..schemes.base import JointController, Scheme
+from ..schemes.output_checks import check_goal
 from ..schemes.time_limit import call_user_code
-from .motion import CommandMotion
-from .task_follower import Pursuit
+from .command_integrator import CommandIntegrator
+from .task_executor import TaskExecutor
 
 if TYPE_CHECKING:
-    from ..arm import Arm
-    from ..arm.resolver import Resolver
-    from .approach import Approach
+    from ..kinematics import Arm
+    from ..kinematics.differential_ik import DifferentialIK
+    from .start_approach import StartApproach
 
-SLOW = (
-    "correct the scheme, or raise scheme_timeout if it needs that long; its traceback is logged; "
-    "to see the rest run, use a shipped one"
+TIMEOUT_ADVICE = (
+    "correct the scheme (its traceback is logged), raise scheme_timeout if it needs that long, or "
+    "use a built-in scheme"
 )
-CONTROLLED = ("position", "velocity", "acceleration")
+CONTROLLER_OUTPUTS = ("position", "velocity", "acceleration")
 
 
 class ServoControl:
-    """Parts and state of a loop, and what starts and stops it; see Servo."""
+    """Parts and state of a servo loop, and the methods that start and stop it; see Servo."""
 
     def __init__(
         self,
         scheme: Scheme | JointController,
         arm: Arm,
         goal: Goal,
-        resolver: Resolver,
+        differential_ik: DifferentialIK,
         settings: ServoSettings | None = None,
         clock: Callable[[], float] | None = None,
         name: str = "",
     ) -> None:
-        """`clock`: s of processor time, to tell a scheme that takes too long; `name`: of the
-        scheme, for messages.
+        """Create the loop.
+
+        Args:
+            clock: function that returns processor time, s, to measure the computation time of the
+                scheme.
+            name: of the scheme, for messages.
 
         Raises:
             ConfigurationError: goal, start or settings do not fit the arm or the scheme.
         """
-        self.scheme, self.arm, self.resolver = scheme, arm, resolver
+        self.scheme, self.arm, self.differential_ik = scheme, arm, differential_ik
         self.settings = settings if settings is not None else ServoSettings()
         self.name = name or type(scheme).__name__
         self.source = Source()
         self.clock = clock
         self.goal = goal.for_arm(arm)
-        checked_goal(self.name, scheme, self.goal, self.settings.scheme_timeout)
-        self.settings.check_for(arm.names, resolver.limits)
-        if isinstance(scheme, JointController) and scheme.output not in CONTROLLED:
+        check_goal(self.name, scheme, self.goal, self.settings.scheme_timeout)
+        self.settings.check_for(arm.names, differential_ik.limits)
+        if isinstance(scheme, JointController) and scheme.output not in CONTROLLER_OUTPUTS:
             raise ConfigurationError(
-                unknown(f"output of scheme {self.name}", scheme.output, CONTROLLED)
+                describe_unknown(f"output of scheme {self.name}", scheme.output, CONTROLLER_OUTPUTS)
             )
-        joints = self.goal.joint_values(arm.names)
-        resolver.goal = self.goal.world_T_camera if joints is None else arm.view(joints)[0]
-        self.motion = CommandMotion(arm.names, resolver.limits, self.settings)
-        self.pursuit = Pursuit(self.name, scheme, resolver, self.motion, self.settings)
+        joints = self.goal.get_joints(arm.names)
+        differential_ik.goal = (
+            self.goal.world_T_camera if joints is None else arm.pose_and_jacobian(joints)[0]
+        )
+        self.integrator = CommandIntegrator(arm.names, differential_ik.limits, self.settings)
+        self.executor = TaskExecutor(
+            self.name, scheme, differential_ik, self.integrator, self.settings
+        )
         self._to_start = None
         if self.settings.start is not None:
-            self._to_start = self._approach_to(self.settings.start, "the start pose")
-        self._arrival = Arrival(self.settings.hold)
-        self.beyond = self.goal.beyond(arm)
-        lengths = np.where(arm.prismatic, resolver.settings.slide, 1.0)
-        narrowed = resolver.limits.narrowed(arm)
+            self._to_start = self._make_approach(self.settings.start, "the start pose")
+        self._arrival_check = ArrivalCheck(self.settings.hold)
+        self.unreachable_reason = self.goal.find_unreachable_reason(arm)
+        lengths = np.where(arm.is_prismatic, differential_ik.settings.prismatic_unit, 1.0)
+        narrowed = differential_ik.limits.find_narrowed(arm)
         self.diagnosis = Diagnosis(RunContext(
-            self.settings, self.goal, scheme, arm.jacobian, self.beyond, tuple(arm.names), lengths,
-            narrowed, getattr(resolver, "folds", ()),
-            () if joints is None else resolver.limits.outside(joints),
+            self.settings, self.goal, scheme, arm.jacobian, self.unreachable_reason,
+            tuple(arm.names), lengths,
+            narrowed, getattr(differential_ik, "elbows", ()),
+            () if joints is None else differential_ik.limits.find_violations(joints),
         ))  # fmt: skip
-        self.keep: Callable[[Record], None] | None = None
+        self.on_record: Callable[[Record], None] | None = None
         self.reset()
 
-    # -- what the loop is told -------------------------------------------------------------
+    # -- control -----------------------------------------------------------------------------
 
     def reset(self) -> None:
-        """Begin anew, as if just constructed: for a clock that went back."""
+        """Restore the initial state, for example after a reset of the clock."""
         self.phase, self.reason = WAITING, ""
         self.state: ServoState | None = None
-        self.motion.reset()
-        self._jumped, self._foreign = False, {}
-        self._approach = self._to_start
-        if self._approach is not None:
-            self._approach.reset()
-        self._note(RunEvent("started"))
+        self.integrator.reset()
+        self._have_joints_jumped, self._foreign_nodes = False, {}
+        self._start_approach = self._to_start
+        if self._start_approach is not None:
+            self._start_approach.reset()
+        self._add_record(RunEvent("started"))
         self._now: float | None = None
         self._joints: JointSample | None = None
         self._stamp: float | None = None
         self._period = 0.0
-        self._held = ""
-        self._began = 0.0
+        self._hold_reason = ""
+        self._start_stamp = 0.0
         self._fault = ""
         self._pause()
-        self.resolver.reset()
+        self.differential_ik.reset()
         try:
-            self._begin_scheme()
+            self._reset_scheme()
         except SchemeError as error:
             self._halt(HOLDING, str(error))  # the next image tries again
 
     def start(self) -> None:
-        """Go on after `stop` or `hold`; the goal is taken up anew."""
-        self._held = ""
+        """Continue after `stop` or `hold` and reset the scheme at the next image."""
+        self._hold_reason = ""
         if self.phase in (STOPPED, HOLDING):
             if self._joints is not None:
-                self.motion.take_up(self._joints.positions)
+                self.integrator.adopt_joints(self._joints.positions)
             self.phase, self.reason = WAITING, ""
-        self._note(RunEvent("started"))
+        self._add_record(RunEvent("started"))
         self._pause()
 
     def stop(self, reason: str = "stopped") -> None:
-        """Come smoothly to rest and stay there until `start`."""
+        """Stop the arm smoothly until `start`."""
         self._halt(STOPPED, reason)
 
-    def hold(self, reason: str, found: Outcome | None = None) -> None:
-        """Come smoothly to rest and hold still until `start`, whatever is seen.
+    def hold(self, reason: str, held_outcome: Outcome | None = None) -> None:
+        """Stop the arm smoothly until `start`, regardless of images.
 
-        `found`: the outcome, where no client has asked for it; None: held.
+        Args:
+            reason: of the halt.
+            held_outcome: outcome to report; None: 'held', as requested by a client.
         """
-        self._held = reason or "held"
-        self._halt(HOLDING, self._held)
-        self._note(RunEvent("halted", outcome=found or outcome("held", self._held)))
+        self._hold_reason = reason or "held"
+        self._halt(HOLDING, self._hold_reason)
+        self._add_record(
+            RunEvent("halted", outcome=held_outcome or make_outcome("held", self._hold_reason))
+        )
 
     def time_out(self, duration: float) -> None:
-        """The time for the run, s, is over: an outcome that is still open is judged."""
-        self._note(RunEvent("timed_out", time=duration))
+        """End the run after its duration (s); an open outcome is then diagnosed."""
+        self._add_record(RunEvent("timed_out", time=duration))
 
-    def joints_jumped(self) -> None:
-        """The joints may be elsewhere: command them from where they are, once the arm moves on."""
-        self._jumped = True
+    def mark_joint_jump(self) -> None:
+        """Note that the joints may have moved: commands then start at their measured positions."""
+        self._have_joints_jumped = True
 
-    def set_foreign(self, nodes: Mapping[str, str]) -> None:
-        """Name the other nodes that command joints now, by joint; empty: none does any more."""
-        ended, self._foreign = bool(self._foreign) and not nodes, dict(nodes)
+    def set_foreign_nodes(self, nodes: Mapping[str, str]) -> None:
+        """Set the other nodes that command joints now, by joint; empty: none."""
+        ended, self._foreign_nodes = bool(self._foreign_nodes) and not nodes, dict(nodes)
         if ended:
-            self.foreign_commands_ended()
+            self.resume_own_commands()
 
     @property
-    def yields(self) -> bool:
-        """Whether another node commands joints, and the loop waits for its end."""
-        return bool(self._foreign)
+    def is_yielding(self) -> bool:
+        """Return whether another node commands joints, so that the loop waits."""
+        return bool(self._foreign_nodes)
 
-    def foreign_commands_ended(self) -> None:
-        """Command the joints again after another node did, from where they are.
+    def resume_own_commands(self) -> None:
+        """Command the joints again after another node did, from their present positions.
 
-        Where the images show no target since, the arm first returns to where it was to be.
+        If no target has been visible since, the arm first returns to its last commanded pose.
         """
-        if self.phase == HOLDING and not self._held and self.motion.command is not None:
-            self._approach = self._approach_to(self.motion.command, "the last commanded pose")
-        self._jumped = True
+        if self.phase == HOLDING and not self._hold_reason and self.integrator.command is not None:
+            self._start_approach = self._make_approach(
+                self.integrator.command, "the last commanded pose"
+            )
+        self._have_joints_jumped = True
 
-    def _approach_to(self, joints: Sequence[float], where: str) -> Approach:
-        """The path to joints (n,)."""
-        from .approach import Approach  # many runs servo from where they are
+    def _make_approach(self, joints: Sequence[float], destination: str) -> StartApproach:
+        """Create the path to joints (n,)."""
+        from .start_approach import StartApproach  # many runs need no approach
 
-        limits, settings = self.resolver.limits, replace(self.settings, start=tuple(joints))
-        return Approach(self.arm.names, limits.velocity, settings, limits.acceleration, where)
+        limits, settings = self.differential_ik.limits, replace(self.settings, start=tuple(joints))
+        return StartApproach(
+            self.arm.names, limits.velocity, settings, limits.acceleration, destination
+        )
 
     @property
-    def waits_for_joints(self) -> bool:
-        """Whether the command rests until joints have followed it: of itself never while the loop
-        is stopped or held."""
+    def is_waiting_for_joints(self) -> bool:
+        """Return whether the command waits for joints to follow.
+
+        It does not while the loop is stopped or held on request.
+        """
         if self.phase == APPROACHING:
-            return bool(self._approach.reason)
-        if self.phase == HOLDING and not (self._held or self._jumped or self._joints is None):
-            away = np.abs(self.motion.command - self._joints.positions)
-            return self.motion.at_rest and bool((away > self.motion.lead).any())
-        return self.phase in (SERVOING, CONVERGED) and bool(self.motion.late.any())
+            return bool(self._start_approach.reason)
+        if self.phase == HOLDING and not (
+            self._hold_reason or self._have_joints_jumped or self._joints is None
+        ):
+            away = np.abs(self.integrator.command - self._joints.positions)
+            return self.integrator.is_at_rest and bool((away > self.integrator.lead).any())
+        return self.phase in (SERVOING, CONVERGED) and bool(self.integrator.is_late.any())
 
     @property
-    def approaching(self) -> bool:
-        """Whether the start pose has still to be reached: images are not looked at."""
-        return self._approach is not None and not self._approach.done
+    def is_approaching(self) -> bool:
+        """Return whether the start pose is not reached yet; images are not processed until then."""
+        return self._start_approach is not None and not self._start_approach.is_done
 
     @property
     def outcome(self) -> Outcome:
-        """What the loop knows of the run so far."""
+        """Return what is known about the run so far."""
         return self.diagnosis.outcome
 
     @property
     def command(self) -> np.ndarray | None:
-        """(n,) positions that the commands stand at; None before the first tick."""
-        return None if self.motion.command is None else self.motion.command.copy()
+        """Return the integrated positions (n,), or None before the first tick."""
+        return None if self.integrator.command is None else self.integrator.command.copy()
 
     # -- shared ----------------------------------------------------------------------------
 
-    def _take_up_jumped(self, measured: JointSample) -> bool:
-        """Command the joints from where they are, if they have jumped; whether they had."""
-        jumped, self._jumped = self._jumped, False
+    def _adopt_jumped_joints(self, measured: JointSample) -> bool:
+        """Set the command to the measured joints if they may have jumped; return whether so."""
+        jumped, self._have_joints_jumped = self._have_joints_jumped, False
         if jumped:
-            self.motion.begin(measured.positions)
+            self.integrator.start_at(measured.positions)
         return jumped
 
-    def _hold_after(self, error: SchemeTimeoutError, what: str) -> None:
-        """Hold until `start`: a scheme that hung would do so at every image."""
+    def _hold_after_timeout(self, error: SchemeTimeoutError, what: str) -> None:
+        """Hold until `start`, because a scheme that hangs would do so at every image."""
         reason = f"{error}, at the {what}"
-        found = outcome("scheme_fault", reason)
-        self.hold(reason, found.with_remedy(SLOW, *found.remedy.changes))
+        found = make_outcome("scheme_fault", reason)
+        self.hold(reason, found.with_remedy(TIMEOUT_ADVICE, *found.remedy.changes))
 
-    def _begin_scheme(self) -> None:
+    def _reset_scheme(self) -> None:
         arguments = (self.arm,) if isinstance(self.scheme, JointController) else ()
         call_user_code(self.scheme.reset, *arguments, limit=self.settings.scheme_timeout,
                        scheme=self.name)  # fmt: skip
 
     def _pause(self) -> None:
-        """Nothing is asked of the arm any more; the next image begins the scheme anew."""
-        self.pursuit.drop()
-        self._paused = True
-        self._fresh, self._answered = False, None
-        self._late = ""
-        self.motion.wait_for_none()
+        """Clear the task; the scheme is reset at the next image."""
+        self.executor.clear()
+        self._is_paused = True
+        self._has_new_answer, self._answer_time = False, None
+        self._lag_reason = ""
+        self.integrator.clear_late()
 
     def _halt(self, phase: str, reason: str) -> None:
         self.phase, self.reason = phase, reason
         self._pause()
-        self._arrival.clear()
+        self._arrival_check.clear()
 
-    def _note(self, record: Record) -> Outcome:
-        """Diagnose a record, and have it kept; the outcome as of now."""
-        if self.keep is not None:
-            self.keep(record)
+    def _add_record(self, record: Record) -> Outcome:
+        """Pass a record to `on_record` and to the diagnosis; return the present outcome."""
+        if self.on_record is not None:
+            self.on_record(record)
         return self.diagnosis.add(record)
 
-    def _with_foreign(self, reason: str) -> str:
-        """A reason, with the other nodes that command joints."""
-        return "; ".join(text for text in (reason, foreign_text(self._foreign)) if text)
+    def _add_foreign_nodes(self, reason: str) -> str:
+        """Append the other nodes that command joints to a reason."""
+        return "; ".join(
+            text for text in (reason, describe_foreign_nodes(self._foreign_nodes)) if text
+        )

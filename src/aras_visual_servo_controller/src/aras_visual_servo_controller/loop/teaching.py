@@ -1,4 +1,4 @@
-"""From views at the goal to a goal: drives there, collects, averages. No ROS."""
+"""Teaching of goals: move to a pose, collect views there and average them. Without ROS."""
 
 from __future__ import annotations
 
@@ -8,150 +8,164 @@ from typing import Any
 
 import numpy as np
 
-from aras_visual_servo_camera.contour import corners_of
+from aras_visual_servo_camera.contour import find_corners
 from aras_visual_servo_camera.errors import VisionError
 from aras_visual_servo_camera.moments import Moments
 
-from ..arm import Arm
-from ..arm.joint_sample import JointSample
 from ..errors import ConfigurationError, MeasurementError, ServoError
 from ..goals.goal import Goal
+from ..kinematics import Arm
+from ..kinematics.joint_sample import JointSample
+from ..observation.camera_rig import CameraRig, ObserveFrame
+from ..observation.feature_observer import FeatureObserver
+from ..observation.observation import Observation
 from ..records.state import ServoSettings, Source
 from ..schemes import JointController, Scheme
-from ..seeing.observation import Observation
-from ..seeing.observer import Observer
-from ..seeing.rig import Look, Rig
-from .approach import Approach
+from .start_approach import StartApproach
 
 NO_IMAGES = "no images arrive"
-AROUND = 400  # points of an outline that is worked out, about as many as a picture's has
+OUTLINE_POINTS = 400  # points of a computed outline, about as many as an outline from an image has
 
 
 class Teacher:
-    """Takes in joint states and images like a driver; keeps the good views of one pose.
+    """Collector of valid views of one pose from joint states and images.
 
     Attributes:
-        rig: makes the observations.
-        views: the valid ones so far.
-        refused: images since the last valid one.
-        reason: why the last one was not.
+        camera_rig: makes the observations.
+        views: valid observations so far.
+        refused_count: images since the last valid one.
+        reason: why the last image was not valid.
     """
 
     def __init__(
         self,
         arm: Arm,
-        rig: Rig,
-        go: np.ndarray | None = None,
+        camera_rig: CameraRig,
+        start_joints: np.ndarray | None = None,
         send: Callable[[np.ndarray], None] | None = None,
     ) -> None:
-        """`go`: joints (n,) to drive to first; `send`: takes the commands (n,) on the way."""
-        self.arm, self.rig = arm, rig
+        """Create the teacher.
+
+        Args:
+            start_joints: joints (n,) to move to first.
+            send: function that receives the commands (n,) on the path.
+        """
+        self.arm, self.camera_rig = arm, camera_rig
         self._send = send
-        self._approach = None
-        if go is not None:
-            settings = ServoSettings(start=tuple(go), settle=1.0)
-            self._approach = Approach(arm.names, np.minimum(arm.velocity, 1.0), settings)
+        self._start_approach = None
+        if start_joints is not None:
+            settings = ServoSettings(start=tuple(start_joints), settle=1.0)
+            self._start_approach = StartApproach(arm.names, np.minimum(arm.velocity, 1.0), settings)
         self._sample: JointSample | None = None
         self.views: list[Observation] = []
-        self.refused, self.reason = 0, NO_IMAGES
+        self.refused_count, self.reason = 0, NO_IMAGES
 
     @property
-    def there(self) -> bool:
-        """Whether the pose is reached (at once where none was asked for) and joints are known."""
-        return self._sample is not None and (self._approach is None or self._approach.done)
+    def is_ready(self) -> bool:
+        """Return whether joints are known and the pose is reached, if one was given."""
+        return self._sample is not None and (
+            self._start_approach is None or self._start_approach.is_done
+        )
 
-    def joints(
+    def add_joint_state(
         self, names: Sequence[str], positions: Sequence[float], velocities: Sequence[float],
         stamp: float,
     ) -> None:  # fmt: skip
-        """Take in a joint state; drive on towards the pose."""
+        """Add a joint state, and continue the motion to the pose."""
         before = self._sample
         try:
-            self._sample = self.arm.sample(names, positions, velocities, stamp)
+            self._sample = self.arm.read_joints(names, positions, velocities, stamp)
         except MeasurementError as error:
             self.reason = str(error)
             return
-        if self._approach is None or self._approach.done and not self._moved_away():
+        if (
+            self._start_approach is None
+            or self._start_approach.is_done
+            and not self._restart_if_moved()
+        ):
             return
         dt = 0.0 if before is None else min(max(stamp - before.stamp, 0.0), 0.1)
-        self._send(self._approach.command(stamp, dt, self._sample.positions))
-        self.reason = self._approach.reason or "on the way to the pose"
-        if self._approach.done:
+        self._send(self._start_approach.compute_command(stamp, dt, self._sample.positions))
+        self.reason = self._start_approach.reason or "moving to the pose"
+        if self._start_approach.is_done:
             self.reason = NO_IMAGES
 
-    def _moved_away(self) -> bool:
-        """Drive to the pose again where something else has moved the arm: its views are of another
-        pose."""
-        away = np.abs(self._sample.positions - self._approach.start)
-        moved = bool((away > 2.0 * np.asarray(self._approach.settings.arrived)).any())
-        if moved:
-            self._approach.reset()
+    def _restart_if_moved(self) -> bool:
+        """Return to the pose if the arm was moved, and remove the views of the other pose."""
+        offset = np.abs(self._sample.positions - self._start_approach.start)
+        is_moved = bool((offset > 2.0 * np.asarray(self._start_approach.settings.arrived)).any())
+        if is_moved:
+            self._start_approach.reset()
             self.views.clear()
-        return moved
+        return is_moved
 
-    def comes_from(self, camera: str, source: Source) -> None:
-        """Where a camera's images come from; the one who teaches says so."""
+    def set_source(self, camera: str, source: Source) -> None:
+        """Do nothing: the caller reports the source of a camera's images itself."""
 
-    def image(self, stamp: float, look: Look, camera: str = "") -> None:
-        """Take in an image, once there; camera: its name, '': the control camera."""
-        if not self.there:
+    def add_image(self, stamp: float, observe_frame: ObserveFrame, camera: str = "") -> None:
+        """Add an image if the pose is reached; an empty camera name means the control camera."""
+        if not self.is_ready:
             return
-        together = self.rig.add(camera or self.rig.control.name, stamp, look)
-        if together is None:
-            self.reason = f"no image of camera {self.rig.waits_for} of the same time arrives"
+        merged = self.camera_rig.add_image(
+            camera or self.camera_rig.control.name, stamp, observe_frame
+        )
+        if merged is None:
+            self.reason = (
+                f"no image of camera {self.camera_rig.missing_camera} with the same stamp arrives"
+            )
             return
         try:
-            view = together[1](self._sample, ())
+            view = merged[1](self._sample, ())
         except VisionError as error:
-            self.refused, self.reason = self.refused + 1, str(error)
+            self.refused_count, self.reason = self.refused_count + 1, str(error)
             return
-        blind = next((one for one in view.cameras.values() if not one.valid), None)
-        if blind is None:
+        invalid = next((one for one in view.cameras.values() if not one.valid), None)
+        if invalid is None:
             self.views.append(view)
-            self.refused = 0
+            self.refused_count = 0
         else:
-            self.refused, self.reason = self.refused + 1, blind.reason
+            self.refused_count, self.reason = self.refused_count + 1, invalid.reason
 
 
-def goal_of(
+def make_mean_goal(
     views: Sequence[Observation],
     scheme: Scheme | JointController,
     arm: Arm,
     name: str,
     depth: float | None = None,
-    like: Goal | None = None,
+    target_goal: Goal | None = None,
 ) -> Goal:
-    """The mean of several views of one pose.
+    """Average several views of one pose to a goal.
 
     Args:
-        views: valid ones.
-        scheme: what its features want to keep is kept.
+        views: valid observations.
+        scheme: whose features store their data in the goal.
         arm: for the pose of the mean joints.
         name: of the goal.
-        depth: of the target, m; None: by the geometry that `like` says.
-        like: a goal whose target it is.
+        depth: of the target, m; None: by the geometry in `target_goal`.
+        target_goal: goal with the same target, or None.
 
     Raises:
-        ConfigurationError: no view, or a depth that nothing tells.
+        ConfigurationError: there is no view, or the depth is unknown.
     """
     if not views:
-        raise ConfigurationError(f"{name}: nothing was seen to teach")
-    target = None if like is None else like.target
+        raise ConfigurationError(f"{name}: no valid view to teach a goal from")
+    target = None if target_goal is None else target_goal.target
     goals = [Goal.teach(scheme, view, name, depth, target) for view in views]
     joints = {key: float(np.mean([g.joints[key] for g in goals])) for key in goals[0].joints}
     pose = goals[0].world_T_camera
     if joints:
         pose = np.array(arm.pose(np.array([joints[n] for n in arm.names])))
-    return replace(_mean(goals), joints=joints, world_T_camera=pose)
+    return replace(_average_goals(goals), joints=joints, world_T_camera=pose)
 
 
-def _mean(goals: Sequence[Goal]) -> Goal:
-    """The first of several goals of one pose, with the mean of what is seen there."""
+def _average_goals(goals: Sequence[Goal]) -> Goal:
+    """Return the first of several goals of one pose, with their mean moments and features."""
     first = goals[0]
     moments = first.moments
     if moments is not None:
-        seen = [g.moments for g in goals]
-        m, mu = ([getattr(one, key) for one in seen] for key in ("m_array", "mu_array"))
+        all_moments = [g.moments for g in goals]
+        m, mu = ([getattr(one, key) for one in all_moments] for key in ("m_array", "mu_array"))
         moments = Moments.from_arrays(
             np.mean(m, axis=0), np.mean(mu, axis=0), moments.order, moments.kind
         )
@@ -160,19 +174,21 @@ def _mean(goals: Sequence[Goal]) -> Goal:
         kernel = replace(kernel, features=np.mean([g.kernel.features for g in goals], axis=0))
     return replace(
         first, moments=moments, kernel=kernel,
-        features={key: mean_of([g.features[key] for g in goals]) for key in first.features},
-        others={name: _mean([g.others[name] for g in goals]) for name in first.others},
+        features={key: average_entries([g.features[key] for g in goals]) for key in first.features},
+        other_cameras={name: _average_goals([g.other_cameras[name] for g in goals])
+            for name in first.other_cameras},
     )  # fmt: skip
 
 
-def by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
-    """A goal with what the scheme keeps of it, as an exact camera there sees the target's outline.
+def complete_by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
+    """Add the data that the scheme needs to a goal, as an exact camera at the goal measures it.
 
-    As it is where it holds that already, where nobody knows the target's geometry, and where an
-    outline tells the features nothing: what is missing then, the check of the goal says.
+    The goal is returned unchanged if it is complete, if the target's geometry is unknown, or if the
+    outline is not sufficient for the features; the check of the goal then reports what is missing.
 
     Args:
-        goal: as an arm sees it.
+        goal: for an arm, see `Goal.for_arm`.
+        scheme: whose features need the data.
     """
     try:
         scheme.check(goal)
@@ -180,10 +196,10 @@ def by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
         if goal.target is None or goal.world_T_camera is None:
             return goal
         try:
-            outline = _along(goal.target.outline(goal.world_T_camera))
-            view = Observer(None, scheme.needs).of_exact(
+            outline = _sample_sides(goal.target.compute_outline(goal.world_T_camera))
+            view = FeatureObserver(None, scheme.needs).observe_exact_features(
                 0.0, goal.camera, world_T_camera=goal.world_T_camera, plane=goal.plane,
-                contour=outline, points=corners_of(outline),  # as they are found in pictures
+                contour=outline, points=find_corners(outline),  # detected as in images
             )  # fmt: skip
             taught = {key: dict(entry) for key, entry in scheme.teach(view).items()}
         except (ServoError, VisionError):
@@ -192,23 +208,23 @@ def by_geometry(goal: Goal, scheme: Scheme | JointController) -> Goal:
     return goal
 
 
-def _along(corners: np.ndarray) -> np.ndarray:
-    """Points (m, 2) along a polygon's sides, as many to a side as it is long."""
+def _sample_sides(corners: np.ndarray) -> np.ndarray:
+    """Return points (m, 2) along a polygon's sides, in proportion to the length of each side."""
     sides = np.roll(corners, -1, axis=0) - corners
     lengths = np.linalg.norm(sides, axis=1)
-    counts = np.maximum(1, np.round(AROUND * lengths / lengths.sum())).astype(int)
+    counts = np.maximum(1, np.round(OUTLINE_POINTS * lengths / lengths.sum())).astype(int)
     return np.vstack([corner + np.arange(count)[:, None] / count * side
                       for corner, side, count in zip(corners, sides, counts, strict=True)])
 
 
-def mean_of(entries: Sequence[Any]) -> Any:
-    """The mean of what features taught: numbers and lists of them; of anything else the last.
+def average_entries(entries: Sequence[Any]) -> Any:
+    """Average the data taught by features: numbers and lists of numbers; otherwise return the last.
 
-    Lists of different lengths are not of one kind: the last one counts.
+    Lists of different lengths cannot be averaged; the last one is returned.
     """
     last = entries[-1]
     if isinstance(last, dict):
-        return {key: mean_of([e[key] for e in entries if key in e]) for key in last}
+        return {key: average_entries([e[key] for e in entries if key in e]) for key in last}
     try:
         arrays = [np.array(e, float) for e in entries]
     except (TypeError, ValueError):

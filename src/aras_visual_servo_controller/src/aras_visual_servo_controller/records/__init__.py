@@ -1,1 +1,1 @@
-"""What the loop leaves of a run: states, commands, outcomes and their remedies."""
+"""Records of the servo loop: states, commands, outcomes and their remedies."""

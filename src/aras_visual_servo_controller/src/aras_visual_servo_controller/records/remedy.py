@@ -1,4 +1,4 @@
-"""What to change about a run: a sentence for people, with the changes that a program makes."""
+"""Remedies: a sentence for users, with changes of settings that a program can apply."""
 
 from __future__ import annotations
 
@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from typing import Any
 
 OPERATIONS = ("set", "multiply", "remove")
-# How to name what a factor acts on, where the key's own name does not say it.
-KNOWN_AS = {
+# Descriptions of the scaled quantities whose key is not self-explanatory.
+KEY_DESCRIPTIONS = {
     "start": "the start's offset from the goal",
     "goal": "the goal's offset from the start",
     "jitter": "the features' jitter",
@@ -20,9 +20,9 @@ KNOWN_AS = {
 class Change:
     """One change of a setting.
 
-    key: of the experiment, dotted, or a parameter of the controller: 'gain', 'target.motion'.
-    operation: 'set' it to the value, 'multiply' what is there by the value, or 'remove' it, so that
-        its default holds.
+    key: dotted key of the experiment, or a parameter of the controller: 'gain', 'target.motion'.
+    operation: 'set' the key to the value, 'multiply' its value by the value, or 'remove' the key,
+        so that its default is used.
     """
 
     key: str
@@ -36,58 +36,58 @@ class Change:
     def __str__(self) -> str:
         if self.operation == "remove":
             return f"remove {self.key}"
-        value = _written(self.value)
+        value = _format_value(self.value)
         if self.operation == "multiply":
-            return f"multiply {KNOWN_AS.get(self.key, self.key)} by {value}"
+            return f"multiply {KEY_DESCRIPTIONS.get(self.key, self.key)} by {value}"
         return f"set {self.key} to {value}"
 
 
 class Remedy(str):
-    """The advice as a sentence that ends with its changes.
+    """Advice as a sentence that ends with its changes.
 
     Attributes:
-        changes: that a program makes, all of them; none where only a person can help.
+        changes: that a program can apply; empty if only a person can help.
     """
 
     __slots__ = ("changes",)
     changes: tuple[Change, ...]
 
     def __new__(cls, advice: str = "", *changes: Change) -> Remedy:
-        """`advice`: what the changes are for, or what else a person should do."""
-        words = " and ".join(map(str, changes))
-        remedy = super().__new__(cls, ": ".join(filter(None, (advice, words))))
+        """Create the remedy from `advice`, which says what a person should do, and its changes."""
+        text = " and ".join(map(str, changes))
+        remedy = super().__new__(cls, ": ".join(filter(None, (advice, text))))
         remedy.changes = changes
         return remedy
 
     def __reduce__(self) -> tuple:
-        return _restored, (str(self), self.changes)
+        return _restore, (str(self), self.changes)
 
 
-def set_to(key: str, value: Any) -> Change:
-    """The change that sets a key."""
+def set_value(key: str, value: Any) -> Change:
+    """Return the change that sets a key."""
     return Change(key, "set", value)
 
 
 def multiply(key: str, factor: float) -> Change:
-    """The change that multiplies what a key has; the factor is rounded to two digits."""
+    """Return the change that multiplies the value of a key; the factor is rounded to two digits."""
     return Change(key, "multiply", float(f"{factor:.2g}"))
 
 
 def remove(key: str) -> Change:
-    """The change that leaves a key out."""
+    """Return the change that removes a key."""
     return Change(key, "remove")
 
 
-def _restored(sentence: str, changes: tuple[Change, ...]) -> Remedy:
+def _restore(sentence: str, changes: tuple[Change, ...]) -> Remedy:
     remedy = Remedy(sentence)
     remedy.changes = changes
     return remedy
 
 
-def _written(value: Any) -> str:
-    """A value as YAML has it in a line."""
+def _format_value(value: Any) -> str:
+    """Format a value as YAML in one line."""
     if isinstance(value, Mapping):
-        return "{" + ", ".join(f"{key}: {_written(one)}" for key, one in value.items()) + "}"
+        return "{" + ", ".join(f"{key}: {_format_value(one)}" for key, one in value.items()) + "}"
     if isinstance(value, list | tuple):
-        return "[" + ", ".join(map(_written, value)) + "]"
+        return "[" + ", ".join(map(_format_value, value)) + "]"
     return f"{value:g}" if isinstance(value, float) else str(value)

@@ -1,4 +1,4 @@
-"""What the loop is set to, what it answers, and in which words."""
+"""Settings, states and commands of the servo loop, with their texts."""
 
 from __future__ import annotations
 
@@ -10,58 +10,58 @@ import numpy as np
 
 from aras_visual_servo_base.settings import check_bounds, parameter
 
-from ..arm.joint_sample import JointSample
-from ..arm.limits import Limits, check_inside
-from ..arm.resolution import Resolution, rank
-from ..arm.task import Task
 from ..errors import ConfigurationError
-from ..schemes.base import Decision
-from .outcomes import NOT_ARRIVED, Arrived, Outcome
+from ..kinematics.ik_solution import IKSolution, rank
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.limits import Limits, check_within_limits
+from ..kinematics.task import Task
+from ..schemes.base import SchemeOutput
+from .outcomes import NOT_ARRIVED, ArrivalStatus, Outcome
 
 WAITING, APPROACHING, SERVOING = "waiting", "approaching", "servoing"
 CONVERGED, HOLDING, STOPPED = "converged", "holding", "stopped"
 OUTPUTS = ("position", "velocity", "effort")
 
 
-ByJoint = float | tuple[float, ...] | Mapping[str, float]
+PerJoint = float | tuple[float, ...] | Mapping[str, float]
 
 
-def by_joint(default: float | None, unit: str = "", **bounds: float) -> Any:
-    """A setting that may be said for each joint."""
-    wanted = "a number, a list of numbers in the arm's order, or {joint: number}"
-    return parameter(default, unit, wanted=wanted, **bounds)
+def joint_parameter(default: float | None, unit: str = "", **bounds: float) -> Any:
+    """Declare a setting that can be given per joint."""
+    text = "a number, a list of numbers in the arm's order, or {joint: number}"
+    return parameter(default, unit, expected=text, **bounds)
 
 
 @dataclass(frozen=True)
 class ServoSettings:
-    """Settings of the servo loop; what may be one number or (n,) is for all joints, or for each.
+    """Settings of the servo loop; joint settings are one number for all joints or one per joint.
 
-    The parameters of the node and the experiments have units, defaults and bounds of these. With
-    `lead` and `lag` all joints wait for one that friction holds back, so that its command stays
-    near it.
+    They define the unit, default and bounds of the corresponding parameters of the node and of
+    experiments. The command may be ahead of a joint by `lead` + `lag` times its speed; then all
+    joints wait for that joint.
 
-    start: (n,) joints to go to before servoing; None: servo from anywhere.
-    duration: s, servoing time after which the run has timed out; inf: never.
+    start: joints (n,) to go to before servoing; None: servo from the present joints.
+    duration: s, servoing time after which the run times out; inf: never.
     hold: s, time over which the mean error has to be within the tolerances.
     approach_speed: part of max_velocity on the path to the start.
-    arrived: m, rad, distance from the start that counts as there.
-    push: 1/s, rate at which the command moves on for a joint that stays short of the start.
+    arrived: m, rad, largest distance from the start that counts as reached.
+    push: 1/s, rate at which the command is increased for a joint that stops short of the start.
     settle: s, time at rest at the start before servoing.
-    longest_step: s, longest gap between ticks that is integrated in full.
+    longest_step: s, longest time between ticks that is integrated in full.
     lead: m, rad, distance by which a command may be ahead of its joint.
-    lag: s, further lead, times the speed of the joint.
-    delay: s, time from exposure to its answer, in simulated time. In lockstep, where commands go
-        out with images alone, an answer acts from the first image on that its delay is over.
-    watchdog: s, time without a fresh answer (or three image periods) before the arm is stopped.
-    watchdog_images: image periods that count likewise.
-    stop_time: s, time in which a stop comes to rest.
+    lag: s, additional lead per unit of joint speed.
+    delay: s, simulated time from an exposure until its command acts. In lockstep, where commands
+        are sent only with images, a command acts from the first image after its delay.
+    watchdog: s, time without a new task after which the arm is stopped.
+    watchdog_images: image periods without a new task after which the arm is stopped, if longer.
+    stop_time: s, time in which a stop brings the arm to rest.
     scheme_timeout: s, wall time that a call of the scheme's code may take before the loop holds as
         after a fault of the scheme.
-    resolve_period: s, time for which joint velocities are kept before they are computed again.
-    output: what is commanded: position, velocity or effort.
+    resolve_period: s, time for which joint velocities are used before they are computed again.
+    output: commanded quantity: position, velocity or effort.
     stiffness: N/m, N m/rad, joint stiffness of the effort output.
-    damping: N s/m, N m s/rad, joint damping of the effort output; that near singularities is
-        `damping` of ResolverSettings.
+    damping: N s/m, N m s/rad, joint damping of the effort output; for singularities see `damping`
+        of IKSettings.
     """
 
     start: Sequence[float] | None = None
@@ -71,28 +71,29 @@ class ServoSettings:
     push: float = parameter(3.0, "1/s", least=0.0)
     settle: float = parameter(0.3, "s", least=0.0)
     longest_step: float = parameter(0.1, "s", above=0.0)
-    lead: ByJoint = by_joint(0.05, "m, rad", least=0.0)
+    lead: PerJoint = joint_parameter(0.05, "m, rad", least=0.0)
     lag: float = parameter(0.15, "s", least=0.0)
     delay: float = parameter(0.0, "s", least=0.0)
     watchdog: float = parameter(0.2, "s", above=0.0)
     watchdog_images: float = parameter(3.0, least=0.0)
     scheme_timeout: float = parameter(30.0, "s", above=0.0)
     stop_time: float = parameter(0.15, "s", above=0.0, most=10.0)
-    # Those of an arm that moves slowly, away from its limits, serve until the next image or 0.05 s.
+    # Velocities of an arm that moves slowly, away from its limits, are used until the next image or
+    # for 0.05 s.
     resolve_period: float = parameter(0.01, "s", above=0.0)
     output: str = parameter("position", choices=OUTPUTS)
-    stiffness: ByJoint = by_joint(0.0, "N/m, N m/rad", least=0.0)
-    damping: ByJoint = by_joint(0.0, "N s/m, N m s/rad", least=0.0)
+    stiffness: PerJoint = joint_parameter(0.0, "N/m, N m/rad", least=0.0)
+    damping: PerJoint = joint_parameter(0.0, "N s/m, N m s/rad", least=0.0)
     duration: float = parameter(float("inf"), "s", above=0.0)
 
     def __post_init__(self) -> None:
         check_bounds(self, ConfigurationError)
 
     def check_for(self, names: Sequence[str], limits: Limits) -> None:
-        """Refuse what does not fit an arm with these joints.
+        """Check that the settings fit an arm with these joints.
 
         Raises:
-            ConfigurationError: naming the setting, its value and what would be right.
+            ConfigurationError: naming the setting, its value and the expected value.
         """
         for key in ("arrived", "lead", "stiffness", "damping", "start"):
             value = getattr(self, key)
@@ -104,43 +105,44 @@ class ServoSettings:
                 )
         if self.output == "effort" and not np.any(self.stiffness):
             raise ConfigurationError(
-                "output 'effort' pushes joints by stiffness times the way they are off, and "
-                "stiffness is 0: give it, N/m or N m/rad, and damping"
+                "output 'effort' needs a joint stiffness, but stiffness is 0: set stiffness (N/m "
+                "or N m/rad) and damping"
             )
         if self.start is not None:
-            check_inside(np.asarray(self.start, float), limits, "start")
+            check_within_limits(np.asarray(self.start, float), limits, "start")
 
 
 @dataclass(frozen=True)
 class Source:
-    """Where images come from, for messages; who sends them: the node to be asked after."""
+    """Source of the images, for messages: content, topic and the sending node."""
 
-    what: str = "image"
+    content: str = "image"
     topic: str = ""
-    who: str = ""
+    sender: str = ""
 
-    def missing(self, seconds: float | None = None) -> str:
-        """That nothing comes from there, `seconds` long, in words."""
-        text = f"no {self.what}" + (f" on {self.topic}" if self.topic else "")
+    def describe_silence(self, seconds: float | None = None) -> str:
+        """Describe that no images arrive from the source, optionally for how long (s)."""
+        text = f"no {self.content}" + (f" on {self.topic}" if self.topic else "")
         text += "" if seconds is None else f" for {seconds:.2f} s"
-        return text + (f" (is {self.who} running?)" if self.who else "")
+        return text + (f" (is {self.sender} running?)" if self.sender else "")
 
-    def ahead(self, seconds: float) -> str:
-        """That its stamps are `seconds` ahead of the clock, in words."""
+    def describe_stamp_lead(self, seconds: float) -> str:
+        """Describe that the stamps of the source are ahead of the clock by `seconds`."""
         where = f" on {self.topic}" if self.topic else ""
-        same = "(is use_sim_time the same for both?)"
-        return f"{self.what}{where} are stamped {seconds:.2f} s ahead of the clock {same}"
+        advice = "(check that both use the same use_sim_time)"
+        return f"{self.content}{where} are stamped {seconds:.2f} s ahead of the clock {advice}"
 
 
 @dataclass(frozen=True, eq=False)
 class Command:
-    """What is to be sent at one tick; None: nothing.
+    """Joint command of one tick.
 
     Attributes:
         stamp: of the tick, s.
-        names: n joints.
-        values: (n,) to be sent. kind: what they are, one of OUTPUTS.
-        reason: what holds the motion back; empty when nothing does.
+        names: of the n joints.
+        values: (n,) to be sent; None: nothing.
+        kind: quantity of the values, one of OUTPUTS.
+        reason: what limits or stops the motion; empty if nothing does.
         phase: of the loop after this tick.
     """
 
@@ -153,29 +155,29 @@ class Command:
 
     @property
     def positions(self) -> np.ndarray | None:
-        """(n,) where positions are sent, else None."""
+        """Return the positions (n,) if positions are sent, else None."""
         return self.values if self.kind == "position" else None
 
 
 @dataclass(frozen=True, eq=False)
 class ServoState:
-    """What the loop saw, decided and wants, for one image (or one event without an image).
+    """State of the loop at one image, or at an event without an image.
 
     Attributes:
         stamp: of the exposure, s.
         phase: WAITING, APPROACHING, SERVOING, CONVERGED, HOLDING or STOPPED.
-        outcome, reason, remedy: what the loop knows of the run so far; see diagnosis. The reason is
-            that of the outcome, with what holds the loop back now.
-        scheme: its name; empty where the loop has not told it.
-        decision: of the scheme; None where there is none.
-        resolution: of the resolver for it: joint velocities, singular values of L J, and so on.
-            A state that was read from messages has Decision.task None: see Resolution.read_back.
+        outcome, reason, remedy: result of the diagnosis so far. The reason is that of the outcome,
+            followed by what limits the loop now.
+        scheme: name of the scheme; empty if it is unknown.
+        scheme_output: measurement and task of the scheme; None if it has none.
+        ik_solution: joint velocities for the task, singular values of L J, and so on. A state that
+            was read from messages has no SchemeOutput.task: see IKSolution.from_record.
         joints: measured, at the exposure.
-        command: (n,) positions that the integration stands at; None before the first.
-        computing: s that the scheme took, where a clock was handed in.
-        fault: traceback of the scheme's fault, in the state where it came up first.
-        answers_image: False for an image that came late, and for a report between images.
-        arrived: whether the camera is at its goal by this image, and how much is left open.
+        command: (n,) integrated positions; None before the first command.
+        computation_time: s that the scheme took, if a clock was given.
+        fault: traceback of the scheme's fault, in the state where it appeared first.
+        has_processed_image: False for an image that came late, and for a report between images.
+        arrival_status: whether the camera is at its goal, with the remaining uncertainty.
     """
 
     stamp: float
@@ -183,65 +185,65 @@ class ServoState:
     outcome: str = "running"
     reason: str = ""
     remedy: str = ""
-    decision: Decision | None = None
-    resolution: Resolution | None = None
+    scheme_output: SchemeOutput | None = None
+    ik_solution: IKSolution | None = None
     joints: JointSample | None = None
     command: np.ndarray | None = None
-    computing: float = 0.0
+    computation_time: float = 0.0
     fault: str = ""
-    answers_image: bool = False
+    has_processed_image: bool = False
     scheme: str = ""
-    arrived: Arrived = NOT_ARRIVED
+    arrival_status: ArrivalStatus = NOT_ARRIVED
 
-    def with_outcome(self, found: Outcome) -> ServoState:
-        """The state with an outcome: its reason, followed by the loop's own, and its remedy."""
+    def with_outcome(self, run_outcome: Outcome) -> ServoState:
+        """Return the state with an outcome: its reason, followed by the loop's, and its remedy."""
         reason = self.reason
-        if found.reason and not found.is_open:
-            own = reason and reason not in found.reason
-            reason = f"{found.reason}; now: {reason}" if own else found.reason
-        return replace(self, outcome=found.kind, reason=reason, remedy=found.remedy)
+        if run_outcome.reason and not run_outcome.is_open:
+            is_other = reason and reason not in run_outcome.reason
+            reason = f"{run_outcome.reason}; now: {reason}" if is_other else run_outcome.reason
+        return replace(self, outcome=run_outcome.kind, reason=reason, remedy=run_outcome.remedy)
 
     @property
     def _task(self) -> Task | None:
-        return None if self.decision is None else self.decision.task
+        return None if self.scheme_output is None else self.scheme_output.task
 
     @property
-    def twist(self) -> np.ndarray:
-        """(6,) asked of the camera, optical frame; zero where none was."""
+    def desired_twist(self) -> np.ndarray:
+        """Return the desired twist (6,) of the camera in its optical frame; zero without a task."""
         if self._task is None:
-            return np.zeros(6) if self.resolution is None else self.resolution.asked
+            return np.zeros(6) if self.ik_solution is None else self.ik_solution.desired_twist
         return self._task.twist
 
     @property
-    def achieved(self) -> np.ndarray:
-        """(6,) of it that the joint velocities give."""
-        return np.zeros(6) if self.resolution is None else self.resolution.twist
+    def achieved_twist(self) -> np.ndarray:
+        """Return the camera twist (6,) that the joint velocities achieve."""
+        return np.zeros(6) if self.ik_solution is None else self.ik_solution.achieved_twist
 
     @property
     def rank(self) -> int:
-        """How many directions of the camera the features tell, of those that are modelled."""
+        """Return the rank of L, restricted to the directions that the task models."""
         if self._task is None:
             return rank(self.singular_values_L)
         return self._task.rank
 
     @property
-    def dropped(self) -> str:
-        """Which part of the commanded twist is not servoed, and why, as text; see Task."""
-        return "" if self._task is None else self._task.dropped
+    def dropped_reason(self) -> str:
+        """Return which part of the desired twist is not servoed, and why, as text; see Task."""
+        return "" if self._task is None else self._task.dropped_reason
 
     @property
     def singular_values_L(self) -> np.ndarray:
-        """Of L in its modelled directions, largest first."""
+        """Return the singular values of L in its modelled directions, largest first."""
         if self._task is None:
-            return np.zeros(0) if self.resolution is None else self.resolution.singular_values_L
+            return np.zeros(0) if self.ik_solution is None else self.ik_solution.singular_values_L
         return self._task.singular_values
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the features; none without a decision."""
-        return () if self.decision is None else tuple(self.decision.names)
+        """Return the names of the features; empty without a scheme output."""
+        return () if self.scheme_output is None else tuple(self.scheme_output.names)
 
     @property
     def error(self) -> np.ndarray | None:
-        """(k,) as measured; None without a decision."""
-        return None if self.decision is None else self.decision.error
+        """Return the measured error (k,); None without a scheme output."""
+        return None if self.scheme_output is None else self.scheme_output.error

@@ -1,1 +1,1 @@
-"""The controller's ROS faces: messages in and out, nothing that decides."""
+"""ROS interface of the controller: conversion of messages, topics, services and the node."""

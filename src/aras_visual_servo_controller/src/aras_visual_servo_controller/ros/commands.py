@@ -1,4 +1,4 @@
-"""Topics that the joints' controllers are commanded by: one each, or one for the group."""
+"""Command topics of the joint controllers: one topic for each joint, or one for the group."""
 
 from __future__ import annotations
 
@@ -10,86 +10,95 @@ import rospy
 from std_msgs.msg import Float64, Float64MultiArray
 from std_srvs.srv import Trigger
 
-from aras_visual_servo_ros.parameters import namespace_of
+from aras_visual_servo_ros.parameters import get_namespace
 
-from ..arm.joint_controllers import chosen
+from ..kinematics.joint_controllers import choose_controllers
 from ..settings import Settings
 
-STOPPING = 0.5  # s of wall time for the controller's services to be there
-KEPT = 10  # commands that wait for a slow connection; the last one counts, a recorder wants all
+STOP_TIMEOUT = 0.5  # s of wall time to wait for the controller's service
+# Commands that can wait for a slow connection. Controllers use the last, recorders need all.
+QUEUE_SIZE = 10
 
 
 class CommandTopics:
-    """Publishers of one arm's commands: to each joint's controller, or to one for all.
+    """Publishers of one arm's commands, to the controller of each joint or to one for all.
 
     Attributes:
-        echoed: whether this node itself subscribes to them.
+        is_self_subscribed: whether this node itself subscribes to the topics.
     """
 
     def __init__(self, settings: Settings, names: Sequence[str], kind: str) -> None:
-        """Find who takes them, by the parameters of the controllers.
+        """Find the controllers of the joints in their parameters, and advertise the topics.
 
         Args:
-            settings: where, and which controllers.
-            names: of the joints, in the order of the numbers that are put.
-            kind: of the commands: 'position', 'velocity' or 'effort'.
+            settings: settings with the namespace and the names of controllers.
+            names: names of the joints, in the order of the values that are sent.
+            kind: type of the commands: 'position', 'velocity' or 'effort'.
 
         Raises:
-            ConfigurationError: a joint whose controllers take other commands.
+            ConfigurationError: the controllers of a joint accept other commands only.
         """
-        space, group = settings.namespace.rstrip("/"), settings.command_topic
-        self._names, self.echoed = tuple(names), False
+        namespace, group = settings.namespace.rstrip("/"), settings.command_topic
+        self._names, self.is_self_subscribed = tuple(names), False
         self._order = range(len(names))
-        self._group: rospy.Publisher | None = None
-        self._each: dict[str, rospy.Publisher] = {}
+        self._group_publisher: rospy.Publisher | None = None
+        self._joint_publishers: dict[str, rospy.Publisher] = {}
         if group:
-            topic = group if group.startswith("/") else f"{space}/{group}"
-            self._group = rospy.Publisher(topic, Float64MultiArray, queue_size=KEPT)
+            topic = group if group.startswith("/") else f"{namespace}/{group}"
+            self._group_publisher = rospy.Publisher(topic, Float64MultiArray, queue_size=QUEUE_SIZE)
             return
-        found = chosen(namespace_of(space or "/"), names, kind, settings.controllers, space)
-        if found[0].group:
-            topic = f"{space}/{found[0].name}/command"
+        found = choose_controllers(
+            get_namespace(namespace or "/"), names, kind, settings.controllers, namespace
+        )
+        if found[0].is_group:
+            topic = f"{namespace}/{found[0].name}/command"
             self._order = [list(names).index(joint) for joint in found[0].joints]
-            self._group = rospy.Publisher(topic, Float64MultiArray, queue_size=KEPT)
+            self._group_publisher = rospy.Publisher(topic, Float64MultiArray, queue_size=QUEUE_SIZE)
             return
         for name, one in zip(names, found, strict=True):
-            topic = f"{space}/{one.name}/command"
-            self._each[name] = rospy.Publisher(topic, Float64, queue_size=KEPT)
+            topic = f"{namespace}/{one.name}/command"
+            self._joint_publishers[name] = rospy.Publisher(topic, Float64, queue_size=QUEUE_SIZE)
 
-    def put(self, values: np.ndarray, only: str = "") -> None:
-        """Numbers (n,): m and rad, m/s and rad/s, or N and N m, whichever the controllers take.
+    def send(self, values: np.ndarray, joint: str = "") -> None:
+        """Publish values (n,) in m and rad, m/s and rad/s, or N and N m, as the controllers need.
 
-        only: name of the joint that is commanded alone; a group gets all numbers all the same.
+        Args:
+            values: values of all joints.
+            joint: name of the only joint to command; '': all. A group always gets all values.
         """
         numbers = values.tolist()
-        if self._group is not None:
-            publish(self._group, Float64MultiArray(data=[numbers[i] for i in self._order]))
-        for (name, publisher), value in zip(self._each.items(), numbers, strict=False):
-            if only in ("", name):
+        if self._group_publisher is not None:
+            publish(
+                self._group_publisher, Float64MultiArray(data=[numbers[i] for i in self._order])
+            )
+        for (name, publisher), value in zip(self._joint_publishers.items(), numbers, strict=False):
+            if joint in ("", name):
                 publish(publisher, Float64(value))
 
-    def listed(self) -> Iterator[tuple[str, tuple[str, ...]]]:
-        """Each topic with the joints that it commands."""
-        for name, publisher in self._each.items():
+    def list_topics(self) -> Iterator[tuple[str, tuple[str, ...]]]:
+        """Iterate over the topics, each with the joints that it commands."""
+        for name, publisher in self._joint_publishers.items():
             yield publisher.resolved_name, (name,)
-        if self._group is not None:
-            yield self._group.resolved_name, self._names
+        if self._group_publisher is not None:
+            yield self._group_publisher.resolved_name, self._names
 
-    def unheard(self) -> list[str]:
-        """Topics of commands to which nobody listens, this node itself left out."""
-        publishers = [p for p in (*self._each.values(), self._group) if p is not None]
-        own = int(self.echoed)
+    def list_unsubscribed(self) -> list[str]:
+        """Return the command topics without subscribers, apart from this node."""
+        publishers = [
+            p for p in (*self._joint_publishers.values(), self._group_publisher) if p is not None
+        ]
+        own = int(self.is_self_subscribed)
         return [p.resolved_name for p in publishers if p.get_num_connections() <= own]
 
     def close(self) -> None:
-        """Publish no more."""
-        for publisher in (*self._each.values(), self._group):
+        """Unregister all publishers."""
+        for publisher in (*self._joint_publishers.values(), self._group_publisher):
             if publisher is not None:
                 publisher.unregister()
 
 
 def publish(publisher: rospy.Publisher, message: object) -> None:
-    """Publish, but not into topics that the shutdown has closed while we were computing."""
+    """Publish a message; ignore a topic that the shutdown of the node has closed."""
     try:
         publisher.publish(message)
     except rospy.ROSException:
@@ -97,12 +106,14 @@ def publish(publisher: rospy.Publisher, message: object) -> None:
             raise
 
 
-def stop_controller(space: str) -> bool:
-    """Have the controller of a namespace, which would command the joints as well, stop; whether it
-    answered."""
+def stop_controller(namespace: str) -> bool:
+    """Stop the controller in a namespace, which also commands the joints.
+
+    Return whether the service answered.
+    """
     with contextlib.suppress(rospy.ROSException, rospy.ServiceException, OSError):
-        name = f"{space}/controller/stop"
-        rospy.wait_for_service(name, STOPPING)
+        name = f"{namespace}/controller/stop"
+        rospy.wait_for_service(name, STOP_TIMEOUT)
         rospy.ServiceProxy(name, Trigger)()
         return True
     return False

@@ -1,4 +1,4 @@
-"""Depth images."""
+"""Conversion of depth images."""
 
 from __future__ import annotations
 
@@ -8,11 +8,11 @@ from sensor_msgs.msg import Image
 from aras_visual_servo_camera.errors import ImageError
 
 
-def depth_of(message: Image) -> np.ndarray:
-    """Depth (rows, columns), m, of a 32FC1 or 16UC1 (mm) image.
+def read_depth(message: Image) -> np.ndarray:
+    """Convert a 32FC1 or 16UC1 (mm) image to depth (rows, columns), m.
 
     Raises:
-        ImageError: another encoding, or fewer bytes than the size promises.
+        ImageError: the encoding is another, or the data are shorter than the size requires.
     """
     kinds = {"32FC1": (np.float32, 1.0), "16UC1": (np.uint16, 1e-3)}
     if message.encoding not in kinds:

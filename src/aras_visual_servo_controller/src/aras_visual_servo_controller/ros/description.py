@@ -1,4 +1,4 @@
-"""The robot's description on the parameter server: when there is one, and when there is another."""
+"""Watching the robot description on the parameter server, and reading it."""
 
 from __future__ import annotations
 
@@ -9,44 +9,44 @@ import rospy
 
 from aras_visual_servo_base import safe_xml
 
-PERIOD = 0.2  # s of wall time between two looks
+PERIOD = 0.2  # s of wall time between two checks
 
 
 class DescriptionWatch:
-    """Looks at a parameter until it holds a description, and whenever a robot begins anew."""
+    """Detection of a new robot description, at the start and whenever a robot is started again."""
 
     def __init__(self, parameter: str) -> None:
         self._parameter = parameter
-        self._urdf, self._waited = "", False
-        self._beginnings, self._looked = 0, -math.inf
+        self._urdf, self._has_warned = "", False
+        self._start_count, self._check_time = 0, -math.inf
 
-    def new(self, beginnings: int | None) -> str:
-        """A description that was not answered before; empty where there is none.
+    def find_new(self, start_count: int | None) -> str:
+        """Return a description that was not returned before; '' if there is none.
 
         Args:
-            beginnings: how often joint states began to come; None: there is no loop yet.
+            start_count: number of times that joint states have started; None: there is no loop yet.
         """
         now = time.monotonic()
-        if beginnings == self._beginnings or now - self._looked < PERIOD:
+        if start_count == self._start_count or now - self._check_time < PERIOD:
             return ""
-        self._looked = now
+        self._check_time = now
         try:
             urdf = str(rospy.get_param(self._parameter, ""))
         except OSError:
-            return ""  # the master is gone: the node will say so
+            return ""  # the master is not reachable, which the node reports
         if urdf and urdf != self._urdf:
-            self._urdf, self._beginnings = urdf, 0
+            self._urdf, self._start_count = urdf, 0
             return urdf
-        if not urdf and not self._waited:
-            self._waited = True
+        if not urdf and not self._has_warned:
+            self._has_warned = True
             rospy.logwarn("waiting: no robot description on parameter %s yet", self._parameter)
-        elif beginnings is not None:
-            self._beginnings = beginnings
+        elif start_count is not None:
+            self._start_count = start_count
         return ""
 
 
-def e_stop_topic(urdf: str, namespace: str) -> str:
-    """Topic (std_msgs/Bool) of the robot's emergency stop; empty where it has none.
+def find_e_stop_topic(urdf: str, namespace: str) -> str:
+    """Return the topic (std_msgs/Bool) of the robot's emergency stop; '' if there is none.
 
     Raises:
         DescriptionError: the description cannot be read.

@@ -1,4 +1,4 @@
-"""Commands that other nodes publish to the joints of one arm."""
+"""Detection of commands that other nodes publish to the joints of an arm."""
 
 from __future__ import annotations
 
@@ -13,46 +13,48 @@ from .commands import CommandTopics
 
 
 class ForeignCommandListener:
-    """The ForeignCommands of a Driver: subscribes to the joints' command topics when first needed.
+    """Subscriber of the joints' command topics, which records commands of other nodes.
 
-    The loop's own commands come back on these topics too, so most runs do without. It stays
-    subscribed then: rospy keeps a descriptor of every subscriber that was given up.
+    It subscribes when this is first requested, since it also receives the commands of its own node
+    and most runs do not need it. It stays subscribed, because rospy leaks a file descriptor for
+    every subscriber that is unregistered.
     """
 
     def __init__(self, commands: CommandTopics) -> None:
-        """`commands`: the topics of the loop's own commands."""
-        self._commands, self._own = commands, rospy.get_name()
-        self._active = self._begun = False
+        """Set the topics of this node's own commands."""
+        self._commands, self._own_node = commands, rospy.get_name()
+        self._is_active = self._is_subscribing = False
         self._subscribers: list[rospy.Subscriber] = []
         self._lock = threading.Lock()
         self._latest: dict[str, tuple[str, float]] = {}
 
-    def listen(self, active: bool) -> None:
-        """Start or stop to report commands; returns at once."""
-        self._active = active
-        if active and not self._begun:  # rospy asks the master, for as long as that is away
-            self._begun = True
+    def listen(self, is_active: bool) -> None:
+        """Start or stop reporting commands; returns at once."""
+        self._is_active = is_active
+        # Subscribing blocks while the master is not reachable, so it runs in a thread.
+        if is_active and not self._is_subscribing:
+            self._is_subscribing = True
             threading.Thread(target=self._subscribe, name="foreign commands", daemon=True).start()
 
-    def latest(self) -> Mapping[str, tuple[str, float]]:
-        """By joint: the node that commanded it last, and when, s of wall time (monotonic)."""
+    def read_latest(self) -> Mapping[str, tuple[str, float]]:
+        """Return by joint: the node that last commanded it, and the wall time (monotonic), s."""
         with self._lock:
-            return dict(self._latest) if self._active else {}
+            return dict(self._latest) if self._is_active else {}
 
     def _subscribe(self) -> None:
-        self._commands.echoed = True
-        for topic, joints in self._commands.listed():
+        self._commands.is_self_subscribed = True
+        for topic, joints in self._commands.list_topics():
             self._subscribers.append(rospy.Subscriber(
                 topic, rospy.AnyMsg, partial(self._receive, joints), queue_size=1
             ))  # fmt: skip
 
     def close(self) -> None:
-        """Unsubscribe."""
+        """Unregister the subscribers."""
         for subscriber in self._subscribers:
             subscriber.unregister()
 
     def _receive(self, joints: Sequence[str], message: rospy.AnyMsg) -> None:
         node = message._connection_header.get("callerid", "an unnamed node")
-        if node != self._own:
+        if node != self._own_node:
             with self._lock:
                 self._latest.update(dict.fromkeys(joints, (node, time.monotonic())))

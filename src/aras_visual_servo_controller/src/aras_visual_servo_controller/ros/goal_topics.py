@@ -1,4 +1,4 @@
-"""Where the camera is to go and what it is to see there, for whoever draws it."""
+"""Publication of the goal, as a camera pose and as the target's desired outline."""
 
 from __future__ import annotations
 
@@ -12,29 +12,33 @@ from ..loop.servo import Servo
 
 
 class GoalTopics:
-    """Latched: the goal's pose, and the target's outline as it looks from there."""
+    """Latched publishers of the camera pose at the goal and of the target's outline seen there."""
 
-    def __init__(self, space: str) -> None:
-        """`space`: namespace of the topics."""
-        self._pose = rospy.Publisher(
-            f"{space}/controller/goal", PoseStamped, latch=True, queue_size=1
+    def __init__(self, namespace: str) -> None:
+        """Advertise the topics in `namespace`."""
+        self._pose_publisher = rospy.Publisher(
+            f"{namespace}/controller/goal", PoseStamped, latch=True, queue_size=1
         )
-        self._outline = rospy.Publisher(
-            f"{space}/controller/desired_outline", PolygonStamped, latch=True, queue_size=1
+        self._outline_publisher = rospy.Publisher(
+            f"{namespace}/controller/desired_outline", PolygonStamped, latch=True, queue_size=1
         )
 
-    def announce(self, servo: Servo) -> None:
-        """Tell of a loop's goal; a pose that it does not know is not told."""
-        if servo.beyond:
-            rospy.logwarn("%s; the arm goes as near as it can", servo.beyond)
-        arm, pose = servo.arm, servo.resolver.goal
+    def publish(self, servo: Servo) -> None:
+        """Publish the goal of a loop; without a known pose, publish only the outline."""
+        if servo.unreachable_reason:
+            rospy.logwarn("%s; the arm goes as near as it can", servo.unreachable_reason)
+        arm, pose = servo.arm, servo.differential_ik.goal
         if pose is not None:
-            self._pose.publish(pose_message(pose, arm.target_frame or arm.base_frame))
-        self._outline.publish(outline_message(servo.goal.outline(), arm.camera_frame))
+            self._pose_publisher.publish(
+                make_pose_message(pose, arm.target_frame or arm.base_frame)
+            )
+        self._outline_publisher.publish(
+            make_outline_message(servo.goal.compute_outline(), arm.camera_frame)
+        )
 
 
-def pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
-    """geometry_msgs/PoseStamped of (4, 4) in the frame a."""
+def make_pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
+    """Convert a pose (4, 4) in the frame a to geometry_msgs/PoseStamped."""
     message = PoseStamped()
     message.header.frame_id = frame
     pose = Pose.from_matrix(a_T_b)
@@ -42,8 +46,8 @@ def pose_message(a_T_b: np.ndarray, frame: str) -> PoseStamped:
     return message
 
 
-def outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
-    """geometry_msgs/PolygonStamped of normalised (n, 2), on the plane z = 1 of the camera."""
+def make_outline_message(outline: np.ndarray, frame: str) -> PolygonStamped:
+    """Convert a normalised outline (n, 2) to PolygonStamped, on the camera's plane z = 1."""
     message = PolygonStamped()
     message.header.frame_id = frame
     message.polygon.points = [Point32(float(x), float(y), 1.0) for x, y in outline]

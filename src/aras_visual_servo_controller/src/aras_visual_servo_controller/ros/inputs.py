@@ -1,4 +1,4 @@
-"""What the loop hears: joint states always, and of the images what its scheme needs."""
+"""Inputs of the loop: joint states, and the images or measurements that the scheme needs."""
 
 from __future__ import annotations
 
@@ -6,38 +6,38 @@ import rospy
 from sensor_msgs.msg import JointState
 from std_msgs.msg import Bool
 
-from ..driving.driver import Driver
+from ..runner.loop_runner import LoopRunner
 from ..settings import Settings
-from .measurements import MeasurementInput
-from .pictures import PICTURED, PictureInput
+from .image_input import IMAGE_NEEDS, ImageInput
+from .measurement_input import MeasurementInput
 
 
 class Inputs:
-    """Subscribers of one driver."""
+    """Subscribers of one loop."""
 
-    def __init__(self, settings: Settings, driver: Driver, e_stop: str = "") -> None:
-        """`e_stop`: topic of the arm's emergency stop; empty: it has none."""
-        self._driver = driver
+    def __init__(self, settings: Settings, runner: LoopRunner, e_stop: str = "") -> None:
+        """Subscribe; `e_stop` is the topic of the arm's emergency stop, or ''."""
+        self._runner = runner
         topic = f"{settings.namespace.rstrip('/')}/joint_states"
         joints = rospy.Subscriber(
             topic, JointState, self._on_joints, tcp_nodelay=True,
             queue_size=10 if settings.lockstep else 1,
         )  # fmt: skip
         self._subscribers = [joints]
-        for name, observer in driver.rig.observers.items():
-            images = PictureInput if observer.needs & PICTURED else MeasurementInput
-            heard = images(settings.camera_of(name), driver, observer)
-            self._subscribers += heard.subscribers
+        for name, observer in runner.camera_rig.observers.items():
+            images = ImageInput if observer.needs & IMAGE_NEEDS else MeasurementInput
+            camera_input = images(settings.get_camera(name), runner, observer)
+            self._subscribers += camera_input.subscribers
         if e_stop:
             self._subscribers.append(rospy.Subscriber(
-                e_stop, Bool, lambda message: driver.emergency_stop(message.data)
+                e_stop, Bool, lambda message: runner.emergency_stop(message.data)
             ))  # fmt: skip
 
     def close(self) -> None:
-        """Hear nothing any more."""
+        """Unregister all subscribers."""
         for subscriber in self._subscribers:
             subscriber.unregister()
 
     def _on_joints(self, message: JointState) -> None:
         stamp = message.header.stamp.to_sec()
-        self._driver.joints(message.name, message.position, message.velocity, stamp)
+        self._runner.add_joint_state(message.name, message.position, message.velocity, stamp)

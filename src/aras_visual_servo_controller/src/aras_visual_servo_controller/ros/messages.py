@@ -1,4 +1,4 @@
-"""Between ROS messages and the plain data of the loop."""
+"""Conversion between ROS messages and the data of the loop."""
 
 from __future__ import annotations
 
@@ -11,23 +11,23 @@ from aras_visual_servo_camera.moments import Moments
 from aras_visual_servo_camera.undistortion import CameraModel
 
 from ..msg import ServoReport, ServoState
-from ..records.outcomes import LeftOpen
+from ..records.outcomes import PoseUncertainty
 from ..records.state import ServoState as State
 
-# Of an image that tells no intrinsics; it is not valid, and nothing is computed with it.
+# Placeholder for an image without valid intrinsics, which is not used for computation.
 UNKNOWN_CAMERA = CameraModel(1, 1, tuple(np.eye(3).flat))
 
 
-def camera_of(message: ImageMoments) -> tuple[CameraModel, str]:
-    """The camera that measured, and what is wrong with it in words."""
+def read_camera(message: ImageMoments) -> tuple[CameraModel, str]:
+    """Return the camera of a message, and the fault of its intrinsics as text ('' if none)."""
     try:
         return CameraModel.from_message(message), ""
     except VisionError as error:
         return UNKNOWN_CAMERA, str(error)
 
 
-def moments_of(message: ImageMoments) -> tuple[Moments | None, str]:
-    """The moments of a message, or why there are none."""
+def read_moments(message: ImageMoments) -> tuple[Moments | None, str]:
+    """Return the moments of a message, or the reason why there are none."""
     if not message.valid:
         return None, message.reason or "the target is not visible"
     try:
@@ -36,57 +36,60 @@ def moments_of(message: ImageMoments) -> tuple[Moments | None, str]:
         return None, f"unusable moments: {error}"
 
 
-def state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
-    """The original's record of one image; its stamp is the caller's."""
+def make_state_message(state: State, scheme: str, frame: str, names: tuple[str, ...]) -> ServoState:
+    """Convert the state of one image to a ServoState message; the caller sets the stamp."""
     message = ServoState(scheme=scheme, phase=state.phase, reason=state.reason)
     message.header.frame_id = frame
     message.joint_names = list(names)
-    decision, resolution = state.decision, state.resolution
-    if decision is not None:
-        message.feature_names = list(decision.names)
-        message.features = np.asarray(decision.features).tolist()
-        message.desired_features = np.asarray(decision.desired).tolist()
-        message.error = np.asarray(decision.error).tolist()
-    message.camera_twist = twist_message(state.twist)
+    output, solution = state.scheme_output, state.ik_solution
+    if output is not None:
+        message.feature_names = list(output.names)
+        message.features = np.asarray(output.features).tolist()
+        message.desired_features = np.asarray(output.desired).tolist()
+        message.error = np.asarray(output.error).tolist()
+    message.camera_twist = make_twist_message(state.desired_twist)
     if state.joints is not None:
         message.joint_positions = state.joints.positions.tolist()
     if state.command is not None:
         message.joint_commands = state.command.tolist()
     message.joint_velocities = [0.0] * len(names)
-    if resolution is not None:
-        message.joint_velocities = resolution.velocities.tolist()
-        message.singular_values = resolution.singular_values.tolist()
+    if solution is not None:
+        message.joint_velocities = solution.velocities.tolist()
+        message.singular_values = solution.singular_values.tolist()
     return message
 
 
-def report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
-    """How the loop stands."""
+def make_report_message(state: State, frame: str, names: tuple[str, ...]) -> ServoReport:
+    """Convert the state of the loop to a ServoReport message; the caller sets the stamp."""
     message = ServoReport(
         phase=state.phase, outcome=state.outcome, reason=state.reason, remedy=state.remedy
     )
     message.header.frame_id = frame
     message.joint_names = list(names)
-    message.asked, message.achieved = twist_message(state.twist), twist_message(state.achieved)
+    message.desired_twist, message.achieved_twist = (
+        make_twist_message(state.desired_twist),
+        make_twist_message(state.achieved_twist),
+    )
     message.rank, message.singular_values_l = int(state.rank), list(state.singular_values_L)
-    message.scale, message.computing = 1.0, state.computing
-    left = state.arrived.open or LeftOpen()
-    message.open_distance, message.open_angle = left.distance, left.angle
-    if state.decision is not None and state.decision.filtered_error is not None:
-        message.filtered_error = np.asarray(state.decision.filtered_error).tolist()
-    resolution = state.resolution
-    if resolution is not None:
-        message.lost = twist_message(resolution.lost)
-        message.rank_lj = resolution.rank
-        message.singular_values_lj = resolution.singular_values.tolist()
-        message.null_direction = resolution.null_direction.tolist()
-        message.manipulability = resolution.manipulability
-        message.margins = resolution.margins.tolist()
-        message.scale = resolution.scale
+    message.scale, message.computation_time = 1.0, state.computation_time
+    uncertainty = state.arrival_status.pose_uncertainty or PoseUncertainty()
+    message.open_distance, message.open_angle = uncertainty.distance, uncertainty.angle
+    if state.scheme_output is not None and state.scheme_output.filtered_error is not None:
+        message.filtered_error = np.asarray(state.scheme_output.filtered_error).tolist()
+    solution = state.ik_solution
+    if solution is not None:
+        message.infeasible_twist = make_twist_message(solution.infeasible_twist)
+        message.rank_lj = solution.rank
+        message.singular_values_lj = solution.singular_values.tolist()
+        message.null_direction = solution.null_direction.tolist()
+        message.manipulability = solution.manipulability
+        message.margins = solution.margins.tolist()
+        message.scale = solution.scale
     return message
 
 
-def twist_message(twist: np.ndarray) -> Twist:
-    """A geometry_msgs/Twist of (6,)."""
+def make_twist_message(twist: np.ndarray) -> Twist:
+    """Convert a twist (6,) to geometry_msgs/Twist."""
     message = Twist()
     values = [float(v) for v in twist]
     message.linear.x, message.linear.y, message.linear.z = values[:3]

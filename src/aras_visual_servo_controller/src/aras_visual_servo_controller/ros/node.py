@@ -1,4 +1,4 @@
-"""The controller node: one driver, its faces, and a thread that watches."""
+"""Visual servo controller node."""
 
 from __future__ import annotations
 
@@ -7,91 +7,96 @@ import time
 import rospy
 
 from aras_visual_servo_base.compiled import compile_all
-from aras_visual_servo_base.urdf import robot_name
-from aras_visual_servo_ros.shutdown import beats, node_main
+from aras_visual_servo_base.urdf import read_robot_name
+from aras_visual_servo_ros.shutdown import iterate_at_period, node_main
 
-from ..driving.driver import Driver
 from ..errors import ConfigurationError
+from ..runner.loop_runner import LoopRunner
 from ..settings import Settings
-from .control import Control
-from .description import DescriptionWatch, e_stop_topic
-from .face import RosFace
-from .given import given_settings
+from .description import DescriptionWatch, find_e_stop_topic
 from .goal_topics import GoalTopics
 from .inputs import Inputs
+from .loop_services import LoopServices
+from .node_settings import read_node_settings
 from .reconfigure import GainServer
+from .ros_publisher import RosPublisher
 
-WATCH_PERIOD = 0.02  # s of wall time
-LAST_WORDS = 0.2  # s of wall time: rospy sends from threads of its own
+WATCH_PERIOD = 0.02  # s of wall time between two checks
+SHUTDOWN_TIME = 0.2  # s of wall time for rospy's threads to send the last messages
 
 
 class ControllerNode:
-    """Builds the loop when the robot's description is there, and watches it."""
+    """The node: it builds the loop when the robot description is available, and supervises it."""
 
-    def __init__(self, settings: Settings, given: dict[str, object]) -> None:
-        self._settings, self._given = settings, given
-        self.driver: Driver | None = None
-        self.face: RosFace | None = None
-        self._control: Control | None = None
+    def __init__(self, settings: Settings, raw_settings: dict[str, object]) -> None:
+        self._settings, self._raw_settings = settings, raw_settings
+        self.runner: LoopRunner | None = None
+        self.publisher: RosPublisher | None = None
+        self._loop_services: LoopServices | None = None
         self._description = DescriptionWatch(settings.description)
-        self._goal = GoalTopics(settings.namespace.rstrip("/"))
+        self._goal_topics = GoalTopics(settings.namespace.rstrip("/"))
 
-    def build(self, urdf: str) -> None:
-        """The loop and its faces; ConfigurationError for what cannot be."""
-        settings = self._settings.for_robot(robot_name(urdf), self._given)
-        arm = settings.arm(urdf)
-        others = settings.others(urdf, arm)
-        servo = settings.build(arm, clock=time.thread_time, others=others)
-        if self.driver is not None:
+    def build_loop(self, urdf: str) -> None:
+        """Build the loop with its topics; ConfigurationError if settings do not fit the robot."""
+        settings = self._settings.for_robot(read_robot_name(urdf), self._raw_settings)
+        arm = settings.make_arm(urdf)
+        others = settings.make_other_cameras(urdf, arm)
+        servo = settings.make_servo(arm, clock=time.thread_time, other_cameras=others)
+        if self.runner is not None:
             self._inputs.close()
-        before, self.face = self.face, RosFace(settings, arm.names, arm.camera_frame)
+        before, self.publisher = self.publisher, RosPublisher(settings, arm.names, arm.camera_frame)
         if before is not None:
-            # Only now: subscribers may miss a topic that is closed and opened again at once.
+            # The old topics close last: a topic that reopens at once can lose its subscribers.
             before.close()
-        arms = {settings.read_by(servo.scheme)[0]: arm, **others}
-        rig = settings.rig(arms, servo.scheme, servo.goal)
-        self.driver = Driver(
-            servo, rig, settings, self.face, rospy.get_time, foreign=self.face.foreign
+        arms = {settings.list_cameras(servo.scheme)[0]: arm, **others}
+        rig = settings.make_camera_rig(arms, servo.scheme, servo.goal)
+        self.runner = LoopRunner(
+            servo,
+            rig,
+            settings,
+            self.publisher,
+            rospy.get_time,
+            foreign=self.publisher.foreign_commands,
         )
-        self.face.await_listeners()
+        self.publisher.wait_for_listeners()
         rospy.loginfo(
             "scheme %s, start %s, goal %s; %s moved by %s", settings.scheme, settings.start,
-            settings.goal_path(), arm.camera_frame, ", ".join(arm.names),
+            settings.find_goal_file(), arm.camera_frame, ", ".join(arm.names),
         )  # fmt: skip
-        if self._control is None:
-            self._control = Control(settings.namespace.rstrip("/"), self)
-            self._gains = GainServer(self)
-        self._goal.announce(servo)
-        self._inputs = Inputs(settings, self.driver, e_stop_topic(urdf, settings.namespace))
+        if self._loop_services is None:
+            self._loop_services = LoopServices(settings.namespace.rstrip("/"), self)
+            self._gain_server = GainServer(self)
+        self._goal_topics.publish(servo)
+        self._inputs = Inputs(settings, self.runner, find_e_stop_topic(urdf, settings.namespace))
 
     def spin(self) -> None:
-        """Watch until ROS shuts down, on wall time: simulated time may stop.
+        """Supervise the loop until ROS shuts down, in wall time because simulated time can stop.
 
         Raises:
-            ConfigurationError: a robot that no loop can be built for.
+            ConfigurationError: the settings do not fit a robot.
         """
-        for _ in beats(WATCH_PERIOD):
-            began = None if self.driver is None else self.driver.beginnings
-            if urdf := self._description.new(began):
-                self.build(urdf)
-            if self.driver is not None:
-                self.driver.watch()
+        for _ in iterate_at_period(WATCH_PERIOD):
+            start_count = None if self.runner is None else self.runner.start_count
+            if urdf := self._description.find_new(start_count):
+                self.build_loop(urdf)
+            if self.runner is not None:
+                self.runner.check_timeouts()
 
     def close(self) -> None:
-        """Leave no speed and no effort behind."""
-        if self.driver is not None and self.driver.settings.output != "position":
+        """Command zero velocities and efforts, if these are the output of the loop."""
+        if self.runner is not None and self.runner.settings.output != "position":
             self._inputs.close()
-            self.driver.end("the node ends")  # in whatever thread it still answers or watches
-            time.sleep(LAST_WORDS)
+            self.runner.shut_down("the node ends")
+            time.sleep(SHUTDOWN_TIME)
 
 
 def main() -> int:
-    """Run the node; returns its exit status."""
+    """Run the node and return its exit status."""
     compile_all()
     return node_main("aras_visual_servo_controller", __doc__, _run, ConfigurationError)
 
 
 def _run() -> None:
-    node = ControllerNode(*given_settings())
+    node = ControllerNode(*read_node_settings())
     rospy.on_shutdown(node.close)
     node.spin()

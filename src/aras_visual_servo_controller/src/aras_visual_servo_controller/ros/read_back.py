@@ -1,4 +1,4 @@
-"""From the messages of one image back to the loop's record of it; any version of their classes."""
+"""Conversion of recorded messages, of this or an older version, to states of the loop."""
 
 from __future__ import annotations
 
@@ -6,11 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from ..arm.joint_sample import JointSample
-from ..arm.resolution import Resolution
-from ..records.outcomes import NOT_ARRIVED, Arrived, LeftOpen
+from ..kinematics.ik_solution import IKSolution
+from ..kinematics.joint_sample import JointSample
+from ..records.outcomes import NOT_ARRIVED, ArrivalStatus, PoseUncertainty
 from ..records.state import ServoState as State
-from ..schemes.base import Decision
+from ..schemes.base import SchemeOutput
 
 if TYPE_CHECKING:
     from geometry_msgs.msg import Twist
@@ -18,46 +18,49 @@ if TYPE_CHECKING:
     from ..msg import ServoReport, ServoState
 
 
-def state_of(message: ServoState, report: ServoReport | None = None) -> State:
-    """The state that a message and the report of the same image tell; what no report tells is NaN.
+def read_state(message: ServoState, report: ServoReport | None = None) -> State:
+    """Convert a ServoState and the report of the same image to a state.
 
-    Read back, a decision has no task and a resolution neither L nor Jacobian.
+    Values that only the report contains are NaN without it. The scheme output has no task, and the
+    IK solution has neither L nor Jacobian.
     """
     stamp, names = message.header.stamp.to_sec(), tuple(message.joint_names)
-    decision = resolution = joints = None
+    output = solution = joints = None
     count = len(message.feature_names)
     if count and all(len(values) == count for values in (
         message.features, message.desired_features, message.error
     )):  # fmt: skip
         filtered = getattr(report, "filtered_error", ())
-        decision = Decision(
+        output = SchemeOutput(
             tuple(message.feature_names), np.array(message.features),
             np.array(message.desired_features), np.array(message.error),
             filtered_error=np.array(filtered) if len(filtered) == count else None,
         )  # fmt: skip
-    if decision is not None and len(message.singular_values):
-        resolution = Resolution.read_back(
-            np.array(message.joint_velocities), twist_of(message.camera_twist),
-            np.full(6, np.nan) if report is None else twist_of(report.achieved),
+    if output is not None and len(message.singular_values):
+        solution = IKSolution.from_record(
+            np.array(message.joint_velocities), read_twist(message.camera_twist),
+            np.full(6, np.nan) if report is None else read_twist(report.achieved_twist),
             (np.array([] if report is None else report.singular_values_l),
              np.array(message.singular_values)),
             np.nan if report is None else report.scale,
         )  # fmt: skip
     if len(message.joint_positions) == len(names):
-        joints = JointSample.of(stamp, names, message.joint_positions)
-    left = LeftOpen(*(getattr(report, f"open_{way}", np.nan) for way in ("distance", "angle")))
+        joints = JointSample.from_values(stamp, names, message.joint_positions)
+    uncertainty = PoseUncertainty(
+        *(getattr(report, f"open_{kind}", np.nan) for kind in ("distance", "angle"))
+    )
     commanded = len(message.joint_commands) == len(names)
     return State(
         stamp, message.phase, "" if report is None else report.outcome, message.reason,
-        "" if report is None else report.remedy, decision, resolution, joints,
+        "" if report is None else report.remedy, output, solution, joints,
         np.array(message.joint_commands) if commanded else None,
-        np.nan if report is None else report.computing, scheme=message.scheme,
-        arrived=NOT_ARRIVED if np.isnan([left.distance, left.angle]).all() else
-        Arrived(True, open=left),
+        np.nan if report is None else report.computation_time, scheme=message.scheme,
+        arrival_status=NOT_ARRIVED if np.isnan([uncertainty.distance, uncertainty.angle]).all() else
+        ArrivalStatus(True, pose_uncertainty=uncertainty),
     )  # fmt: skip
 
 
-def twist_of(message: Twist) -> np.ndarray:
-    """(6,) of a geometry_msgs/Twist."""
+def read_twist(message: Twist) -> np.ndarray:
+    """Convert a geometry_msgs/Twist to (6,)."""
     return np.array([getattr(part, axis) for part in (message.linear, message.angular)
                      for axis in "xyz"])  # fmt: skip

@@ -1,4 +1,4 @@
-"""Gains of the law by dynamic_reconfigure, while it runs."""
+"""Gains of the law as dynamic_reconfigure parameters, while the loop runs."""
 
 from __future__ import annotations
 
@@ -6,69 +6,69 @@ from typing import TYPE_CHECKING
 
 import rospy
 
-from aras_visual_servo_base.registry import declared_parameters
+from aras_visual_servo_base.registry import list_parameters
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
 from ..errors import ConfigurationError
 from ..laws import Law
-from ..laws.base import GREATEST_GAIN
+from ..laws.base import MAX_GAIN
 from ..loop.servo import Servo
 
 if TYPE_CHECKING:
-    from .control import Owner
+    from .loop_services import LoopOwner
 
 NAMESPACE = "~gains"
-LEAST = 1e-3  # where a gain is given below it, that one is the least
+MIN_GAIN = 1e-3  # lower bound of a gain, unless its given value is smaller
 
 
 class GainServer:
-    """One number for each gain of the law, also of the law inside a wrapper."""
+    """Reconfigure server with one number for each gain of the law, including a wrapped law."""
 
-    def __init__(self, owner: Owner) -> None:
+    def __init__(self, owner: LoopOwner) -> None:
         self._owner = owner
-        laws = _laws(owner.driver.servo)
+        laws = _find_laws(owner.runner.servo)
         if not laws:
             return
         fields = []
         for name, law in laws.items():
             value = getattr(law, name)
-            help = next(p.help for p in declared_parameters(type(law)) if p.name == name)
+            help = next(p.help for p in list_parameters(type(law)) if p.name == name)
             fields.append(Field(
-                name, "double", value, min(LEAST, value), max(GREATEST_GAIN, value),
+                name, "double", value, min(MIN_GAIN, value), max(MAX_GAIN, value),
                 help or f"{name} of the law",
             ))  # fmt: skip
         self._server = ReconfigureServer(rospy.resolve_name(NAMESPACE), fields, {}, self._apply)
 
     def _apply(self, values: dict[str, Value]) -> None:
-        self._owner.driver.change(lambda servo: change_gains(servo, values))
+        self._owner.runner.apply_change(lambda servo: set_gains(servo, values))
 
 
-def change_gains(servo: Servo, values: dict[str, Value]) -> None:
-    """Give the loop's laws other gains, all of them or none.
+def set_gains(servo: Servo, values: dict[str, Value]) -> None:
+    """Change the gains of the loop's laws, all of them or none.
 
     Raises:
-        ConfigurationError: what a law refuses; nothing was changed then.
+        ConfigurationError: a law refuses a value; all gains then keep their old values.
     """
     gains: dict[Law, dict[str, float]] = {}
-    for name, law in _laws(servo).items():
+    for name, law in _find_laws(servo).items():
         gains.setdefault(law, {})[name] = float(values[name])
     before = {law: {name: getattr(law, name) for name in given} for law, given in gains.items()}
     try:
         for law, given in gains.items():
-            law.change(**given)
+            law.set_parameters(**given)
     except ConfigurationError:
         for law, given in before.items():
-            law.change(**given)
+            law.set_parameters(**given)
         raise
 
 
-def _laws(servo: Servo) -> dict[str, Law]:
-    """The law that each gain belongs to, by the gain's name."""
+def _find_laws(servo: Servo) -> dict[str, Law]:
+    """Return the law that each gain belongs to, by the name of the gain."""
     laws: dict[str, Law] = {}
     law = getattr(servo.scheme, "law", None)
     while isinstance(law, Law):
-        for name in law.numbers():
+        for name in law.list_tunable_parameters():
             laws.setdefault(name, law)
         law = getattr(law, "law", None)
     return laws

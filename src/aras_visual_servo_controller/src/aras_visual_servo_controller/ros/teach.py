@@ -1,4 +1,4 @@
-"""Teaching on a running graph."""
+"""Teaching of a goal from the images of a running system."""
 
 from __future__ import annotations
 
@@ -8,34 +8,34 @@ from pathlib import Path
 
 import rospy
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
+from ..diagnosis.joint_check import describe_foreign_nodes
 from ..errors import ServoError
 from ..goals.goal import Goal
-from ..goals.starts import start_joints
-from ..judging.joint_check import foreign_text
-from ..loop.teaching import Teacher, goal_of
-from ..seeing.observation import Need
+from ..goals.starts import find_start_joints
+from ..loop.teaching import Teacher, make_mean_goal
+from ..observation.observation import Need
 from .commands import CommandTopics
 from .foreign_commands import ForeignCommandListener
-from .given import robots_settings
 from .inputs import Inputs
+from .node_settings import read_robot_settings
 
 
-def live(arguments: argparse.Namespace) -> Goal:
-    """Collect views from the graph, where asked for after driving to a pose.
+def collect_views(arguments: argparse.Namespace) -> Goal:
+    """Collect views of the target, after driving to a pose if `--go` is given.
 
     Raises:
-        ServoError: as many images in a row as are to be averaged show nothing usable, or too few
-            come in time; with the reason.
+        ServoError: too few images arrive in time, or as many successive images as are to be
+            averaged are unusable; with the reason.
     """
-    begin_node("teach", anonymous=True)
-    given = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
-    settings, arm = robots_settings(given)
+    init_node("teach", anonymous=True)
+    raw_settings = {**rospy.get_param("~", {}), "scheme": arguments.scheme}
+    settings, arm = read_robot_settings(raw_settings)
     scheme, package = settings.make_scheme(), settings.package
     urdf = str(rospy.get_param(settings.description))
-    arms = {settings.read_by(scheme)[0]: arm, **settings.others(urdf, arm)}
-    rig = settings.rig(arms, scheme)
+    arms = {settings.list_cameras(scheme)[0]: arm, **settings.make_other_cameras(urdf, arm)}
+    rig = settings.make_camera_rig(arms, scheme)
     for observer in rig.observers.values():
         if observer.needs <= {Need.MOMENTS, Need.KERNEL}:
             observer.needs |= {Need.MOMENTS}
@@ -45,24 +45,24 @@ def live(arguments: argparse.Namespace) -> Goal:
         if not path.is_file():
             path = package / "config" / f"goal_{Path(arguments.go).name}.yaml"
         if path.is_file():
-            joints = Goal.load(path).for_arm(arm).joint_values(arm.names)
+            joints = Goal.load(path).for_arm(arm).get_joints(arm.names)
         if joints is None:
-            joints = start_joints(arguments.go, arm, package)
+            joints = find_start_joints(arguments.go, arm, package)
         commands = CommandTopics(settings, arm.names, "position")
         foreign = ForeignCommandListener(commands)
         foreign.listen(True)
-    teacher = Teacher(arm, rig, joints, None if commands is None else commands.put)
+    teacher = Teacher(arm, rig, joints, None if commands is None else commands.send)
     inputs = Inputs(settings, teacher)
     deadline = time.monotonic() + arguments.timeout
     while len(teacher.views) < arguments.images:
-        if teacher.refused >= arguments.images:  # waiting longer would show the same
+        if teacher.refused_count >= arguments.images:  # further images would not be usable either
             raise ServoError(
-                f"the last {teacher.refused} images show nothing that could be taught "
+                f"the last {teacher.refused_count} images show nothing that could be taught "
                 f"({teacher.reason}): bring the target into view and teach again"
             )
         if rospy.is_shutdown() or time.monotonic() > deadline:
-            nodes = {} if foreign is None else {j: n for j, (n, _) in foreign.latest().items()}
-            reason = "; ".join(filter(None, (teacher.reason, foreign_text(nodes))))
+            nodes = {} if foreign is None else {j: n for j, (n, _) in foreign.read_latest().items()}
+            reason = "; ".join(filter(None, (teacher.reason, describe_foreign_nodes(nodes))))
             raise ServoError(
                 f"after {arguments.timeout:.0f} s only {len(teacher.views)} of {arguments.images} "
                 f"images ({reason}): are the simulator and the camera node running, and is "
@@ -70,8 +70,8 @@ def live(arguments: argparse.Namespace) -> Goal:
             )
         time.sleep(0.02)
     inputs.close()
-    like = None
-    if arguments.depth is None and not settings.model:  # of a model the plane is known
-        like = Goal.load(package / "config" / "goal_2016.yaml")
+    target_goal = None
+    if arguments.depth is None and not settings.model:  # a model already determines the plane
+        target_goal = Goal.load(package / "config" / "goal_2016.yaml")
     views = teacher.views[: arguments.images]
-    return goal_of(views, scheme, arm, arguments.file.name, arguments.depth, like)
+    return make_mean_goal(views, scheme, arm, arguments.file.name, arguments.depth, target_goal)

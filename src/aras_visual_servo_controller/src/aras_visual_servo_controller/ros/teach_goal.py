@@ -1,10 +1,10 @@
-"""Make a goal file: from what the camera sees now, or anew from the target's geometry.
+"""Write a goal file, from camera images or from the geometry of the target.
 
-    rosrun aras_visual_servo_controller teach my_pose.yaml                 # the pose it stands in
-    rosrun aras_visual_servo_controller teach --go 2016 my_pose.yaml       # drive there first
-    rosrun aras_visual_servo_controller teach --scheme points my_pose.yaml # what `points` needs
+    rosrun aras_visual_servo_controller teach my_pose.yaml                 # at the current pose
+    rosrun aras_visual_servo_controller teach --go 2016 my_pose.yaml       # drive to a pose first
+    rosrun aras_visual_servo_controller teach --scheme points my_pose.yaml # for the scheme `points`
     rosrun aras_visual_servo_controller teach --scheme model my_pose.yaml \\
-        _model:=part.obj _model_start:='{pose: [0, 0, 0.59, 0, 0, 0]}'     # of a solid
+        _model:=part.obj _model_start:='{pose: [0, 0, 0.59, 0, 0, 0]}'     # with a known mesh
     rosrun aras_visual_servo_controller teach --geometry goal_2016.yaml --urdf robot.urdf mine.yaml
 
 Parameters of the controller node are given as _NAME:=VALUE.
@@ -17,13 +17,13 @@ import shlex
 import sys
 from pathlib import Path
 
-from ..arm import Arm
 from ..errors import ConfigurationError, ServoError
 from ..goals.goal import Goal
+from ..kinematics import Arm
 
 
-def from_geometry(path: Path, urdf: Path) -> Goal:
-    """The goal of a file as an exact camera on this robot sees it; needs no ROS.
+def make_goal_from_geometry(path: Path, urdf: Path) -> Goal:
+    """Compute the goal of a file for an exact camera on this robot; needs no ROS.
 
     Raises:
         ConfigurationError: the file has no geometry or no joints, or does not fit the robot.
@@ -33,28 +33,31 @@ def from_geometry(path: Path, urdf: Path) -> Goal:
     except (OSError, UnicodeDecodeError) as error:
         raise ConfigurationError(f"cannot read the robot description {urdf}: {error}") from error
     goal = Goal.load(path).for_arm(arm)
-    return goal.seen_from(goal.world_T_camera)
+    return goal.predict_from_pose(goal.world_T_camera)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run the tool; returns its exit status."""
+    """Run the tool and return its exit status."""
     parser = argparse.ArgumentParser(
         prog="teach", description=__doc__.splitlines()[0],
         epilog="example: rosrun aras_visual_servo_controller teach "
         "goal.yaml --scheme points --depth 0.3",
     )  # fmt: skip
-    given = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
+    command_line = [a for a in (sys.argv[1:] if argv is None else argv) if ":=" not in a]
     parser.add_argument("file", type=Path, help="YAML file to write")
     source = parser.add_mutually_exclusive_group()
     source.add_argument("--geometry", type=Path, help="goal file with the target's geometry")
     source.add_argument("--go", help="drive there first: a name, or a goal file with joints")
     parser.add_argument("--urdf", type=Path, help="robot description, for --geometry")
-    parser.add_argument("--scheme", default="moments", help="whose features to teach")
-    parser.add_argument("--images", type=int, default=30, help="to average over (default 30)")
-    parser.add_argument("--depth", type=float, help="of the target's plane, m (default: by the "
-                        "geometry of the demo's target)")  # fmt: skip
-    parser.add_argument("--timeout", type=float, default=60.0, help="s to wait for images")
-    arguments = parser.parse_args(given)
+    parser.add_argument("--scheme", default="moments", help="scheme whose features are taught "
+                        "(default moments)")  # fmt: skip
+    parser.add_argument("--images", type=int, default=30, help="number of images to average "
+                        "(default 30)")  # fmt: skip
+    parser.add_argument("--depth", type=float, help="depth of the target's plane, m (default: from "
+                        "the geometry of the demo's target)")  # fmt: skip
+    parser.add_argument("--timeout", type=float, default=60.0, help="time to wait for images, s "
+                        "(default 60)")  # fmt: skip
+    arguments = parser.parse_args(command_line)
     try:
         if arguments.images < 1 or not arguments.timeout > 0.0:
             raise ConfigurationError("--images and --timeout have to be above 0")
@@ -63,14 +66,14 @@ def main(argv: list[str] | None = None) -> int:
         if arguments.geometry:
             if arguments.urdf is None:
                 raise ConfigurationError("--geometry needs --urdf, the robot's description")
-            goal = from_geometry(arguments.geometry, arguments.urdf)
-            heading = "What an exact camera sees of the target at this pose, by its geometry."
+            goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
+            heading = "View of an exact camera on the target at this pose, from its geometry."
         else:
-            from .teach import live  # the rest needs no ROS
+            from .teach import collect_views  # only this needs ROS
 
-            goal = live(arguments)
+            goal = collect_views(arguments)
             heading = f"Taught from {arguments.images} images."
-        heading += f"\nMade by: teach {shlex.join(given)}"
+        heading += f"\nMade by: teach {shlex.join(command_line)}"
         arguments.file.write_text(goal.to_yaml(heading), encoding="utf-8")
     except (ServoError, OSError) as error:
         print(f"teach: {error}", file=sys.stderr)

@@ -1,4 +1,4 @@
-"""Teleoperation on a running graph: keys, gamepad, and the commands that come of them."""
+"""Teleoperation of a running robot by keyboard and gamepad."""
 
 from __future__ import annotations
 
@@ -12,130 +12,131 @@ import numpy as np
 import rospy
 from sensor_msgs.msg import JointState, Joy
 
-from aras_visual_servo_base.names import unknown
+from aras_visual_servo_base.names import describe_unknown
 from aras_visual_servo_ros.connections import find_publishers
 from aras_visual_servo_ros.log_folder import check_log_folder
 
-from ..arm import Resolver
 from ..errors import ConfigurationError, MeasurementError, ServoError
-from ..hands import teleop
-from ..hands.gamepad import HELP, JoyDevice, twist_of
-from ..hands.jog import Jog
+from ..kinematics import DifferentialIK
+from ..teleop import keyboard
+from ..teleop.gamepad import HELP, JoyDevice, compute_twist
+from ..teleop.jog import Jog
 from .commands import CommandTopics, stop_controller
-from .given import robots_settings
+from .node_settings import read_robot_settings
 
 PERIOD = 0.02  # s of wall time between two commands
 
 
 class Teleop:
-    """One person at a terminal, one arm."""
+    """Teleoperation of one arm by one operator at a terminal."""
 
     def __init__(self) -> None:
-        """ConfigurationError: no robot, or a joint that it has not."""
-        settings, arm = robots_settings({})
+        """Connect to the robot; ConfigurationError without a robot or for an unknown joint."""
+        settings, arm = read_robot_settings({})
         self._arm = arm
-        self._limits, self._space = settings.limits(arm), settings.namespace.rstrip("/")
+        self._limits, self._namespace = settings.make_limits(arm), settings.namespace.rstrip("/")
         self._joints = {
             way: str(rospy.get_param(f"~{way}", name))
-            for way, name in teleop.stepped(arm.names).items()
+            for way, name in keyboard.choose_step_joints(arm.names).items()
         }
         for name in self._joints.values():
             if name not in arm.names:
-                raise ConfigurationError(unknown("joint", name, arm.names))
-        self._jog = Jog(arm, self._limits, Resolver(arm, self._limits))
-        self._keys = teleop.Keys(arm.names)
-        self._topics = CommandTopics(settings, arm.names, "position")
+                raise ConfigurationError(describe_unknown("joint", name, arm.names))
+        self._jog = Jog(arm, self._limits, DifferentialIK(arm, self._limits))
+        self._keys = keyboard.KeyboardState(arm.names)
+        self._command_topics = CommandTopics(settings, arm.names, "position")
         self._measured: np.ndarray | None = None
-        self._heard, self._pad = threading.Event(), threading.Lock()
-        self._stopped, self._told = False, ""
-        self._device: JoyDevice | None = None
-        rospy.Subscriber(f"{self._space}/joint_states", JointState, self._on_joints, queue_size=1)
+        self._has_joint_state, self._jog_lock = threading.Event(), threading.Lock()
+        self._has_stopped_controller, self._last_reason = False, ""
+        self._gamepad: JoyDevice | None = None
+        topic = f"{self._namespace}/joint_states"
+        rospy.Subscriber(topic, JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
-        with contextlib.suppress(OSError):  # without a gamepad there are still the keys
-            self._device = JoyDevice(device)
+        with contextlib.suppress(OSError):  # no gamepad: the keyboard is enough
+            self._gamepad = JoyDevice(device)
 
     def run(self) -> int:
-        """Until q or ^C; returns the exit status."""
-        print(teleop.__doc__)
-        if self._device is not None:
+        """Run until q or ^C is pressed, and return the exit status."""
+        print(keyboard.__doc__)
+        if self._gamepad is not None:
             print(HELP)
-        while not self._heard.wait(2.0):
-            print(f"waiting for joint states on {self._space}/joint_states")
+        while not self._has_joint_state.wait(2.0):
+            print(f"waiting for joint states on {self._namespace}/joint_states")
         command = self._measured
-        with teleop.raw_terminal():
+        with keyboard.raw_terminal():
             while not rospy.is_shutdown():
-                for key in teleop.pressed(PERIOD):
+                for key in keyboard.read_keys(PERIOD):
                     if key in ("q", "\x04"):
                         return 0
-                    command = self._press(key, command)
-                if self._device is not None:
-                    self._drive(self._device.axes, self._device.buttons)
-                if self._move():
+                    command = self._handle_key(key, command)
+                if self._gamepad is not None:
+                    self._handle_gamepad(self._gamepad.axes, self._gamepad.buttons)
+                if self._send_command():
                     command = self._measured
         return 0
 
-    def _press(self, key: str, command: np.ndarray) -> np.ndarray:
+    def _handle_key(self, key: str, command: np.ndarray) -> np.ndarray:
         if key == "h":
-            print(teleop.__doc__ + (HELP if self._device is not None else ""))
+            print(keyboard.__doc__ + (HELP if self._gamepad is not None else ""))
         elif key == " ":
             print("  ".join(f"{n} {v:.3f}" for n, v in
                             zip(self._arm.names, self._measured, strict=True)))  # fmt: skip
             if self._jog.reason:
                 print(self._jog.reason)
-        elif key in teleop.KEYS:
-            command, told = teleop.command_for(key, command, self._limits, self._joints)
-            print(told)
-            way = teleop.KEYS[key][0]
-            self._topics.put(command, self._joints[way])
+        elif key in keyboard.KEYS:
+            command, text = keyboard.step_joint(key, command, self._limits, self._joints)
+            print(text)
+            way = keyboard.KEYS[key][0]
+            self._command_topics.send(command, self._joints[way])
         else:
-            moves, told = self._keys.press(key, self._jog, time.monotonic())
+            moves, text = self._keys.press(key, self._jog, time.monotonic())
             if moves:
                 self._stop_controller()
-            if told:
-                print(told)
+            if text:
+                print(text)
         return command
 
-    def _move(self) -> bool:
-        """Send what the drive comes to; whether anything was sent."""
-        with self._pad:
-            command = self._jog.tick(time.monotonic(), self._measured)
+    def _send_command(self) -> bool:
+        """Send the current command of the jog motion, if there is one; return whether there is."""
+        with self._jog_lock:
+            command = self._jog.update(time.monotonic(), self._measured)
         if command is None:
             return False
-        self._topics.put(command)
-        if self._jog.reason and self._jog.reason != self._told:
+        self._command_topics.send(command)
+        if self._jog.reason and self._jog.reason != self._last_reason:
             print(self._jog.reason)
-        self._told = self._jog.reason
+        self._last_reason = self._jog.reason
         return True
 
-    def _drive(self, axes: list[float], buttons: list[int]) -> None:
-        twist = twist_of(axes, buttons)
+    def _handle_gamepad(self, axes: list[float], buttons: list[int]) -> None:
+        twist = compute_twist(axes, buttons)
         if twist is None:
             return
         self._stop_controller()
-        with self._pad:
-            self._jog.twist(twist, time.monotonic())
+        with self._jog_lock:
+            self._jog.set_twist(twist, time.monotonic())
 
     def _stop_controller(self) -> None:
-        """Once: a controller that servoes would command the joints as well."""
-        if self._stopped:
+        """Stop the controller before the first motion, since it also commands the joints."""
+        if self._has_stopped_controller:
             return
-        self._stopped = True
-        if stop_controller(self._space):
-            print("the controller is stopped: its service start lets it go on")
+        self._has_stopped_controller = True
+        if stop_controller(self._namespace):
+            print("the controller is stopped; its service start resumes it")
 
     def _on_joints(self, message: JointState) -> None:
         with contextlib.suppress(MeasurementError):
-            self._measured = self._arm.sample(message.name, message.position).positions
-            self._heard.set()
+            self._measured = self._arm.read_joints(message.name, message.position).positions
+            self._has_joint_state.set()
 
     def _on_joy(self, message: Joy) -> None:
-        if self._heard.is_set():
-            self._drive(list(message.axes), list(message.buttons))
+        if self._has_joint_state.is_set():
+            self._handle_gamepad(list(message.axes), list(message.buttons))
 
 
 def main() -> int:
-    """Run until q or ^C; returns the exit status."""
+    """Run until q or ^C is pressed, and return the exit status."""
     if not sys.stdin.isatty():
         print("aras_teleop: needs a terminal for its keys: start it with rosrun", file=sys.stderr)
         return 1

@@ -1,14 +1,14 @@
-"""Schemes: what a user names. Most are features with a law."""
+"""Visual servoing schemes, created by name. Most schemes are one or more features with a law."""
 
-from .base import SCHEMES, Decision, JointController, Scheme
-from .composed import INTERACTIONS, Composed
+from .base import SCHEMES, JointController, Scheme, SchemeOutput
+from .feature_scheme import INTERACTIONS, FeatureScheme
 from .registry import create_scheme
 
 __all__ = [
     "INTERACTIONS",
     "SCHEMES",
-    "Composed",
-    "Decision",
+    "FeatureScheme",
+    "SchemeOutput",
     "JointController",
     "Scheme",
     "create_scheme",

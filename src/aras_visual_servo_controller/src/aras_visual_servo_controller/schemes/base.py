@@ -1,4 +1,4 @@
-"""Base classes of schemes and joint controllers, and their answer to an image."""
+"""Base classes of schemes and joint controllers, and their output for one image."""
 
 from __future__ import annotations
 
@@ -11,37 +11,40 @@ import numpy as np
 
 from aras_visual_servo_base.registry import Registry
 
-from ..arm.joint_sample import JointSample
-from ..arm.task import Task
 from ..errors import ConfigurationError
 from ..features.base import FEATURES, Feature
 from ..goals.goal import Goal
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.task import Task
 from ..laws import Law
 from ..laws.proportional import Proportional
-from ..seeing.observation import Need, Observation
+from ..observation.observation import Need, Observation
 
 if TYPE_CHECKING:
-    from ..arm import Arm
+    from ..kinematics import Arm
 
 
 @dataclass(frozen=True, eq=False)
-class Decision:
-    """Answer to one image; k is the number of features.
+class SchemeOutput:
+    """Output of a scheme or joint controller for one image; k is the number of features.
 
-    A `Scheme` answers with a task, L v = e_dot, from which the joint velocities are computed; a
-    `JointController` answers without one. The rest is published and diagnosed.
+    A `Scheme` returns a task, L v = e_dot, from which the joint velocities are computed; a
+    `JointController` returns no task. The other fields are published and used for diagnosis.
 
     Attributes:
-        names: of the features.
+        names: names of the features.
         features, desired: (k,) s and s*.
-        error: (k,) s - s* as measured, angles wrapped: what is published and judged.
-        task: what the camera shall do; None for a controller that answers joints itself.
-        L: (k, 6) as used by the law, for the record; None where there is none.
-        residual: (m,) what L, then (m, 6), belongs to where `error` is a summary of it, as of a
-            whole image; None: the error itself.
-        rate: (k,) of the error that is not the camera's doing, as a target that moves; 1/s.
-        filtered_error: (k,) error that the law gets, if it is filtered; None: as measured.
-        up_to: camera motion that the error cannot show, as text ('180°'); empty if there is none.
+        error: (k,) measured error s - s*, angles wrapped, as published and compared with the
+            tolerances.
+        task: desired motion of the camera; None for a JointController.
+        L: (k, 6) interaction matrix used by the law, for the record; None if there is none.
+        residual: (m,) full error, with L (m, 6), if `error` only summarises it, as for whole
+            images; None if `error` is the full error.
+        error_drift: (k,) rate of the error that the camera does not cause, such as that of a moving
+            target, 1/s times the unit of s.
+        filtered_error: (k,) low-pass filtered error passed to the law; None without a filter.
+        ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
+            none.
         notes: texts for the state of the loop.
     """
 
@@ -52,19 +55,20 @@ class Decision:
     task: Task | None = None
     L: np.ndarray | None = None
     residual: np.ndarray | None = None
-    rate: np.ndarray | float = 0.0
+    error_drift: np.ndarray | float = 0.0
     filtered_error: np.ndarray | None = None
-    up_to: str = ""
+    ambiguity: str = ""
     notes: tuple[str, ...] = field(default=())
 
 
 class SchemeBase(ABC):
-    """What schemes and joint controllers have in common.
+    """Common base of schemes and joint controllers.
 
     Attributes (of the class or of the instance):
-        needs: of the image.
-        cameras: names of those that it reads; none, or '': the first, the control camera.
-        names, tolerances, units: (k,) of the features; |error| below it counts as reached.
+        needs: measurements that it needs from the image.
+        cameras: names of the cameras that it reads; '' or an empty tuple is the control camera.
+        names, tolerances, units: (k,) of the features; a feature has converged if |error| is below
+            its tolerance.
     """
 
     needs: frozenset[Need] = frozenset((Need.MOMENTS,))
@@ -74,60 +78,61 @@ class SchemeBase(ABC):
     units: Sequence[str] = ()
 
     def check(self, goal: Goal) -> None:
-        """Refuse a goal that this one cannot servo to, before anything moves.
+        """Refuse a goal that this scheme cannot servo to; called before the arm moves.
 
         Raises:
-            ConfigurationError: what the goal lacks.
+            ConfigurationError: naming what the goal lacks.
         """
 
-    def needs_of(self, *cameras: str) -> frozenset[Need]:
-        """Of the image of the camera with these names: see Feature.needs_of."""
+    def get_needs(self, *cameras: str) -> frozenset[Need]:
+        """Return what the scheme needs of one camera's image; '' names the control camera."""
         return self.needs
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | None:
-        """How well the features of this image, the last one, are measured: see Feature.accuracy."""
+        """Return the accuracy of the features in the last image; see Feature.accuracy."""
         return None
 
     def teach(self, observation: Observation) -> Mapping[str, Mapping[str, Any]]:
-        """What to keep of the view at the goal, by feature's name: see Feature.teach."""
+        """Return what the goal file stores of the view at the goal, by feature name."""
         return {}
 
 
 class Scheme(SchemeBase):
-    """Base of all schemes, also of a user's own: constructed as `YourScheme(law)`.
+    """Base class of schemes, including user-defined ones, constructed as `YourScheme(law)`.
 
     A scheme maps an observation to a task of the camera, L v = e_dot, with v in the camera's
-    optical frame (m/s, rad/s). Most schemes are one `Feature` with a law and need no class of their
-    own: the name of the feature's class is enough. Derive from `Scheme` where the twist does not
-    follow from e and L alone, as in partitioned or predictive control.
+    optical frame (m/s, rad/s). Most schemes are one `Feature` with a law and need no class: the
+    name of the feature is enough. Derive from `Scheme` if the twist does not follow from e and L
+    alone, as in partitioned or predictive control.
 
     A subclass implements `compute`.
 
-    Attributes (of the class or of the instance), besides those of SchemeBase:
-        law: as given; `gains` of it may be changed while it runs.
-        judges_camera: whether the errors have to move as L says if the camera is as believed.
+    Attributes (of the class or of the instance), in addition to those of SchemeBase:
+        law: control law; its gains can be changed while the loop runs.
+        can_check_camera: whether a deviation of the measured error from L v indicates a wrong
+            camera calibration.
     """
 
-    judges_camera: bool = True
+    can_check_camera: bool = True
 
     def __init__(self, law: Law | None = None) -> None:
         self.law = law if law is not None else Proportional()
 
     @abstractmethod
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
         """Compute the features of an image and the task that follows from them.
 
         Args:
-            observation: what is known of the image; not `valid` where the segmentation found no
+            observation: measurements of the image; not `valid` if the segmentation found no
                 target.
-            goal: what the camera sees at its goal.
+            goal: goal with its desired features.
             t: time since servoing started, or restarted after the target was lost, s.
 
         Returns:
-            The decision, with a task.
+            The output, with a task.
 
         Raises:
-            MeasurementError: this image cannot be servoed on; the arm holds still.
+            MeasurementError: this image cannot be used for control; the arm stays where it is.
         """
 
     def reset(self) -> None:
@@ -136,55 +141,56 @@ class Scheme(SchemeBase):
 
 
 class JointController(SchemeBase):
-    """A controller that answers the joints itself: MPC, second order. Constructed as `Yours()`.
+    """A controller that computes joint commands itself, such as MPC; constructed without arguments.
 
-    `see` takes in an image, and `tick` returns positions, velocities or accelerations of the n
-    joints, in the order of `arm.names`, at every joint state between images. Limits of position,
-    speed and acceleration and the watchdog apply as to any scheme.
+    `process_image` is called for each image. `update` is called for each joint state and returns
+    positions, velocities or accelerations of the n joints in the order of `arm.names`. The
+    position, speed and acceleration limits and the watchdog apply as for schemes.
 
-    A subclass implements `see` and `tick`. `self.arm` is set by `reset` before the first image.
+    A subclass implements `process_image` and `update`. `self.arm` is set by `reset` before the
+    first image.
 
-    Attributes (of the class or of the instance), besides those of SchemeBase:
-        output: what `tick` answers: 'position' (rad, m), 'velocity' or 'acceleration'.
+    Attributes (of the class or of the instance), in addition to those of SchemeBase:
+        output: quantity that `update` returns: 'position' (rad, m), 'velocity' or 'acceleration'.
     """
 
     output: str = "velocity"
 
     @abstractmethod
-    def see(self, observation: Observation, goal: Goal, t: float) -> Decision:
-        """Take in one image.
+    def process_image(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
+        """Process one image.
 
         Args:
-            observation: what is known of the image.
-            goal: what the camera sees at its goal.
+            observation: measurements of the image.
+            goal: goal with its desired features.
             t: time since servoing started, or restarted after the target was lost, s.
 
         Returns:
-            The decision, without a task; it is published and diagnosed.
+            The output, without a task; it is published and used for diagnosis.
 
         Raises:
-            MeasurementError: this image cannot be servoed on; the arm holds still.
+            MeasurementError: this image cannot be used for control; the arm stays where it is.
         """
 
     @abstractmethod
-    def tick(self, t: float, dt: float, joints: JointSample) -> np.ndarray:
-        """Compute the positions, velocities or accelerations (n,) of the joints from now on.
+    def update(self, t: float, dt: float, joints: JointSample) -> np.ndarray:
+        """Compute the positions, velocities or accelerations (n,) of the joints.
 
         Args:
             t: time since servoing started, s.
-            dt: time since the previous tick, s.
-            joints: as measured, rad or m.
+            dt: time since the previous call, s.
+            joints: measured joint positions and velocities, rad or m, per s.
 
         Returns:
-            What `output` says: rad or m, per s, or per s².
+            (n,) quantity named by `output`: rad or m, per s, or per s².
         """
 
     def reset(self, arm: Arm) -> None:
-        """Start again with this arm, without any image."""
+        """Restart with this arm and forget all images."""
         self.arm = arm
 
 
-# The name of a feature is also that of the scheme of this feature alone.
+# The name of a feature is also the name of the scheme that consists of this feature alone.
 SCHEMES = Registry(
     "scheme", __package__, (Scheme, JointController, Feature), ConfigurationError, (FEATURES,)
 )

@@ -1,4 +1,4 @@
-"""Asks a scheme what one image demands of the arm, and checks the answer before it counts."""
+"""The call of a scheme for one image, with checks of its output."""
 
 from __future__ import annotations
 
@@ -7,13 +7,13 @@ from math import inf
 
 import numpy as np
 
-from ..arm.algebra import finite
-from ..arm.task import Task
 from ..errors import SchemeError
 from ..goals.goal import Goal
-from ..seeing.observation import Observation
-from .answer_checks import as_numbers
-from .base import Decision, JointController, Scheme
+from ..kinematics.algebra import are_finite
+from ..kinematics.task import Task
+from ..observation.observation import Observation
+from .base import JointController, Scheme, SchemeOutput
+from .output_checks import to_float_array
 from .time_limit import call_user_code
 
 
@@ -24,46 +24,49 @@ def compute(
     t: float = 0.0,
     name: str = "",
     limit: float = inf,
-) -> Decision:
+) -> SchemeOutput:
     """Compute s, s*, the error e = s - s*, L and the task L v = e_dot of one image.
 
     Args:
-        scheme: the user's, or a shipped one. observation, goal: of this image, to reach.
-        t: since servoing began, s. name: of the scheme, for messages.
-        limit: time that the scheme may take, s of wall time.
+        scheme: scheme or joint controller.
+        observation: measurements of the image.
+        goal: goal with its desired features.
+        t: time since servoing started, s.
+        name: name of the scheme, for messages.
+        limit: wall time that the scheme may take, s.
 
     Returns:
-        The decision of k features, arrays in float64; its task holds L (k, 6) and the desired rate
-        (k,) of the error, and is None for a controller that answers joints.
+        The output for k features, with float64 arrays. Its task holds L (k, 6) and the desired
+        rate (k,) of the error; it is None for a joint controller.
 
     Raises:
-        MeasurementError: this image cannot be servoed on.
-        SchemeError: the scheme raised something else, or what is wrong with its answer.
-        SchemeTimeoutError: it took longer than `limit`.
+        MeasurementError: this image cannot be used for control.
+        SchemeError: the scheme raised another exception, or its output is not valid.
+        SchemeTimeoutError: the scheme took longer than `limit`.
     """
     name = name or type(scheme).__name__
     is_controller = isinstance(scheme, JointController)
-    answer = scheme.see if is_controller else scheme.compute
-    decision = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
-    if not isinstance(decision, Decision):
+    answer = scheme.process_image if is_controller else scheme.compute
+    output = call_user_code(answer, observation, goal, t, limit=limit, scheme=name)
+    if not isinstance(output, SchemeOutput):
         raise SchemeError(
-            f"scheme {name} answered {type(decision).__name__} instead of a Decision"
+            f"scheme {name} returned {type(output).__name__} instead of a SchemeOutput"
         )
-    count = len(tuple(decision.names))
+    count = len(tuple(output.names))
     arrays = {}
     for field in ("features", "desired", "error"):
-        array = as_numbers(getattr(decision, field))
+        array = to_float_array(getattr(output, field))
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
-            raise SchemeError(f"scheme {name} answered {field} of {shape} for {count} names")
+            raise SchemeError(f"scheme {name} returned {field} of {shape} for {count} names")
         arrays[field] = array
-    if not finite(*arrays.values()):
+    if not are_finite(*arrays.values()):
         for field, array in arrays.items():
             if not np.isfinite(array).all():
                 raise SchemeError(
-                    f"scheme {name} answered {field} that are not finite: {array.tolist()}"
+                    f"scheme {name} returned {field} that are not finite: {array.tolist()}"
                 )
-    tolerances = as_numbers(getattr(scheme, "tolerances", None))
+    tolerances = to_float_array(getattr(scheme, "tolerances", None))
     if tolerances is None or tolerances.shape != (count,) or not all(
         tolerance > 0.0 for tolerance in tolerances.tolist()
     ):
@@ -71,17 +74,18 @@ def compute(
             f"scheme {name} has tolerances {getattr(scheme, 'tolerances', None)}: {count} numbers "
             "above 0 are needed, one for each name"
         )
-    rate = as_numbers(decision.rate)
+    rate = to_float_array(output.error_drift)
     if rate is None or rate.shape not in ((), (count,)) or not np.isfinite(rate).all():
         raise SchemeError(
-            f"scheme {name} answered the rate {decision.rate}: one finite number for each name"
+            f"scheme {name} returned the error_drift {output.error_drift}: one finite number for "
+            "each name is needed"
         )
     if is_controller:
-        return dataclasses.replace(decision, task=None, **arrays)
-    if not isinstance(decision.task, Task):
+        return dataclasses.replace(output, task=None, **arrays)
+    if not isinstance(output.task, Task):
         raise SchemeError(
-            f"scheme {name} answered the task {type(decision.task).__name__} instead of a Task"
+            f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
-    if all(arrays[field] is getattr(decision, field) for field in arrays):
-        return decision  # as most are
-    return dataclasses.replace(decision, **arrays)
+    if all(arrays[field] is getattr(output, field) for field in arrays):
+        return output  # the usual case: no array was converted
+    return dataclasses.replace(output, **arrays)

@@ -1,4 +1,4 @@
-"""Hybrid control: the motion along and about the optical axis is decided apart from the rest."""
+"""Partitioned control: motion along and about the optical axis has its own control law."""
 
 from __future__ import annotations
 
@@ -6,58 +6,64 @@ import numpy as np
 
 from aras_visual_servo_camera.polygons import signed_area
 
-from ..arm.algebra import ROUNDING_PART, least_squares
-from ..arm.task import Task
 from ..errors import MeasurementError
 from ..features.base import wrap
 from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
-from ..seeing.observation import Observation
-from .base import SCHEMES, Decision
-from .of_feature import OfFeature
+from ..kinematics.algebra import ROUNDING_TOLERANCE, solve_least_squares
+from ..kinematics.task import Task
+from ..observation.observation import Observation
+from .base import SCHEMES, SchemeOutput
+from .feature_scheme_base import FeatureSchemeBase
 
-ALONG = np.array([False, False, True, False, False, True])  # vz, wz
+AXIAL_DIRECTIONS = np.array([False, False, True, False, False, True])  # vz, wz
 
 
 @SCHEMES.register("partitioned")
-class Partitioned(OfFeature):
-    """vz by the root of the points' area, wz by the angle of their first edge, the rest by L.
+class Partitioned(FeatureSchemeBase):
+    """Partitioned scheme: vz from the area, wz from the angle of an edge, the rest from L.
 
-    With s = log(area) / 2 and theta the angle of the edge, vz = gain Z (s* - s) and wz = gain
-    (theta - theta*); of the points' wanted rate what these two bring about is taken off before
-    the other four are solved for. No camera retreat: a turn asks for no translation. Reference:
-    P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo control,
-    IEEE Transactions on Robotics and Automation 17(4), 2001.
+    With s = log(area) / 2 and theta the angle of the first edge of the points,
+    vz = gain Z (s* - s) and wz = gain (theta - theta*). The effect of vz and wz is subtracted from
+    the desired rate of the points before the other four components are computed from L. The
+    camera does not retreat, since a rotation about the optical axis causes no translation.
+
+    Reference: P. Corke and S. Hutchinson, A new partitioned approach to image-based visual servo
+    control, IEEE Transactions on Robotics and Automation 17(4), 2001.
     """
 
-    made_of = NumberedPoints
+    feature_class = NumberedPoints
 
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
-        """See Scheme.compute."""
-        measured = self.checked(self.feature.measure(self.visible(observation), goal))
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
+        """Compute the features of an image and the camera task."""
+        measured = self.check_measurement(
+            self.feature.measure(self.require_visible(observation), goal)
+        )
         L, error = measured.L, measured.error
         points, desired = measured.s.reshape(-1, 2), measured.desired.reshape(-1, 2)
-        rotated = least_squares(L, error, ROUNDING_PART)
-        wanted = self.law.rate(error, L, rotated, t, observation.dt)
+        camera_error = solve_least_squares(L, error, ROUNDING_TOLERANCE)
+        desired_rate = self.law.desired_error_rate(error, L, camera_error, t, observation.dt)
         size = float(np.linalg.norm(error))
-        gain = -float(wanted @ error) / size**2 if size > 0.0 else 0.0
+        gain = -float(desired_rate @ error) / size**2 if size > 0.0 else 0.0
         depth = float(np.mean(-1.0 / L[0::2, 0]))
         twist = np.zeros(6)
-        twist[2] = gain * depth * 0.5 * np.log(_area(desired) / _area(points))
-        twist[5] = gain * float(wrap(_angle(points) - _angle(desired)))
-        rest = wanted - measured.rate - L @ twist
-        twist[~ALONG] = least_squares(np.ascontiguousarray(L[:, ~ALONG]), rest, ROUNDING_PART)
-        return Decision(
+        twist[2] = gain * depth * 0.5 * np.log(_compute_area(desired) / _compute_area(points))
+        twist[5] = gain * float(wrap(_compute_angle(points) - _compute_angle(desired)))
+        rest = desired_rate - measured.error_drift - L @ twist
+        twist[~AXIAL_DIRECTIONS] = solve_least_squares(
+            np.ascontiguousarray(L[:, ~AXIAL_DIRECTIONS]), rest, ROUNDING_TOLERANCE
+        )
+        return SchemeOutput(
             names=self.names, features=measured.s, desired=measured.desired, error=error,
-            task=Task.of_twist(twist), L=L, up_to=measured.up_to, notes=measured.notes,
+            task=Task.from_twist(twist), L=L, ambiguity=measured.ambiguity, notes=measured.notes,
         )  # fmt: skip
 
 
-def _area(points: np.ndarray) -> float:
-    """Of a polygon (n, 2).
+def _compute_area(points: np.ndarray) -> float:
+    """Return the area of a polygon (n, 2).
 
     Raises:
-        MeasurementError: it has none.
+        MeasurementError: the area is zero.
     """
     area = abs(signed_area(points))
     if area < 1e-12:
@@ -65,7 +71,7 @@ def _area(points: np.ndarray) -> float:
     return area
 
 
-def _angle(points: np.ndarray) -> float:
-    """Of the first edge, rad."""
+def _compute_angle(points: np.ndarray) -> float:
+    """Return the angle of the first edge of the points, rad."""
     dx, dy = points[1] - points[0]
     return float(np.arctan2(dy, dx))

@@ -6,82 +6,85 @@ from typing import ClassVar
 
 import numpy as np
 
-from ..arm.task import Task
 from ..errors import MeasurementError
 from ..features.corners import NumberedPoints
 from ..goals.goal import Goal
+from ..kinematics.task import Task
 from ..laws import Law
-from ..seeing.observation import Observation
-from .base import SCHEMES, Decision
-from .of_feature import OfFeature
+from ..observation.observation import Observation
+from .base import SCHEMES, SchemeOutput
+from .feature_scheme_base import FeatureSchemeBase
 
-GAIN = 1.0  # 1/s, of a law that says none
+GAIN = 1.0  # 1/s, for laws without a parameter `gain`
 
 
 @SCHEMES.register("predictive")
-class Predictive(OfFeature):
-    """The twist whose predicted path of the points fits a decay best and never leaves the picture.
+class Predictive(FeatureSchemeBase):
+    """Model-predictive scheme: points follow an exponential decay and stay inside the image.
 
-    Over `horizon` seconds the camera flies with one twist v; at each of `steps` instants the
-    points are s + j dt L v. Minimised is the sum of squares of their distances from s* + (s - s*)
-    exp(-gain j dt) and of `effort` times the twist, subject to |v| <= `speed`, with lengths in the
-    goal's distance, and to every
-    predicted point `margin` pixels inside of the picture (a point that is nearer than that to the
-    border must not go further out). Solved by SciPy's sequential least squares programming.
-    Joints' limits are the resolver's. Reference: G. Allibert, E. Courtial and F. Chaumette,
-    Predictive control for constrained image-based visual servoing, IEEE T-RO 26(5), 2010.
+    Over `horizon` s the camera moves with a constant twist v. The predicted points at the `steps`
+    instants are s + j dt L v. The scheme minimises the squared distances of the predicted points
+    from s* + (s - s*) exp(-gain j dt), plus `effort` |v|^2, subject to |v| <= `speed`, with
+    lengths in units of the distance at the goal. Predicted points must stay `margin` pixels inside
+    the image; a point that is already closer to the border must not move outwards. SciPy's
+    sequential least squares programming solves this problem. Joint limits are not included; the
+    inverse kinematics applies them.
+
+    Reference: G. Allibert, E. Courtial and F. Chaumette, Predictive control for constrained
+    image-based visual servoing, IEEE T-RO 26(5), 2010.
     """
 
-    made_of = NumberedPoints
+    feature_class = NumberedPoints
     horizon: ClassVar[float] = 0.4
     steps: ClassVar[int] = 4
     effort: ClassVar[float] = 1e-4
     speed: ClassVar[tuple[float, ...]] = (1.0, 1.0, 1.0, 1.5, 1.5, 1.5)
-    margin: ClassVar[float] = 12.0  # what the linear prediction errs by at these speeds
+    margin: ClassVar[float] = 12.0  # px; error of the linear prediction at these speeds
 
     def __init__(self, law: Law | None = None) -> None:
         super().__init__(law)
-        # here, because it is loaded for a third of a second: nobody else's start waits for it
+        # Imported here because the import takes a third of a second.
         from scipy.optimize import minimize
 
         self._minimize = minimize
-        self._last = np.zeros(6)
+        self._last_twist = np.zeros(6)
 
     def reset(self) -> None:
-        """See Scheme.reset."""
+        """Forget earlier images."""
         super().reset()
-        self._last = np.zeros(6)
+        self._last_twist = np.zeros(6)
 
-    def compute(self, observation: Observation, goal: Goal, t: float) -> Decision:
-        """See Scheme.compute."""
-        measured = self.checked(self.feature.measure(self.visible(observation), goal))
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
+        """Compute the features of an image and the camera task."""
+        measured = self.check_measurement(
+            self.feature.measure(self.require_visible(observation), goal)
+        )
         scale = np.repeat((goal.distance, 1.0), 3)
-        self._last, note = self._planned(
+        self._last_twist, note = self._plan_twist(
             observation, measured.error, measured.s, measured.L * scale
         )
-        twist = scale * self._last
-        return Decision(
+        twist = scale * self._last_twist
+        return SchemeOutput(
             names=self.names, features=measured.s, desired=measured.desired,
-            error=measured.error, task=Task.of_twist(twist), L=measured.L,
-            up_to=measured.up_to, notes=(*measured.notes, note) if note else measured.notes,
+            error=measured.error, task=Task.from_twist(twist), L=measured.L,
+            ambiguity=measured.ambiguity, notes=(*measured.notes, note) if note else measured.notes,
         )  # fmt: skip
 
-    def _planned(
+    def _plan_twist(
         self, observation: Observation, error: np.ndarray, s: np.ndarray, L: np.ndarray
     ) -> tuple[np.ndarray, str]:
-        """The twist (6,) that L (k, 6) is for, and a word where the constraints could not all be
-        kept."""
+        """Return the twist (6,) for L (k, 6), and a note if a constraint could not be met."""
         gain = float(getattr(self.law, "gain", GAIN))
         dt = self.horizon / self.steps
         times = dt * np.arange(1, self.steps + 1)
         rows = np.vstack([tau * L for tau in times])
-        wanted = np.concatenate([(np.exp(-gain * tau) - 1.0) * error for tau in times])
+        desired_change = np.concatenate([(np.exp(-gain * tau) - 1.0) * error for tau in times])
         H = rows.T @ rows + self.effort * np.eye(6)
-        g = -rows.T @ wanted
-        low, high = self._borders(observation, s)
+        g = -rows.T @ desired_change
+        low, high = self._compute_borders(observation, s)
         ahead = self.horizon * L
         found = self._minimize(
-            lambda v: 0.5 * v @ H @ v + g @ v, self._last, jac=lambda v: H @ v + g,
+            lambda v: 0.5 * v @ H @ v + g @ v, self._last_twist, jac=lambda v: H @ v + g,
             method="SLSQP", bounds=[(-most, most) for most in self.speed],
             constraints=[
                 {"type": "ineq", "fun": lambda v: high - s - ahead @ v, "jac": lambda v: -ahead},
@@ -91,10 +94,12 @@ class Predictive(OfFeature):
         )  # fmt: skip
         if not np.isfinite(found.x).all():
             raise MeasurementError("the predicted path cannot be fitted")
-        return found.x, "" if found.success else "visibility cannot be kept on this way"
+        return found.x, "" if found.success else "the target cannot be kept in view on this path"
 
-    def _borders(self, observation: Observation, s: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Least and greatest normalised coordinates (k,) of points in the picture."""
+    def _compute_borders(
+        self, observation: Observation, s: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """Return the lower and upper bounds (k,) of normalised coordinates inside the image."""
         camera, margin = observation.camera, self.margin
         middle_u, middle_v = 0.5 * (camera.width - 1), 0.5 * (camera.height - 1)
         u = np.array([margin, camera.width - 1 - margin, middle_u, middle_u])

@@ -1,4 +1,4 @@
-"""Make a scheme by its name: a Scheme, a JointController, or Features with a law."""
+"""Construction of schemes by name."""
 
 from __future__ import annotations
 
@@ -11,9 +11,9 @@ from aras_visual_servo_base.registry import construct
 from ..errors import ConfigurationError
 from ..features.base import Feature
 from ..laws import Law
-from ..seeing.observation import Need
+from ..observation.observation import Need
 from .base import SCHEMES, JointController, Scheme
-from .composed import Composed
+from .feature_scheme import FeatureScheme
 
 
 def create_scheme(
@@ -22,28 +22,30 @@ def create_scheme(
     weights: Sequence[float] | None = None,
     **options: object,
 ) -> Scheme | JointController:
-    """Make a scheme by its short name, 'package.module:Class', or the names of several features.
+    """Create a scheme from its name, 'package.module:Class', or the names of several features.
 
-    A feature becomes a scheme with the law: L v = f(e). Several features are stacked: s, e and L
-    one below the other.
+    A feature becomes a scheme with the law: L v = f(e). Several features are stacked: their s, e
+    and L are concatenated.
 
     Args:
-        name: a scheme, a feature, or several features (a list, or joined by '+'). Cameras that it
-            reads other than the first follow an '@': 'points@right', 'stereo_points@left,right'.
-        law: control law; None: proportional. Controllers that answer joints have their own.
-        weights: one for each of several features, multiplied with its rows of e and L.
-        options: of features: interaction ('current', 'desired', 'mean' or 'estimated') and
-            smoothing (time constant of a low-pass on the error, s).
+        name: a scheme, a feature, or several features (a list, or joined by '+'). The cameras of a
+            feature, if not the control camera, follow an '@': 'points@right',
+            'stereo_points@left,right'.
+        law: control law; None: proportional. Joint controllers do not use it.
+        weights: one weight for each feature, applied to its rows of e and L.
+        options: options of features: `interaction` ('current', 'desired', 'mean' or 'estimated')
+            and `smoothing` (time constant of a low-pass filter on the error, s).
 
     Returns:
         The scheme, or the joint controller.
 
     Raises:
-        ConfigurationError: unknown name; what its constructor raised; an option it does not take.
+        ConfigurationError: the name is unknown, the constructor failed, or an option does not
+            apply to the scheme.
     """
     names = name.split("+") if isinstance(name, str) else list(name)
     parts = [part.partition("@") for part in names]
-    names, cameras = [p[0].strip() for p in parts], [_cameras_of(p[2]) for p in parts]
+    names, cameras = [p[0].strip() for p in parts], [_split_camera_names(p[2]) for p in parts]
     for part, read in zip(parts, cameras, strict=True):
         if part[1] and not (part[2].strip() and all(read)):
             raise ConfigurationError(f"scheme '{name}': a camera's name is missing behind the @")
@@ -53,42 +55,49 @@ def create_scheme(
         given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
         if given or weights is not None:
             raise ConfigurationError(
-                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: it is no composition"
+                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: only features do"
             )
         own = (law,) if issubclass(cls, Scheme) else ()
-        made = checked(construct("scheme", names[0], cls, ConfigurationError, *own), names[0])
+        made = check_scheme(construct("scheme", names[0], cls, ConfigurationError, *own), names[0])
         if cameras[0]:
             if len(cameras[0]) > 1:
                 raise ConfigurationError(f"scheme '{names[0]}' reads one camera: {name} names more")
             made.cameras = cameras[0]
         return made
     if wrong := [n for n, cls in zip(names, found, strict=True) if not issubclass(cls, Feature)]:
-        raise ConfigurationError(f"scheme '{wrong[0]}' is no feature: it cannot be stacked")
+        raise ConfigurationError(f"scheme '{wrong[0]}' is not a feature and cannot be stacked")
     features = [
         construct("scheme", n, cls, ConfigurationError)
         for n, cls in zip(names, found, strict=True)
     ]
     for i, (feature, part) in enumerate(zip(features, names, strict=True)):
-        features[i] = _read_by(checked(feature, part), part, cameras[i])
+        features[i] = _assign_cameras(check_scheme(feature, part), part, cameras[i])
     if len(features) == 1 and weights is None:
         options.setdefault("ratio", getattr(features[0], "ratio", None))
     return construct(
-        "scheme", str(name), Composed, ConfigurationError, features, law, weights=weights, **options
+        "scheme",
+        str(name),
+        FeatureScheme,
+        ConfigurationError,
+        features,
+        law,
+        weights=weights,
+        **options,
     )
 
 
-def _cameras_of(text: str) -> tuple[str, ...]:
-    """Names of cameras apart by commas; none of an empty text."""
+def _split_camera_names(text: str) -> tuple[str, ...]:
+    """Split the comma-separated camera names of a text; an empty text has none."""
     return tuple(part.strip() for part in text.split(",")) if text else ()
 
 
-def _read_by(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
-    """The feature, reading these cameras; none: as it says itself.
+def _assign_cameras(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
+    """Return the feature set to read these cameras; without any, its own cameras are used.
 
     Raises:
-        ConfigurationError: it reads more of them, or fewer.
+        ConfigurationError: the feature reads another number of cameras.
     """
-    count = max(feature.reads, len(feature.cameras))
+    count = max(feature.camera_count, len(feature.cameras))
     if cameras and len(cameras) != count or not cameras and count > max(len(feature.cameras), 1):
         example = ",".join(("left", "right", "third", "fourth")[:count])
         raise ConfigurationError(
@@ -98,32 +107,32 @@ def _read_by(feature: Feature, name: str, cameras: tuple[str, ...]) -> Feature:
     if not cameras:
         return feature
     if count == 1:
-        from ..features.of_camera import OfCamera
+        from ..features.remote_camera_feature import RemoteCameraFeature
 
-        return OfCamera(feature, cameras[0])
+        return RemoteCameraFeature(feature, cameras[0])
     feature.cameras = cameras
     return feature
 
 
-def checked(made: object, name: str) -> object:
-    """The scheme or feature, if it says what it has to.
+def check_scheme(scheme: object, name: str) -> object:
+    """Return the scheme or feature with its attributes checked and converted.
 
     Raises:
-        ConfigurationError: names, tolerances or needs are missing or do not fit.
+        ConfigurationError: `names`, `tolerances` or `needs` are missing or do not fit together.
     """
     for attribute in ("names", "tolerances", "needs"):
-        if not hasattr(made, attribute):
-            raise ConfigurationError(f"scheme '{name}': {type(made).__name__} has no {attribute}")
+        if not hasattr(scheme, attribute):
+            raise ConfigurationError(f"scheme '{name}': {type(scheme).__name__} has no {attribute}")
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
-        if isinstance(getattr(made, attribute), single):  # one, not in a tuple
-            value = getattr(made, attribute)
-            setattr(made, attribute, (value,) if value else ())
-    if np.ndim(made.tolerances) == 0 and isinstance(made.tolerances, int | float):
-        made.tolerances = (made.tolerances,) * len(made.names)
+        if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
+            value = getattr(scheme, attribute)
+            setattr(scheme, attribute, (value,) if value else ())
+    if np.ndim(scheme.tolerances) == 0 and isinstance(scheme.tolerances, int | float):
+        scheme.tolerances = (scheme.tolerances,) * len(scheme.names)
     try:
-        tolerances = [float(t) for t in made.tolerances]
-        count = len(tuple(made.names))
-        made.needs = frozenset(made.needs)
+        tolerances = [float(t) for t in scheme.tolerances]
+        count = len(tuple(scheme.names))
+        scheme.needs = frozenset(scheme.needs)
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"scheme '{name}': {error}") from error
     if len(tolerances) != count or count == 0 or not all(t > 0.0 for t in tolerances):
@@ -131,4 +140,4 @@ def checked(made: object, name: str) -> object:
             f"scheme '{name}': {count} names but tolerances {tolerances}; one number above 0 for "
             "each feature is needed"
         )
-    return made
+    return scheme

@@ -1,12 +1,12 @@
-"""A limit of the time that a user's code may take.
+"""Time limits for user-defined code.
 
-One thread looks every PERIOD at the calls under way, and raises in what runs beyond its limit. It
-counts its own looks: a process that was stopped, or a person at a debugger's prompt, takes no time.
-It ends while there is nothing to look at, so that a process at rest has no thread of it.
+A watchdog thread checks all running calls every CHECK_PERIOD and raises an exception in a call
+that exceeds its limit. Time is counted in checks, so that a suspended process, or a process at a
+debugger's prompt, uses none. The thread ends when there are no calls to check.
 
-Python raises between two of its instructions. A call that waits without end outside of Python is
-interrupted by a signal in the main thread, and in no other; compiled code that keeps the
-interpreter, and code that catches everything and continues, are interrupted nowhere.
+Python raises the exception between two bytecode instructions. A call that blocks outside of Python
+can be interrupted only in the main thread, by a signal. Compiled code that holds the interpreter
+lock, and code that catches all exceptions and continues, cannot be interrupted.
 """
 
 from __future__ import annotations
@@ -24,68 +24,72 @@ from pathlib import Path
 from types import FrameType, TracebackType
 from typing import TypeVar
 
-from aras_visual_servo_base.names import words
+from aras_visual_servo_base.names import format_error
 
 from ..errors import MeasurementError, SchemeError, SchemeTimeoutError
 
 T = TypeVar("T")
 
-PERIOD = 0.25  # s between two looks
-INSISTENCE = 4  # looks from one interruption to the next
-IDLE = 4  # looks without a call after which the thread ends
-PYTHON = str(Path(os.__file__).parent)
-# Interrupts a wait in the main thread: SIGINT is ignored in a process that a script has started in
-# the background.
-WAKE = signal.SIGRTMAX
-DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")  # modules of which one runs at a prompt
+CHECK_PERIOD = 0.25  # s between two checks
+RETRY_CHECKS = 4  # checks from one interruption to the next
+IDLE_CHECKS = 4  # checks without a running call after which the thread ends
+PYTHON_FOLDER = str(Path(os.__file__).parent)
+# Interrupts a blocking call in the main thread. SIGINT is not used, because a process that a script
+# has started in the background ignores it.
+WAKE_SIGNAL = signal.SIGRTMAX
+DEBUGGERS = ("bdb", "pydevd", "_pydevd_bundle")  # modules that run at a debugger's prompt
 
 
 class Interruption(BaseException):
-    """Raised in a call that takes too long: no Exception, so that fewer users' code catches it."""
+    """Exception raised in a call that takes too long.
+
+    It is not an `Exception`, so that `except Exception` in user code does not catch it.
+    """
 
 
 class _Call:
-    """A call under way: its thread, the looks that it may still take, how it was interrupted."""
+    """A running call: its thread, the checks left until its limit, and its state."""
 
-    __slots__ = ("done", "interrupted", "interrupting", "looks", "thread")
+    __slots__ = ("is_done", "is_interrupted", "is_interrupting", "remaining_checks", "thread")
 
     def __init__(self, limit: float) -> None:
-        self.thread, self.looks = threading.get_ident(), limit / PERIOD
-        self.interrupting = self.interrupted = self.done = False
+        self.thread, self.remaining_checks = threading.get_ident(), limit / CHECK_PERIOD
+        self.is_interrupting = self.is_interrupted = self.is_done = False
 
 
 _calls: set[_Call] = set()
-_watch: threading.Thread | None = None
-_starting = threading.Lock()
+_watch_thread: threading.Thread | None = None
+_thread_lock = threading.Lock()
 
 
 def call_user_code(
     call: Callable[..., T], *arguments: object, limit: float, scheme: str = ""
 ) -> T:
-    """Call a function of a user's code within a time limit; returns its answer.
+    """Call a function of user-defined code within a time limit, and return its result.
 
     Args:
-        limit: s of wall time that it may take, at least; up to two PERIODs more.
-        scheme: name under which its errors are reported; '': they pass as they are.
+        limit: wall time that the call may take, s; the interruption can come two CHECK_PERIODs
+            later.
+        scheme: name of the scheme in messages; '': exceptions are passed on unchanged.
 
     Raises:
-        SchemeTimeoutError: it took longer: which function, and where it was.
-        MeasurementError: as raised by the call: this image cannot be servoed on.
-        SchemeError: with a scheme's name, whatever else it raised, SystemExit included.
+        SchemeTimeoutError: the call took longer; the message names the function and its line.
+        MeasurementError: raised by the call: this image cannot be used for control.
+        SchemeError: any other exception of the call, including SystemExit, if `scheme` is given.
     """
     here = _Call(limit)
     try:
         try:
             _calls.add(here)
-            if _watch is None:
-                _look_on()
+            if _watch_thread is None:
+                _start_watch()
             return call(*arguments)
         finally:
-            _end(here)
-    except BaseException as error:  # code on the way out may raise something else in its place
-        _end(here)
-        if here.interrupted:
-            place = _place(error.__traceback__)
+            _end_call(here)
+    except BaseException as error:  # clean-up code of the call can raise another exception
+        _end_call(here)
+        if here.is_interrupted:
+            place = _find_place(error.__traceback__)
             owner = getattr(call, "__self__", None)
             name = call.__name__ if owner is None else f"{type(owner).__name__}.{call.__name__}"
             text = f"{name} did not end within {limit:g} s: it was in {place}"
@@ -95,90 +99,90 @@ def call_user_code(
         if not scheme or isinstance(error, (MeasurementError, SchemeError, KeyboardInterrupt)):
             raise
         raise SchemeError(
-            f"scheme {scheme} raised {words(error)}", traceback.format_exc()
+            f"scheme {scheme} raised {format_error(error)}", traceback.format_exc()
         ) from error
 
 
-def _end(here: _Call) -> None:
-    """The call is over: nothing is to be raised for it any more."""
-    here.done = True
+def _end_call(here: _Call) -> None:
+    """Mark a call as finished, and cancel an exception that is still pending for it."""
+    here.is_done = True
     _calls.discard(here)
-    while here.interrupting:
+    while here.is_interrupting:
         time.sleep(0.0)
-    if here.interrupted:
+    if here.is_interrupted:
         ctypes.pythonapi.PyThreadState_SetAsyncExc(ctypes.c_ulong(here.thread), None)
 
 
-def _place(trace: TracebackType) -> str:
-    """The innermost function of a traceback that is none of Python's own, and its line."""
+def _find_place(trace: TracebackType) -> str:
+    """Return the innermost function and line of a traceback outside of the standard library."""
     place = ""
     while trace is not None:
         code = trace.tb_frame.f_code
-        if not code.co_filename.startswith(PYTHON):
+        if not code.co_filename.startswith(PYTHON_FOLDER):
             place = f"{code.co_qualname} ({Path(code.co_filename).name}, line {trace.tb_lineno})"
         trace = trace.tb_next
     return place
 
 
-def _look_on() -> None:
-    global _watch
+def _start_watch() -> None:
+    global _watch_thread
     if threading.current_thread() is threading.main_thread():
-        signal.signal(WAKE, _wake)
-    with _starting:
-        if _watch is None:
-            _watch = threading.Thread(target=_look, name="time limits", daemon=True)
-            _watch.start()
+        signal.signal(WAKE_SIGNAL, _wake)
+    with _thread_lock:
+        if _watch_thread is None:
+            _watch_thread = threading.Thread(target=_watch_calls, name="time limits", daemon=True)
+            _watch_thread.start()
 
 
-def _look() -> None:
-    """Look at the calls until none has been seen at IDLE looks."""
-    global _watch
+def _watch_calls() -> None:
+    """Check the running calls until there has been none for IDLE_CHECKS checks."""
+    global _watch_thread
     known: set[_Call] = set()
-    idle, pause = 0, threading.Event()  # a user's code, or a test, may replace time.sleep
+    idle, pause = 0, threading.Event()  # not time.sleep, which user code or a test can replace
     while True:
-        pause.wait(PERIOD)
+        pause.wait(CHECK_PERIOD)
         now = set(_calls)
         for call in now & known:
-            call.looks -= 1
-            if call.looks <= 0:
+            call.remaining_checks -= 1
+            if call.remaining_checks <= 0:
                 _interrupt(call)
         known, idle = now, 0 if now else idle + 1
-        if idle >= IDLE:
-            with _starting:
-                if not _calls:  # a call that is added now finds no thread, and starts one
-                    _watch = None
+        if idle >= IDLE_CHECKS:
+            with _thread_lock:
+                if not _calls:  # a call added from now on starts a new thread
+                    _watch_thread = None
                     return
 
 
 def _interrupt(call: _Call) -> None:
-    """Raise in a call that is still under way."""
+    """Raise the Interruption in a call that is still running."""
     frame = sys._current_frames().get(call.thread)
     if _is_debugged(frame):
         return
-    call.looks += INSISTENCE
-    again = call.interrupted
-    call.interrupting = True  # before the look whether it is done: see _end
-    if not call.done:
-        call.interrupted = True
+    call.remaining_checks += RETRY_CHECKS
+    again = call.is_interrupted
+    call.is_interrupting = True  # set before `is_done` is read; see _end_call
+    if not call.is_done:
+        call.is_interrupted = True
         ctypes.pythonapi.PyThreadState_SetAsyncExc(
             ctypes.c_ulong(call.thread), ctypes.py_object(Interruption)
         )
         main = threading.main_thread().ident == call.thread
-        if again and main and signal.getsignal(WAKE) is _wake:
+        if again and main and signal.getsignal(WAKE_SIGNAL) is _wake:
             with contextlib.suppress(OSError):
-                signal.pthread_kill(call.thread, WAKE)
-    call.interrupting = False
+                signal.pthread_kill(call.thread, WAKE_SIGNAL)
+    call.is_interrupting = False
 
 
 def _wake(*_: object) -> None:
-    """Raise in the main thread, unless the call has ended meanwhile."""
+    """Raise the Interruption in the main thread, unless the call has ended in the meantime."""
     here = threading.main_thread().ident
-    if any(call.interrupted and not call.done and call.thread == here for call in _calls):
+    if any(call.is_interrupted and not call.is_done and call.thread == here for call in _calls):
         raise Interruption
 
 
 def _is_debugged(frame: FrameType | None) -> bool:
-    """Whether a debugger's prompt waits for a person."""
+    """Return whether a thread is at a debugger's prompt."""
     while frame is not None:
         if str(frame.f_globals.get("__name__")).partition(".")[0] in DEBUGGERS:
             return True
@@ -186,11 +190,11 @@ def _is_debugged(frame: FrameType | None) -> bool:
     return False
 
 
-def _forget() -> None:
-    """A child process has none of the calls and no thread."""
-    global _starting, _watch
-    _starting, _watch = threading.Lock(), None
+def _reset_after_fork() -> None:
+    """Clear the calls and the thread in a forked child process, where they do not exist."""
+    global _thread_lock, _watch_thread
+    _thread_lock, _watch_thread = threading.Lock(), None
     _calls.clear()
 
 
-os.register_at_fork(after_in_child=_forget)
+os.register_at_fork(after_in_child=_reset_after_fork)

@@ -1,4 +1,4 @@
-"""Find controller managers of a graph, list their controllers, and pick among these."""
+"""Find controller managers in the ROS graph, and list and filter their controllers."""
 
 from __future__ import annotations
 
@@ -28,7 +28,7 @@ _SERVICES = {
 
 
 def is_controller_manager(namespace: str) -> bool:
-    """Whether `namespace` (/robot/controller_manager) has all services of such a manager."""
+    """Return whether a namespace (/robot/controller_manager) has all services of a manager."""
     return all(_type_of(rosgraph.names.ns_join(namespace, name)) == kind
                for name, kind in _SERVICES.items())
 
@@ -43,49 +43,49 @@ def _type_of(service: str) -> str | None:
 def get_controller_managers(
     namespace: str = "/", initial_guess: Iterable[str] | None = None
 ) -> list[str]:
-    """Namespaces of the controller managers at or below `namespace`, sorted.
+    """Return the sorted namespaces of the controller managers at or below `namespace`.
 
-    initial_guess: those of a look before. One that still lists controllers counts without a look
-    at its other services.
+    initial_guess: managers found by an earlier call. If such a manager still lists controllers, its
+    other services are not checked again.
     """
     below = rosgraph.names.make_global_ns(namespace)
     try:
         services = rosservice.get_service_list()
     except rosservice.ROSServiceException:
         return []
-    ending = "/list_controllers"
-    places = {name.removesuffix(ending) or "/" for name in services if name.endswith(ending)}
+    suffix = "/list_controllers"
+    managers = {name.removesuffix(suffix) or "/" for name in services if name.endswith(suffix)}
     known = set(initial_guess or ())
-    return sorted(place for place in places
-                  if rosgraph.names.make_global_ns(place).startswith(below)
-                  and (place in known or is_controller_manager(place)))
+    return sorted(manager for manager in managers
+                  if rosgraph.names.make_global_ns(manager).startswith(below)
+                  and (manager in known or is_controller_manager(manager)))
 
 
 class ControllerManagerLister:
-    """Calling it gives the controller managers below a namespace."""
+    """Callable that returns the controller managers below a namespace."""
 
     def __init__(self, namespace: str = "/") -> None:
-        """Look below `namespace`."""
+        """Create a lister for the managers at or below `namespace`."""
         self._namespace = namespace
         self._found: list[str] = []
 
     def __call__(self) -> list[str]:
-        """Namespaces of the managers that there are now."""
+        """Return the namespaces of the current managers."""
         self._found = get_controller_managers(self._namespace, self._found)
         return list(self._found)
 
 
 class ControllerLister:
-    """Calling it gives the controllers of a manager, [] while nobody answers."""
+    """Callable that returns the controllers of a manager, or [] if it does not respond."""
 
     def __init__(self, namespace: str = "/controller_manager") -> None:
-        """Ask the manager whose services stand in `namespace`."""
+        """Create a lister for the manager with services in `namespace`."""
         self.namespace = namespace
         name = rosgraph.names.ns_join(namespace, "list_controllers")
         self._service = rospy.ServiceProxy(name, ListControllers)
 
     def __call__(self) -> list[ControllerState]:
-        """The controllers that are loaded now."""
+        """Return the loaded controllers."""
         try:
             return list(self._service.call(ListControllersRequest()).controller)
         except (rospy.ServiceException, rospy.ROSException):
@@ -93,54 +93,53 @@ class ControllerLister:
 
 
 def get_rosparam_controller_names(namespace: str = "/") -> list[str]:
-    """Names of the namespaces in `namespace` whose parameter `type` is a text: what could be
-    loaded."""
+    """Return the names in `namespace` whose parameter `type` is a string, i.e. of controllers."""
     values = rospy.get_param(namespace or "/", {})
     values = values if isinstance(values, dict) else {}
-    return [name for name, own in values.items()
-            if isinstance(own, dict) and isinstance(own.get("type"), str)]
+    return [name for name, parameters in values.items()
+            if isinstance(parameters, dict) and isinstance(parameters.get("type"), str)]
 
 
 def _filter(
     controllers: Iterable[ControllerState],
     text: Callable[[ControllerState], str],
-    wanted: str,
+    pattern: str,
     match_substring: bool,
 ) -> list[ControllerState]:
-    return [one for one in controllers
-            if wanted == text(one) or match_substring and wanted in text(one)]
+    return [controller for controller in controllers
+            if pattern == text(controller) or match_substring and pattern in text(controller)]
 
 
 def filter_by_name(
     ctrl_list: Iterable[ControllerState], ctrl_name: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Those of a name."""
-    return _filter(ctrl_list, lambda one: one.name, ctrl_name, match_substring)
+    """Return the controllers with a given name."""
+    return _filter(ctrl_list, lambda controller: controller.name, ctrl_name, match_substring)
 
 
 def filter_by_type(
     ctrl_list: Iterable[ControllerState], ctrl_type: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Those of a type."""
-    return _filter(ctrl_list, lambda one: one.type, ctrl_type, match_substring)
+    """Return the controllers of a given type."""
+    return _filter(ctrl_list, lambda controller: controller.type, ctrl_type, match_substring)
 
 
 def filter_by_state(
     ctrl_list: Iterable[ControllerState], ctrl_state: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Those in a state: 'running', 'stopped'."""
-    return _filter(ctrl_list, lambda one: one.state, ctrl_state, match_substring)
+    """Return the controllers in a given state, such as 'running' or 'stopped'."""
+    return _filter(ctrl_list, lambda controller: controller.state, ctrl_state, match_substring)
 
 
 def filter_by_hardware_interface(
     ctrl_list: Iterable[ControllerState], hardware_interface: str, match_substring: bool = False
 ) -> list[ControllerState]:
-    """Those that claim something of a hardware interface."""
+    """Return the controllers that claim resources of a given hardware interface."""
     return [
-        one for one in ctrl_list
+        controller for controller in ctrl_list
         if any(hardware_interface == claim.hardware_interface
                or match_substring and hardware_interface in claim.hardware_interface
-               for claim in one.claimed_resources)
+               for claim in controller.claimed_resources)
     ]  # fmt: skip
 
 
@@ -150,15 +149,15 @@ def filter_by_resources(
     hardware_interface: str | None = None,
     match_any: bool = False,
 ) -> list[ControllerState]:
-    """Those that claim all of some resources (joints), or any of them.
+    """Return the controllers that claim all given resources (joints), or any with `match_any`.
 
-    hardware_interface: count what is claimed of this one only.
+    hardware_interface: only consider the resources of this hardware interface.
     """
-    wanted, found = set(resources), []
-    for one in ctrl_list:
-        claims = [claim for claim in one.claimed_resources
+    names, matches = set(resources), []
+    for controller in ctrl_list:
+        claims = [claim for claim in controller.claimed_resources
                   if hardware_interface in (None, claim.hardware_interface)]
         claimed = {name for claim in claims for name in claim.resources}
-        if claimed & wanted if match_any else claimed >= wanted:
-            found.append(one)
-    return found
+        if claimed & names if match_any else claimed >= names:
+            matches.append(controller)
+    return matches

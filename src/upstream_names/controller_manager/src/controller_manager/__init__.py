@@ -1,1 +1,1 @@
-"""The name under which scripts import ros_control's controller manager."""
+"""Stand-in for ros_control's Python package controller_manager."""

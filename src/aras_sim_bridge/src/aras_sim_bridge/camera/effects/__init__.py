@@ -1,4 +1,4 @@
-"""What a real camera adds to its images. `EFFECTS` has the effects that a file here declares."""
+"""Image effects of real cameras. `EFFECTS` is the registry of the effects in this package."""
 
 from .base import EFFECTS, Effect
 from .sensor import AutoExposure, EffectChain, Effects, SensorModel

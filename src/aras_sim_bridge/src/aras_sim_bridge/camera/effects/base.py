@@ -1,4 +1,4 @@
-"""What an effect on the light of an image is, also one of a user's own."""
+"""Base class of effects on the light of an image, for built-in and user-defined effects."""
 
 from __future__ import annotations
 
@@ -16,21 +16,22 @@ from ...errors import CameraError
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """An effect on the light of an image before the sensor converts it: blur, glare, dust.
+    """Effect on the light of an image before the sensor converts it: blur, glare, dust.
 
-    A subclass gives `apply`, and is named as 'package.module:Class'. Its parameters are annotated
-    attributes, with unit and bounds by `settings.parameter`: every effect is a dataclass.
+    A subclass implements `apply`, and users name it as 'package.module:Class'. Its parameters are
+    annotated attributes, with unit and bounds from `settings.parameter`; every effect is a
+    dataclass.
 
     Attributes:
         name: short name, for messages.
-        is_random: whether it draws from `random`; a goal is taught without such effects.
+        is_random: whether it uses `random`; such effects are not applied to the image of the goal.
     """
 
     name: ClassVar[str] = ""
     is_random: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make a dataclass of every effect, and name it after its class unless it is registered."""
+        """Make a dataclass of every effect; its name is that of the class until registration."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)
@@ -44,7 +45,7 @@ class Effect(ABC):
 
         Args:
             light: (rows, columns) or (rows, columns, 3) uint8; it is not changed in place.
-            random: depends on the camera's seed and the stamp of the image alone.
+            random: generator that depends only on the camera's seed and the image's stamp.
         """
 
 

@@ -1,4 +1,4 @@
-"""What a real sensor adds to the picture; everything is off by default, and seeded."""
+"""Noise and exposure of a real image sensor; all effects are off by default, and seeded."""
 
 from __future__ import annotations
 
@@ -10,29 +10,31 @@ from typing import Any
 import cv2
 import numpy as np
 
-from aras_visual_servo_base.compiled import compiled, inlined
+from aras_visual_servo_base.compiled import jit, jit_inline
 from aras_visual_servo_base.settings import check, parameter
 
 from ...errors import CameraError
 from .base import EFFECTS, Effect
 
-# A normal deviate is an odd polynomial of the sum of four uniform ones, fitted to the quantiles of
-# both by least squares: off by less than 0.008 up to 3 standard deviations and 0.025 up to 4, of
-# variance 1.00003 and kurtosis 3.0005, and at most 4.7. It needs no branch and no table, so eight
-# are made at once.
+# A normal deviate is computed as an odd polynomial of the sum of four uniform deviates, fitted to
+# the quantiles of both by least squares. The error is below 0.008 up to 3 standard deviations and
+# 0.025 up to 4; the variance is 1.00003, the kurtosis 3.0005, and the largest value 4.7. Without
+# branches and tables, eight deviates are computed at once.
 _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
-# Random sequences for each picture: a lost frame changes no other's noise. Registered effects have
-# those from _FURTHER on.
+# Independent random sequences for each image, so that a lost frame does not change the noise of
+# others. Registered effects use sequences from _FURTHER on.
 _DROP, _NOISE, _FURTHER = 0, 1, 16
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """A sensor as EMVA 1288 characterises it; a grey level is one of 255, an electron is e-.
+    """Sensor model of EMVA 1288; grey levels are those of an 8 bit image, electrons are e-.
 
-    gain: K, grey levels an e-: light of g grey levels is g / K e-, of that variance. full_well:
-    e- that a pixel holds; what is more is lost. read_noise: standard deviation in the dark, e-.
-    dark_current: e- a second, during exposure_time.
+    Attributes:
+        gain: K, grey levels per electron: light of g grey levels is g / K e-, with this variance.
+        full_well: largest number of electrons in a pixel; further ones are lost.
+        read_noise: standard deviation in the dark, e-.
+        dark_current: e-/s during exposure_time.
 
     Reference: EMVA Standard 1288, Standard for characterization of image sensors and cameras,
     release 4.0 linear, 2021.
@@ -49,21 +51,24 @@ class SensorModel:
         if full < 1.0:
             raise CameraError(
                 f"effects.sensor: a full_well of {self.full_well:g} e- at a gain of {self.gain:g} "
-                f"grey levels an electron is {full:.2g} grey levels: all would be black; raise one"
+                f"grey levels an electron is {full:.2g} grey levels: images would be black; raise "
+                "one"
             )
         if self.read_noise >= self.full_well:
             raise CameraError(
-                f"effects.sensor: read_noise {self.read_noise:g} e- drowns a full_well of "
-                f"{self.full_well:g} e-; give less of the one or more of the other"
+                f"effects.sensor: read_noise {self.read_noise:g} e- is not below the full_well of "
+                f"{self.full_well:g} e-; lower the one or raise the other"
             )
 
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """Brings the mean of the pictures to `target`, grey levels, by a factor on the light.
+    """Auto exposure: a factor on the light that brings the mean grey level to `target`.
 
-    speed: part of what is missing, as a ratio's logarithm, that the next picture makes up for.
-    least, most: of the factor, which is 1 at the first picture.
+    Attributes:
+        target: desired mean, grey levels.
+        speed: share of the logarithmic error that the next image corrects.
+        least, most: bounds of the factor, which is 1 for the first image.
     """
 
     target: float = parameter(160.0, "grey levels", above=0.0, below=255.0)
@@ -75,34 +80,43 @@ class AutoExposure:
         check(self, CameraError, "effects.auto_exposure")
         if not self.least <= 1.0 <= self.most:
             raise CameraError(
-                f"effects.auto_exposure: it begins at a factor of 1, which is not within least "
-                f"{self.least:g} and most {self.most:g}; make room for it"
+                f"effects.auto_exposure: the initial factor of 1 is not within least "
+                f"{self.least:g} and most {self.most:g}; change these bounds"
             )
 
-    def following(self, factor: float, mean: float) -> float:
-        """The factor after a picture of this mean, grey levels, was taken with another."""
+    def compute_factor(self, factor: float, mean: float) -> float:
+        """Return the factor after an image with this mean (grey levels) and the given factor."""
         missing = self.target / max(mean, 1.0)
         return float(np.clip(factor * missing**self.speed, self.least, self.most))
 
 
 @dataclass(frozen=True)
 class Effects:
-    """noise_mean, noise_stddev: Gaussian noise, grey levels of 255, independent in every channel
-    that the picture has. shot_noise: variance a grey level; a sensor of full-well capacity N
-    electrons has 255 / N. exposure: factor on the light before the sensor.
-    gain: factor after the shot noise, which it amplifies. vignetting: light lost in the corner,
-    0..1. exposure_time: s; the shutter is open that long around the stamp, with
-    exposure_samples pictures averaged. drop_probability: share of frames that are never sent.
-    sensor: its calibrated noise, in place of shot_noise. row_time: s from one row's exposure to
-    the next one's, downwards; 0: all rows at once. rows_together: rows drawn as of one instant.
-    further: effects of the registry, or 'package.module:Class', by name with their parameters; they
-    act on the light before the exposure, in this order.
+    """Effects of a camera on its images.
+
+    Attributes:
+        noise_mean, noise_stddev: Gaussian noise, grey levels of 255, independent in every channel.
+        shot_noise: variance per grey level; a sensor with a full-well capacity of N electrons has
+            255 / N.
+        exposure: factor on the light before the sensor.
+        gain: factor after the shot noise, which it amplifies.
+        vignetting: share of the light that is lost in the corners, 0..1.
+        exposure_time: s; the shutter is open for this time around the stamp.
+        exposure_samples: number of images that are averaged over the exposure time.
+        drop_probability: share of frames that are lost.
+        sensor: calibrated noise of a sensor, instead of shot_noise.
+        auto_exposure: auto exposure; None for a constant one.
+        row_time: time between the exposures of two rows, s, from top to bottom; 0 for a global
+            shutter.
+        rows_together: number of rows that are rendered for the same instant.
+        further: registered effects, or 'package.module:Class', by name with their parameters; they
+            act on the light before the exposure, in this order.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
     noise_stddev: float = parameter(0.0, least=0.0)
     shot_noise: float = parameter(0.0, least=0.0)
-    exposure: float = parameter(1.0, above=0.0)  # at 0 all pictures were black
+    exposure: float = parameter(1.0, above=0.0)  # with 0, all images would be black
     gain: float = parameter(1.0, above=0.0)
     vignetting: float = parameter(0.0, least=0.0, most=1.0)
     exposure_time: float = parameter(0.0, "s", least=0.0)
@@ -121,50 +135,50 @@ class Effects:
             return
         if self.shot_noise:
             raise CameraError(
-                f"effects.shot_noise {self.shot_noise:g}: effects.sensor has it from its gain; "
-                "leave one of them out"
+                f"effects.shot_noise {self.shot_noise:g}: effects.sensor defines the shot noise by "
+                "its gain; remove one of them"
             )
         if self.sensor.dark_current and not self.exposure_time:
             raise CameraError(
-                f"effects.sensor.dark_current {self.sensor.dark_current:g} e-/s gathers during "
-                "exposure_time, which is 0: give one above 0, or leave the dark current out"
+                f"effects.sensor.dark_current {self.sensor.dark_current:g} e-/s needs an "
+                "exposure_time, which is 0: set one above 0, or remove the dark current"
             )
 
 
     def make_further(self) -> list[Effect]:
-        """Return the registered effects; CameraError for a name or a parameter that is wrong."""
+        """Create the further effects; CameraError for a wrong name or parameter."""
         return [EFFECTS.create(name, **values) for name, values in self.further.items()]
 
 
 class EffectChain:
-    """Applies the effects to pictures of one shape, in the order light meets them.
+    """Applies the effects to images of one shape, in physical order.
 
-    What is random depends on the seed and the picture's stamp alone, so that a picture is the
-    same in every run, whoever looked at the ones before.
+    Random numbers depend only on the seed and the stamp, so that an image is the same in every run,
+    whether or not earlier images were rendered.
     """
 
     def __init__(self, effects: Effects, shape: tuple[int, ...], seed: int) -> None:
-        """Prepare for pictures of `shape` (H, W) or (H, W, 3); `seed` is at least 0."""
+        """Prepare for images of `shape` (H, W) or (H, W, 3); `seed` is at least 0."""
         self.effects = e = effects
         self._seed = seed
-        self._shade = _vignette(shape, e.vignetting, e.exposure)
-        # Of light in grey levels: its variance a level, what is added and lost, and what reading
-        # adds before the gain.
-        self._shot, self._dark, self._full, self._read = e.shot_noise, 0.0, 255.0, 0.0
+        self._shade = _compute_vignette(shape, e.vignetting, e.exposure)
+        # For light in grey levels: variance per level, added dark signal, saturation, and read
+        # noise before the gain.
+        self._shot, self._dark, self._full, self._read_noise = e.shot_noise, 0.0, 255.0, 0.0
         if (model := e.sensor) is not None:
-            self._shot, self._read = model.gain, model.gain * model.read_noise
+            self._shot, self._read_noise = model.gain, model.gain * model.read_noise
             self._dark = model.gain * model.dark_current * e.exposure_time
             self._full = model.gain * model.full_well
-        self._curve = self._curve_of(1.0)
-        self._further = e.make_further()
+        self._curve = self._compute_curve(1.0)
+        self._registered_effects = e.make_further()
 
     def is_lost(self, stamp_ns: int) -> bool:
-        """Whether the frame with this stamp, ns of simulated time, never comes."""
+        """Return whether the frame with this stamp (ns of simulated time) is lost."""
         p = self.effects.drop_probability
-        return bool(p) and self._random(stamp_ns, _DROP).random() < p
+        return bool(p) and self._make_generator(stamp_ns, _DROP).random() < p
 
-    def _curve_of(self, factor: float) -> np.ndarray | None:
-        """What each grey level of light, times a factor, becomes, (256,); None: itself."""
+    def _compute_curve(self, factor: float) -> np.ndarray | None:
+        """Return the output level (256,) of each grey level of light; None for the identity."""
         exposure, gain = factor * self.effects.exposure, self.effects.gain
         if exposure == gain == 1.0:
             return None
@@ -172,35 +186,35 @@ class EffectChain:
         return np.clip(np.round(wells * gain), 0, 255).astype(np.uint8)
 
     def apply(self, image: np.ndarray, stamp_ns: int, factor: float = 1.0) -> np.ndarray:
-        """The uint8 picture as the sensor reads it out, in a new array or unchanged.
+        """Return the uint8 image that the sensor delivers, in a new array or unchanged.
 
-        factor: on its light, of the auto exposure.
+        `factor` is the auto exposure's factor on the light.
         """
         e = self.effects
-        for index, effect in enumerate(self._further, _FURTHER):
-            image = effect.apply(image, self._random(stamp_ns, index))
+        for index, effect in enumerate(self._registered_effects, _FURTHER):
+            image = effect.apply(image, self._make_generator(stamp_ns, index))
         if self._shot:
-            return self._with_shot_noise(image, stamp_ns, factor)
+            return self._apply_shot_noise(image, stamp_ns, factor)
         if self._shade is not None:
-            # Gain in the same product: rounding before it would leave bands.
+            # Apply the gain in the same product: rounding before it would cause banding.
             image = cv2.multiply(image, self._shade, scale=factor * e.gain, dtype=cv2.CV_8U)
-            if e.gain < 1.0:  # full wells
+            if e.gain < 1.0:  # saturated pixels
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         else:
-            curve = self._curve if factor == 1.0 else self._curve_of(factor)
+            curve = self._curve if factor == 1.0 else self._compute_curve(factor)
             image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
-            image = np.ascontiguousarray(image)  # it may be a part of a larger one
+            image = np.ascontiguousarray(image)  # an effect may return part of an array
             out = np.empty_like(image)
             # Rounding to grey levels adds a variance of 1/12.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
-            _add_noise(image.reshape(-1), e.noise_mean, stddev, self._key(stamp_ns),
+            _add_noise(image.reshape(-1), e.noise_mean, stddev, self._derive_key(stamp_ns),
                        out.reshape(-1))
             return out
         return image
 
-    def _with_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
-        """Variance = gain^2 (shot * light + read^2) + noise_stddev^2; full wells stay full."""
+    def _apply_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
+        """Add noise of variance gain^2 (shot * light + read^2) + noise_stddev^2, and clip."""
         e = self.effects
         if self._shade is not None:
             light = cv2.multiply(image, self._shade, scale=factor, dtype=cv2.CV_32F)
@@ -210,27 +224,29 @@ class EffectChain:
             light = light + np.float32(self._dark)
         light = np.minimum(light, np.float32(self._full))
         spread = cv2.sqrt(light * np.float32(self._shot * e.gain**2)
-                          + np.float32((self._read * e.gain) ** 2 + e.noise_stddev**2))
+                          + np.float32((self._read_noise * e.gain) ** 2 + e.noise_stddev**2))
         noise = np.empty(image.shape, np.float32)
-        _fill_with_noise(self._key(stamp_ns), noise.reshape(-1))
+        _fill_with_noise(self._derive_key(stamp_ns), noise.reshape(-1))
         out = light * np.float32(e.gain) + cv2.multiply(spread, noise)
         if e.noise_mean:
             out += np.float32(e.noise_mean)
         return cv2.convertScaleAbs(np.maximum(out, np.float32(0.0)))
 
-    def _key(self, stamp_ns: int) -> np.uint64:
-        """Where the uniform numbers of a picture begin."""
+    def _derive_key(self, stamp_ns: int) -> np.uint64:
+        """Return the start of the uniform random numbers of an image."""
         seeds = np.random.SeedSequence([self._seed, stamp_ns, _NOISE])
         return seeds.generate_state(1, np.uint64)[0]
 
-    def _random(self, stamp_ns: int, use: int) -> np.random.Generator:
+    def _make_generator(self, stamp_ns: int, use: int) -> np.random.Generator:
         return np.random.default_rng([self._seed, stamp_ns, use])
 
 
-@inlined
-def _deviate(key, n):
-    """The n-th normal deviate from a key, float32; the uniform ones are splitmix64's (Steele, Lea
-    and Flood 2014)."""
+@jit_inline
+def _draw_normal(key, n):
+    """Return the n-th normal deviate of a key, float32.
+
+    The uniform deviates come from splitmix64 (Steele, Lea and Flood 2014).
+    """
     z = key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
     z = (z ^ (z >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
@@ -243,22 +259,22 @@ def _deviate(key, n):
     return s * (_C1 + q * (_C3 + q * (_C5 + q * _C7)))
 
 
-@compiled("u1[::1], f8, f8, u8, u1[::1]")
+@jit("u1[::1], f8, f8, u8, u1[::1]")
 def _add_noise(image, mean, stddev, key, out):
     scale, half = np.float32(stddev), np.float32(mean + 0.5)
     for i in range(len(image)):
-        grey = np.float32(image[i]) + half + scale * _deviate(key, i + 1)
+        grey = np.float32(image[i]) + half + scale * _draw_normal(key, i + 1)
         out[i] = np.uint8(min(max(grey, np.float32(0.0)), np.float32(255.0)))
 
 
-@compiled("u8, f4[::1]")
+@jit("u8, f4[::1]")
 def _fill_with_noise(key, out):
     for i in range(len(out)):
-        out[i] = _deviate(key, i + 1)
+        out[i] = _draw_normal(key, i + 1)
 
 
-def _vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
-    """float32 factors of `shape`, falling with the square of the distance from the centre."""
+def _compute_vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
+    """Return float32 factors of `shape` that fall with the square of the distance to the centre."""
     if not loss:
         return None
     height, width = shape[:2]

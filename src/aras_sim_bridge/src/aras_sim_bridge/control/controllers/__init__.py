@@ -1,6 +1,7 @@
-"""ros_control's controllers, without ROS. One file of this folder declares each with `register`.
+"""The controllers of ros_control, without ROS; each is declared in a file here with `register`.
 
-base.py documents the ports a ROS skin attaches to, registry.py how a class of your own is found.
+base.py documents the ports that the ROS layer connects to topics, and registry.py how the
+controller manager finds a controller class of a user.
 """
 
 from aras_sim_bridge.control.controllers.base import (

@@ -1,10 +1,10 @@
-"""What a controller is, and the ports through which a ROS skin (or a test) reaches it.
+"""Base class of the controllers, and the ports that connect a controller to ROS (or to a test).
 
-A controller runs in the simulation's thread, sees joint handles and simulated time, and knows
-nothing of ROS. It declares its ports; the skin gives them their topics. `C` stands for
+A controller runs in the simulation thread. It uses joint handles and simulated time, but not ROS.
+It declares its ports, and the ROS layer creates the topics. `C` stands for
 <robot namespace>/<controller name>:
 
-| class attribute | value | what the skin makes of it |
+| class attribute | value | connection made by the ROS layer |
 |---|---|---|
 | command_kind | 'float64' | C/command std_msgs/Float64 → set_command(float) |
 | | 'float64_array' | C/command std_msgs/Float64MultiArray → set_command(list[float]) |
@@ -16,17 +16,18 @@ nothing of ROS. It declares its ports; the skin gives them their topics. `C` sta
 | | 'gripper_command' | C/gripper_cmd |
 | pids (instance) | {path below C: Pid} | dynamic_reconfigure server and PidState at C/<path> |
 
-None means no such port. The paths in pids are 'pid', '<joint>/pid' (groups) or 'gains/<joint>'
-(trajectories, grippers). The types that a command, state or goal consists of stand in this module,
-in trajectory_types.py and in gripper.py; an action goes through submit_goal and cancel_goal, and
-the handles of goals.py. on_state is called synchronously from update() with an object that the
-controller does not touch again; as long as it is None, nothing is built. Every set_command may be
-called from any thread: it checks the command and puts it into the controller's slot, where the
-next update() finds the latest; starting() and a reset empty the slot. All else is the
-simulation's thread's, trajectories too.
+None means that the port does not exist. The paths in pids are 'pid', '<joint>/pid' (groups) or
+'gains/<joint>' (trajectories, grippers). The types of commands, states and goals are defined in
+this module, in trajectory_types.py and in gripper.py. Actions use submit_goal, cancel_goal and the
+handles of goals.py. update() calls on_state synchronously, with an object that the controller does
+not modify afterwards; without an on_state no object is created.
 
-A controller of your own derives from Controller, sets these attributes and is named by parameter
-(see registry.py); it gets its topics without a change here.
+set_command may be called from any thread: it checks the command and stores it in the controller's
+slot, and the next update() uses the latest one. starting() and reset() clear the slot. All other
+methods, and set_command of trajectory controllers, may only be called in the simulation thread.
+
+A user's controller derives from Controller, sets these attributes and is named by a parameter (see
+registry.py). Its topics are created automatically.
 """
 
 from collections import deque
@@ -42,20 +43,22 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-STATE_EVERY = 10  # updates per published state, as in ros_controllers
+STATE_EVERY = 10  # updates for each published state, as in ros_controllers
 
 
 def _ignore(text: str) -> None:
-    """Stand-in for a logger."""
+    """Ignore a log line."""
 
 
 @dataclass(frozen=True, slots=True)
 class Context:
-    """Where a controller lives.
+    """Name, namespace, robot and loggers of a controller.
 
-    `namespace` is the robot's, without trailing slash; `description` the robot's
-    (description.RobotDescription) or None; `robot_parameters` the mapping of the robot's
-    namespace; `warn` and `error` take a line for the log.
+    Attributes:
+        namespace: namespace of the robot, without trailing slash.
+        description: description of the robot, or None.
+        robot_parameters: parameters in the robot's namespace.
+        warn, error: log one line.
     """
 
     name: str
@@ -67,7 +70,7 @@ class Context:
 
     @property
     def where(self) -> str:
-        """Full name of the controller's own namespace."""
+        """Full name of the controller's namespace."""
         return f"{self.namespace}/{self.name}"
 
 
@@ -99,7 +102,7 @@ class JointControllerState:
 
 @dataclass(slots=True)
 class JointStates:
-    """All joints at one instant (sensor_msgs/JointState); lists of equal length."""
+    """States of all joints at one time (sensor_msgs/JointState); all lists have equal length."""
 
     stamp_ns: int
     names: tuple[str, ...]
@@ -109,19 +112,23 @@ class JointStates:
 
 
 class Controller:
-    """A joint controller as ros_control has them. Base class of all, also of your own.
+    """Base class of all joint controllers, as in ros_control, including users' controllers.
 
-    `interface` is the ros_control interface whose joints it claims; `slot` holds the last checked
-    command that no update has seen; `compiled`: it is a CommandedController whose loops the
-    compiled cycle may follow in place of `update`; `looks`: its update but looks at the joints.
-    Times are int ns of the simulated clock, periods float s.
+    Times are int ns of simulated time, periods are float s.
+
+    Attributes:
+        interface: ros_control interface through which the controller claims its joints.
+        slot: holds the last checked command that no update has used yet.
+        is_compilable: whether this is a CommandedController whose loops may be computed by the
+            compiled control cycle instead of `update`.
+        is_read_only: whether `update` only reads the joints.
     """
 
     interface: ClassVar[str] = ""
     command_kind: ClassVar[str | None] = None
     state_kind: ClassVar[str | None] = None
     action_kind: ClassVar[str | None] = None
-    compiled = looks = False
+    is_compilable = is_read_only = False
 
     def __init__(self) -> None:
         self.context = Context("")
@@ -131,57 +138,66 @@ class Controller:
         self.slot: deque[object] = deque(maxlen=1)
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Read the parameters and take the handles.
+        """Read the parameters and get the joint handles.
 
-        `hardware` is a RobotHardware, `parameters` the mapping of the controller's namespace.
-        Raises ControllerError with what is missing.
+        Args:
+            parameters: parameters in the controller's namespace.
+
+        Raises:
+            ControllerError: a parameter or joint is missing.
         """
         self.context = context
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
-        """By joint, for joints that it drives by efforts: how much the effort falls with the
-        joint's position, and with its velocity."""
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
+        """Return (stiffness, damping) of each joint that the controller drives by effort.
+
+        These are the decrease of the effort per unit of joint position and of joint velocity.
+        """
         return {}
 
     def starting(self, time_ns: int) -> None:
-        """Choose the set point so that nothing jumps; called before the first update."""
+        """Choose a set point without a jump; called before the first update."""
         self.slot.clear()
 
     def update(self, time_ns: int, period: float) -> None:
-        """One control cycle."""
+        """Run one control cycle."""
 
     def idle_until(self, time_ns: int) -> float:
-        """Up to when, ns, updates from `time_ns` on do nothing; a time before it: the next does.
-        Not asked of controllers that are `compiled`."""
+        """Return the time, ns, until which updates from `time_ns` on have no effect.
+
+        An earlier time than `time_ns` means that the next update has an effect. The method is not
+        called for controllers with `is_compilable`.
+        """
         return -inf
 
     def reset(self) -> None:
-        """The clock or the robot was put back: commands from before do not count any more."""
+        """Discard pending commands, because the clock or the robot was reset."""
         self.slot.clear()
 
-    def begin_anew(self, time_ns: int) -> None:
-        """The simulation began anew: the set point stays, integrals and last errors do not."""
+    def restart(self, time_ns: int) -> None:
+        """Restart with the simulation: keep the set point, reset PID integrals and last errors."""
         for pid in self.pids.values():
             pid.reset()
 
     def stopping(self, time_ns: int) -> None:
-        """Called when the controller stops; commands in the handles stay."""
+        """Stop the controller; the commands in the handles remain."""
 
     def set_command(self, value: object) -> None:
-        """Take a command, from any thread. Raises ControllerError if it cannot be used."""
+        """Store a command, from any thread. Raises ControllerError if it is invalid."""
         raise ControllerError(f"controller '{self.context.name}' takes no commands")
 
     @property
     def claimed_resources(self) -> tuple[ClaimedResources, ...]:
-        """Joints this controller alone may command."""
+        """Joints that only this controller may command."""
         return (
             ClaimedResources(f"hardware_interface::{self.interface}", tuple(sorted(self.joints))),
         )
 
     def take_handle(self, hardware: RobotHardware, joint: str) -> JointHandle:
-        """The handle of `joint` through `interface`.
+        """Return the handle of `joint` through `interface`.
 
-        Raises ControllerError naming the joint and those there are.
+        Raises:
+            ControllerError: the interface has no such joint; the message lists its joints.
         """
         known = hardware.interfaces[self.interface]
         if joint not in known:
@@ -189,31 +205,36 @@ class Controller:
             hint = f" ('{joint}' has a {other.interface})" if other else ""
             raise ControllerError(
                 f"controller '{self.context.name}': no joint '{joint}' in the "
-                f"{self.interface}{hint}; it has {', '.join(sorted(known)) or 'none'}. Look at "
-                f"{self.context.where} and at the robot's <transmission> tags"
+                f"{self.interface}{hint}; it has {', '.join(sorted(known)) or 'none'}. Check "
+                f"{self.context.where} and the robot's <transmission> tags"
             )
         return hardware.handles[joint]
 
 
-def names_of(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
-    """The joints that a parameter names: at least one, each once; ControllerError else."""
+def read_joint_names(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
+    """Return the joints that a parameter names.
+
+    Raises:
+        ControllerError: the list is empty, or a name is empty or repeated.
+    """
     found = read(parameters, key, tuple[str, ...], where, ControllerError)
     if not all(found) or not found or len(set(found)) < len(found):
         raise ControllerError(
-            f"parameter {where}/{key} is {list(found)}, must be a non-empty list of names, none "
-            "twice"
+            f"parameter {where}/{key} is {list(found)}, must be a non-empty list of "
+            "different names"
         )
     return found
 
 
-def checked_number(value: object, controller: str, what: str = "command") -> float:
-    """`value` as float. Raises ControllerError if it is no finite number."""
+def check_number(value: object, controller: str, what: str = "command") -> float:
+    """Return `value` as float. Raises ControllerError if it is not a finite number."""
     try:
         number = float(value)
     except (TypeError, ValueError):
-        raise ControllerError(f"controller '{controller}': {what} {value!r} is no number") from None
+        raise ControllerError(
+            f"controller '{controller}': {what} {value!r} is not a number") from None
     if not isfinite(number):
         raise ControllerError(
-            f"controller '{controller}': {what} {number} is not finite; the last one is kept"
+            f"controller '{controller}': {what} {number} is not finite; the last one stays in use"
         )
     return number

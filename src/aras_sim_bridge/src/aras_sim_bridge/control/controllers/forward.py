@@ -1,6 +1,6 @@
-"""Controllers of commanded joints, and those that hand commands on as they are.
+"""Controllers that are commanded joint by joint, and those that forward the commands unchanged.
 
-None of them zeroes its output when it stops, as upstream's do not.
+As in ros_controllers, none of them sets its output to zero when it stops.
 """
 
 from collections.abc import Mapping, Sequence
@@ -12,14 +12,14 @@ from aras_sim_bridge.control.controllers.base import (
     Context,
     Controller,
     JointControllerState,
-    checked_number,
-    names_of,
+    check_number,
+    read_joint_names,
 )
 from aras_sim_bridge.control.controllers.joint_loops import (
     FORWARD,
     LOOP_COLUMNS,
     JointLoop,
-    follow,
+    update_loops,
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
@@ -35,17 +35,19 @@ from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-# The handle's command that belongs to an interface: a column of its row.
+# Column of the handle's row that holds the command of each interface.
 COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 
 
 class CommandedController(Controller):
-    """A number a joint, in the interface's unit: of the one `joint`, or of a group's `joints`.
+    """Controller with one commanded number for each joint, in the interface's unit.
 
-    The slot holds them as a list, in the order of `joints`.
+    The joints are those of the parameter `joint`, or `joints` for a group. A command in the slot
+    is a list in the order of `joints`.
 
     Attributes:
-        loops: of the joints; rows (m, 39): theirs.
+        loops: one loop for each joint.
+        rows: (m, 39), the state of the loops.
     """
 
     command_kind = "float64"
@@ -53,14 +55,14 @@ class CommandedController(Controller):
 
     @property
     def is_group(self) -> bool:
-        """Whether it takes lists, for the joints of the parameter `joints`."""
+        """Whether the commands are lists, for the joints of the parameter `joints`."""
         return self.command_kind == "float64_array"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError for a missing joint."""
+        """Read the joints and create their loops. Raises ControllerError for a missing joint."""
         super().init(hardware, parameters, context)
         if self.is_group:
-            self.joints = names_of(parameters, "joints", context.where)
+            self.joints = read_joint_names(parameters, "joints", context.where)
         else:
             self.joints = (read(parameters, "joint", str, context.where, ControllerError),)
         handles = [self.take_handle(hardware, joint) for joint in self.joints]
@@ -69,88 +71,92 @@ class CommandedController(Controller):
         self.rows = np.zeros((len(handles), LOOP_COLUMNS))
         self.loops = [
             JointLoop(row, self.loop_kind, handle, known.index(handle.name), target, context.warn,
-                      context.name, **self._options(handle.name, parameters))
+                      context.name, **self._make_loop_options(handle.name, parameters))
             for row, handle in zip(self.rows, handles, strict=True)
         ]  # fmt: skip
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         found = {loop.handle.name: loop.gains for loop in self.loops if loop.pid is not None}
         return found if self.interface == EFFORT else {}
 
-    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
-        """What else the joint's loop is made of."""
+    def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+        """Return further keyword arguments for the joint's JointLoop."""
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
-        """Go on in these rows (m, 39)."""
+        """Copy the state of the loops into `rows` (m, 39), and store it there from now on."""
         self.rows = rows
         for loop, row in zip(self.loops, rows, strict=True):
             loop.bind(row)
 
     def set_command(self, value: float | Sequence[float]) -> None:
-        """Raises ControllerError, keeping the last command, on a wrong length or a number that is
-        not finite."""
+        """Store a command.
+
+        Raises:
+            ControllerError: the length is wrong or a number is not finite; the last command remains
+                in use.
+        """
         name, joints = self.context.name, self.joints
         if not self.is_group:
-            self.slot.append([checked_number(value, name)])
+            self.slot.append([check_number(value, name)])
             return
         try:
             given = list(value)
         except TypeError:
-            raise ControllerError(f"controller '{name}': command {value!r} is no list") from None
+            raise ControllerError(f"controller '{name}': command {value!r} is not a list") from None
         if len(given) != len(joints):
             raise ControllerError(
                 f"controller '{name}': command has {len(given)} values for {len(joints)} "
                 f"joints ({', '.join(joints)}); it is dropped"
             )
         self.slot.append([
-            checked_number(number, name, f"command for {joint}")
+            check_number(number, name, f"command for {joint}")
             for number, joint in zip(given, joints, strict=True)
         ])  # fmt: skip
 
 
     def starting(self, time_ns: int) -> None:
-        """Stay: the present positions, or 0."""
+        """Hold the current positions, or command 0 to effort and velocity joints."""
         super().starting(time_ns)
         for loop in self.loops:
             loop.start()
 
-    def take(self, time_ns: int) -> None:
-        """Take the command that waits, in the cycle at `time_ns`."""
+    def apply_pending_command(self, time_ns: int) -> None:
+        """Apply the command in the slot, in the cycle at `time_ns`."""
         for loop, command in zip(self.loops, self.slot.pop(), strict=True):
-            loop.take(command, time_ns)
+            loop.set_command(command, time_ns)
 
     @property
-    def compiled(self) -> bool:
-        """Whether `update` is not a user's own."""
+    def is_compilable(self) -> bool:
+        """Whether `update` is not overridden by a user's class."""
         return type(self).update is CommandedController.update
 
     def update(self, time_ns: int, period: float) -> None:
-        """Command each loop's output."""
-        told = self.loops[0].updates % STATE_EVERY == 0
+        """Compute the output of each loop and write it to the joint handles."""
+        is_state_due = self.loops[0].updates % STATE_EVERY == 0
         if self.slot:
-            self.take(time_ns)
+            self.apply_pending_command(time_ns)
         for pid in self.pids.values():
-            pid.take_gains()
-        follow(self.rows, self._handles, period)
+            pid.apply_gains()
+        update_loops(self.rows, self._handles, period)
         for pid in self.pids.values():
-            pid.tell(period)
+            pid.notify_listener(period)
         listener = self.on_state
-        if listener is not None and told:
-            listener(self.state(time_ns, period))
+        if listener is not None and is_state_due:
+            listener(self.make_state(time_ns, period))
 
-    def state(self, time_ns: int, period: float) -> JointControllerState:
-        """This cycle as the state topic shows it."""
-        return self.loops[0].state(time_ns, period)
+    def make_state(self, time_ns: int, period: float) -> JointControllerState:
+        """Return the state message of this cycle."""
+        return self.loops[0].make_state(time_ns, period)
 
 
 @register("effort_controllers/JointEffortController", interface=EFFORT)
 @register("position_controllers/JointPositionController", interface=POSITION)
 @register("velocity_controllers/JointVelocityController", interface=VELOCITY)
 class ForwardController(CommandedController):
-    """Pass the command to one joint: effort (N m, N), position (rad, m) or velocity (rad/s, m/s).
+    """Forward a command to one joint: effort (N m, N), position (rad, m) or velocity (rad/s, m/s).
 
-    Limits are the handles' affair.
+    Limits are applied by the hardware, not here.
     """
 
 
@@ -158,6 +164,6 @@ class ForwardController(CommandedController):
 @register("position_controllers/JointGroupPositionController", interface=POSITION)
 @register("velocity_controllers/JointGroupVelocityController", interface=VELOCITY)
 class ForwardGroupController(ForwardController):
-    """Pass a list of commands to several joints, in the order of the parameter `joints`."""
+    """Forward a list of commands to several joints, in the order of the parameter `joints`."""
 
     command_kind = "float64_array"

@@ -1,4 +1,4 @@
-"""A goal that a controller was given, and what became of it."""
+"""Goal handles of the controllers' actions."""
 
 from __future__ import annotations
 
@@ -16,12 +16,12 @@ Result = TypeVar("Result")
 
 
 class GoalHandle(Generic[Goal, Result]):
-    """A goal and what became of it.
+    """An action goal, its status and its result; used only in the simulation thread.
 
-    `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; in the last four
-    `result` is set. `on_feedback` gets the controller's states at its action_monitor_rate, where it
-    tells them, and `on_done(GoalHandle)` is called once; an on_done set after the end is called at
-    once. All in the simulation's thread.
+    `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; `result` is set unless
+    the goal is active. `on_feedback` receives the states of the controllers that publish feedback,
+    at their action_monitor_rate. `on_done(GoalHandle)` is called once, when the goal ends, or
+    immediately if it is set after that.
     """
 
     def __init__(self, goal: Goal) -> None:
@@ -30,10 +30,10 @@ class GoalHandle(Generic[Goal, Result]):
         self.result: Result | None = None
         self.on_feedback: Callable[[object], None] | None = None
         self._on_done: Callable[[GoalHandle], None] | None = None
-        self._announced = False
+        self._is_announced = False
 
     @property
-    def done(self) -> bool:
+    def is_done(self) -> bool:
         """Whether the goal has ended."""
         return self.status != ACTIVE
 
@@ -48,14 +48,14 @@ class GoalHandle(Generic[Goal, Result]):
         self.announce()
 
     def finish(self, status: str, result: Result) -> None:
-        """End the goal; announce() tells the listener. For the controller only."""
-        if not self.done:
+        """End the goal; announce() notifies the listener. Only the controller may call this."""
+        if not self.is_done:
             self.result = result
             self.status = status
 
     def announce(self) -> None:
-        """Call on_done if the goal has ended and it was not called yet."""
+        """Call on_done if the goal has ended and on_done has not been called yet."""
         callback = self._on_done
-        if callback is not None and self.done and not self._announced:
-            self._announced = True
+        if callback is not None and self.is_done and not self._is_announced:
+            self._is_announced = True
             callback(self)

@@ -25,9 +25,9 @@ _NS_PER_S = 1_000_000_000
 
 @dataclass(frozen=True, slots=True)
 class GripperGoal:
-    """Goal of a gripper: a position, rad or m, and the largest effort, N m or N.
+    """Goal of a gripper: a position (rad or m) and the largest effort (N m or N).
 
-    The effort counts if the joint is driven by efforts.
+    The effort has an effect only if the joint is driven by effort.
     """
 
     position: float
@@ -36,8 +36,14 @@ class GripperGoal:
 
 @dataclass(frozen=True, slots=True)
 class GripperResult:
-    """Where the joint was (rad or m) when a goal ended, the last command's effort (N m or N),
-    whether it stood still short of the goal, or was there; text: why a goal was rejected."""
+    """State of a gripper when its goal ended.
+
+    Attributes:
+        position: rad or m.
+        effort: effort of the last command, N m or N.
+        stalled: whether the joint stopped before it reached the goal.
+        text: reason why a goal was rejected.
+    """
 
     position: float = 0.0
     effort: float = 0.0
@@ -47,51 +53,53 @@ class GripperResult:
 
 
 class GripperActionController(Controller):
-    """Takes a joint to the position of a goal; the goal succeeds within `goal_tolerance` of it, and
-    is aborted once the joint has been slower than `stall_velocity_threshold` for `stall_timeout`,
-    as it is when the fingers hold something. Semantics of ros_controllers' of the same name.
+    """Move a joint to the position of a goal, with the semantics of ros_controllers.
+
+    The goal succeeds within `goal_tolerance` of its position. It is aborted if the joint is slower
+    than `stall_velocity_threshold` for `stall_timeout`, for example because the fingers hold an
+    object.
 
     Parameters: `joint`; `goal_tolerance` (0.01 rad or m), `max_effort` (0, N m or N, before the
     first goal and after a cancel), `stall_velocity_threshold` (0.001 rad/s or m/s),
     `stall_timeout` (1 s).
 
-    The simulation's thread alone calls it. Listeners are called last in each method.
+    All methods must be called in the simulation thread. Each calls its listeners last.
     """
 
     action_kind = "gripper_command"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError on a missing joint or gains and ill-typed parameters."""
+        """Read joint, gains and parameters. Raises ControllerError if one is missing or invalid."""
         super().init(hardware, parameters, context)
         given = partial(read, parameters, where=context.where, fault=ControllerError)
         self._handle = self.take_handle(hardware, given("joint", str))
         self.joints = (self._handle.name,)
         self._tolerance = abs(given("goal_tolerance", float, default=0.01))
         self._default_effort = abs(given("max_effort", float, default=0.0))
-        self._still = given("stall_velocity_threshold", float, default=0.001)
-        self._patience_ns = round(given("stall_timeout", float, default=1.0) * _NS_PER_S)
+        self._stall_velocity = given("stall_velocity_threshold", float, default=0.001)
+        self._stall_timeout_ns = round(given("stall_timeout", float, default=1.0) * _NS_PER_S)
         self._init_output(parameters)
         self._running = False
         self._goal: GoalHandle[GripperGoal, GripperResult] | None = None
-        self._wanted = GripperGoal(0.0)
+        self._desired = GripperGoal(0.0)
 
     def _init_output(self, parameters: Mapping) -> None:
-        """Read what turning a position into a command needs."""
+        """Read the parameters that `_command` needs."""
 
     def _start_output(self) -> None:
-        """A command with which nothing moves."""
+        """Write a command that holds the joint."""
 
     def _command(self, period: float) -> float:
-        """Write the command; returns the effort that is told of it."""
+        """Write the command and return its effort."""
         raise NotImplementedError
 
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
         super().starting(time_ns)
         ended = self._end_goal(PREEMPTED, GripperResult())
-        self._hold()
+        self._hold_position()
         self._effort = 0.0
-        self._moved_ns: int | None = None
+        self._last_motion_ns: int | None = None
         self._start_output()
         self._running = True
         _announce(ended)
@@ -102,31 +110,32 @@ class GripperActionController(Controller):
         _announce(self._end_goal(PREEMPTED, GripperResult()))
 
     def reset(self) -> None:
-        """The clock was put back: the time of standing still counts anew."""
+        """Restart the stall timer, because the clock was reset."""
         super().reset()
-        self._moved_ns = None
+        self._last_motion_ns = None
 
     def update(self, time_ns: int, period: float) -> None:
-        """See how the goal goes, command."""
-        ended = self._judge(time_ns) if self._goal is not None else None
+        """Check the goal and write the command."""
+        ended = self._check_goal(time_ns) if self._goal is not None else None
         self._effort = self._command(period)
         _announce(ended)
 
-    def _judge(self, time_ns: int) -> GoalHandle | None:
-        """Check the active goal; returns it if it has ended."""
+    def _check_goal(self, time_ns: int) -> GoalHandle | None:
+        """Check the active goal and return it if it has ended."""
         position, speed = self._handle.position, abs(self._handle.velocity)
-        if abs(self._wanted.position - position) < self._tolerance:
+        if abs(self._desired.position - position) < self._tolerance:
             return self._end_goal(SUCCEEDED, GripperResult(position, self._effort, False, True))
-        if speed > self._still or self._moved_ns is None:
-            self._moved_ns = time_ns
-        elif time_ns - self._moved_ns > self._patience_ns:
+        if speed > self._stall_velocity or self._last_motion_ns is None:
+            self._last_motion_ns = time_ns
+        elif time_ns - self._last_motion_ns > self._stall_timeout_ns:
             return self._end_goal(ABORTED, GripperResult(position, self._effort, True, False))
         return None
 
     def submit_goal(self, goal: GripperGoal) -> GoalHandle[GripperGoal, GripperResult]:
-        """Go there and say how it went; ends the goal before.
+        """Start a goal, which replaces the previous one.
 
-        The handle comes back active, or rejected with the reason in its result.
+        Returns:
+            The handle: active, or rejected with the reason in its result.
         """
         handle = GoalHandle(goal)
         refused = ""
@@ -139,21 +148,21 @@ class GripperActionController(Controller):
             handle.finish(REJECTED, GripperResult(text=text))
             return handle
         ended = self._end_goal(PREEMPTED, GripperResult())
-        self._goal, self._wanted, self._moved_ns = handle, goal, None
+        self._goal, self._desired, self._last_motion_ns = handle, goal, None
         _announce(ended)
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Stay where the joint is if `handle` is the active goal; returns whether it was."""
+        """Hold the current position if `handle` is the active goal; return whether it was."""
         if self._goal is not handle:
             return False
         ended = self._end_goal(PREEMPTED, GripperResult())
-        self._hold()
+        self._hold_position()
         _announce(ended)
         return True
 
-    def _hold(self) -> None:
-        self._wanted = GripperGoal(self._handle.position, self._default_effort)
+    def _hold_position(self) -> None:
+        self._desired = GripperGoal(self._handle.position, self._default_effort)
 
     def _end_goal(self, status: str, result: GripperResult) -> GoalHandle | None:
         goal, self._goal = self._goal, None
@@ -164,19 +173,19 @@ class GripperActionController(Controller):
 
 @register("position_controllers/GripperActionController", interface=POSITION)
 class PositionGripperController(GripperActionController):
-    """Command the position of the goal, and report the effort of the goal, as upstream does."""
+    """Command the position of the goal, and report the goal's effort, as in ros_controllers."""
 
     def _start_output(self) -> None:
         self._handle.position_command = self._handle.position
 
     def _command(self, period: float) -> float:
-        self._handle.position_command = self._wanted.position
-        return self._wanted.max_effort
+        self._handle.position_command = self._desired.position
+        return self._desired.max_effort
 
 
 @register("effort_controllers/GripperActionController", interface=EFFORT)
 class EffortGripperController(GripperActionController):
-    """effort = PID(position error, -velocity), at most the effort of the goal.
+    """Command effort = PID(position error, -velocity), limited to the effort of the goal.
 
     The gains are in `gains/<joint>`.
     """
@@ -184,11 +193,11 @@ class EffortGripperController(GripperActionController):
     def _init_output(self, parameters: Mapping) -> None:
         joint, where = self._handle.name, self.context.where
         gains = read(parameters, "gains", Mapping, where, ControllerError, {})
-        own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-        self._pid = Pid.from_parameters(own, f"{where}/gains/{joint}")
+        joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+        self._pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
         self.pids = {f"gains/{joint}": self._pid}
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         return {self._handle.name: (self._pid.gains.p, self._pid.gains.d)}
 
     def _start_output(self) -> None:
@@ -196,8 +205,8 @@ class EffortGripperController(GripperActionController):
         self._handle.effort_command = 0.0
 
     def _command(self, period: float) -> float:
-        error = self._wanted.position - self._handle.position
-        most = abs(self._wanted.max_effort)
+        error = self._desired.position - self._handle.position
+        most = abs(self._desired.max_effort)
         effort = self._pid.compute(error, period, -self._handle.velocity)
         self._handle.effort_command = effort = min(max(effort, -most), most)
         return effort

@@ -1,112 +1,136 @@
-"""Set points that move every cycle where commands come at 30 or 100 a second.
+"""Interpolation of set points between commands that arrive at 30 or 100 Hz.
 
-A stiff joint with little damping rings at every step of its set point: the ARAS arm's J5 (p 3500,
-d 0) peaks at 41 times the commanded speed at 30 commands a second, at 12 times at 100.
+Each step of the set point excites a stiff joint with little damping: without interpolation the ARAS
+arm's J5 (p 3500, d 0) peaks at 41 times the commanded speed with 30 commands per second, and at 12
+times with 100.
 """
 
 from math import inf, isnan, nan, pi
 
 import numpy as np
 
-from aras_sim_bridge.angles import towards
+from aras_sim_bridge.angles import angular_distance_within_limits
 from aras_sim_bridge.control.joints import JointHandle
-from aras_visual_servo_base.compiled import column, compiled
+from aras_visual_servo_base.compiled import column, jit
 
-USUAL_INTERVAL = 1.0 / 30.0  # s, until a stream tells its own: the camera's
-SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.002, 0.1  # s; a longer one is a pause
-# A share of the newest interval in the mean one: a command that is 1 ms late or early at 100 a
-# second costs J5 a peak of 1.3 times the commanded speed, 1.6 times with a share of 1.
-NEWEST = 0.2
-# s, time constant of the lag that rounds the corners of the line: J5, whose period is 6 ms, peaks
-# at 1.05 times the commanded speed with it, at 1.55 without; J3 at 1.3 and 1.4.
-ROUNDING = 0.003
-# A line lasts longer than the mean interval by so many times the mean change from one interval to
-# the next (half an interval at most: more is a pause), so that it has not ended when a command is
-# late: with arrivals up to 2 ms early or late at 100 a second J3's peak stays under 1.5 times the
-# commanded speed, 1.7 without. A steady stream is not delayed by it, from its second interval on.
-CHANGES = 2.2
-ARRIVED = 1e-9  # rad or m
+USUAL_INTERVAL = 1.0 / 30.0  # s, the camera's period; used until two commands have arrived
+SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.002, 0.1  # s; a longer interval is a pause
+# Weight of the newest interval in the mean interval. If one command of a 100 Hz stream arrives 1 ms
+# early or late, J5 peaks at 1.3 times the commanded speed; with a weight of 1 at 1.6 times.
+NEWEST_SHARE = 0.2
+# s, time constant of the lag that smooths the corners of the line: J5, whose period is 6 ms, peaks
+# at 1.05 times the commanded speed with it and at 1.55 without; J3 at 1.3 and 1.4.
+LAG_TIME = 0.003
+# A line is longer than the mean interval, so that it has not ended when a command is late. The
+# additional time is this factor times the mean change from one interval to the next (limited to
+# half an interval, because longer changes are pauses). With arrivals up to 2 ms early or late at
+# 100 Hz, J3 peaks below 1.5 times the commanded speed, and at 1.7 without. A steady stream is not
+# delayed from its second interval on.
+JITTER_FACTOR = 2.2
+ARRIVAL_TOLERANCE = 1e-9  # rad or m
 
-# Columns of a row: whether the set point moves, s left of the line, where that is, the set point,
-# the line's end and rate; mean interval and its mean change, the latest interval (NaN: none yet),
-# s, and arrival (NaN: none), ns; the joint's greatest speed, whether it turns, and its limits.
-(MOVES, _LEFT, _LINE, _VALUE, _END, _RATE, _INTERVAL, _CHANGE, _LATEST, _ARRIVAL, _FASTEST, _TURNS,
- _LOWER, _UPPER), INTERPOLATION_COLUMNS = range(14), 14
+# Columns of a row: whether the set point moves; remaining time of the line, s; the line's position;
+# the set point; the line's end and rate; mean interval, its mean change and the last interval
+# (NaN: none yet), s; last arrival (NaN: none), ns; the joint's velocity limit, whether the joint is
+# angular, and its position limits.
+(
+    (
+        IS_MOVING,
+        _TIME_LEFT,
+        _LINE,
+        _VALUE,
+        _END,
+        _RATE,
+        _INTERVAL,
+        _JITTER,
+        _LAST_INTERVAL,
+        _ARRIVAL,
+        _FASTEST,
+        _IS_ANGULAR,
+        _LOWER,
+        _UPPER,
+    ),
+    INTERPOLATION_COLUMNS,
+) = range(14), 14
 
 
-class Interpolation:
-    """Reaches each command on a straight line over the mean interval between commands, and a little
-    more where they come unevenly.
+class CommandInterpolator:
+    """Set point that approaches each command on a straight line over the mean command interval.
 
-    The line, its corners rounded by a first-order lag, takes longer where it would be faster than
-    the joint's velocity limit, and goes the short way round where joint and limits allow, as steps
-    do. The set point
-    lags a steady stream by one interval and 3 ms, a mean half interval more than steps do. (What
-    extrapolates instead rings: over one interval on from the command like the steps themselves,
-    half an interval ahead of it at 2.5 times the commanded speed.)
+    The line is longer if commands arrive irregularly or if it would exceed the joint's velocity
+    limit. A first-order lag smooths its corners. An angular joint takes the shortest way that its
+    limits allow.
+
+    The set point lags a steady stream by one interval and 3 ms, which is half an interval more, on
+    average, than set points that step. Extrapolation instead would excite the joint: over a full
+    interval as much as steps do, over half an interval up to 2.5 times the commanded speed.
     """
 
     __slots__ = ("row",)
 
-    moves, value = column(MOVES), column(_VALUE)
+    is_moving, value = column(IS_MOVING), column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
-        """`row`: (14,) of a loop's; None: one of its own."""
+        """Store the state in `row` (14,), a part of a loop's row; None creates a new row."""
         self.row = np.zeros(INTERPOLATION_COLUMNS) if row is None else row
         limit = handle.limits.velocity if handle.limits is not None else None
-        self.row[_FASTEST:] = limit or inf, handle.turns, *(handle.travel or (-inf, inf))
+        self.row[_FASTEST:] = (
+            limit or inf,
+            handle.is_angular,
+            *(handle.position_limits or (-inf, inf)),
+        )
         self.start(0.0)
 
     def start(self, position: float) -> None:
-        """Rest at `position` and forget the stream before."""
+        """Rest at `position` and discard the statistics of previous commands."""
         self.row[: _RATE + 1] = 0.0, 0.0, position, position, position, 0.0
         self.row[_INTERVAL : _ARRIVAL + 1] = USUAL_INTERVAL, 0.0, nan, nan
 
-    def take(self, command: float, time_ns: int) -> None:
-        """Head for a command that arrived at `time_ns` of the simulated clock."""
-        headed(self.row, command, time_ns)
+    def set_target(self, command: float, time_ns: int) -> None:
+        """Move towards a command that arrived at `time_ns` of simulated time."""
+        set_interpolation_target(self.row, command, time_ns)
 
     def advance(self, period: float) -> float:
-        """The set point `period` s after the last one; to be asked for while `moves`."""
-        return moved(self.row, period)
+        """Return the set point `period` s after the last one; call this only while `is_moving`."""
+        return advance_interpolation(self.row, period)
 
 
-@compiled("f8[::1], f8, f8", allocates=False)
-def headed(row, command, time_ns):
-    """See Interpolation.take."""
+@jit("f8[::1], f8, f8", allocates=False)
+def set_interpolation_target(row, command, time_ns):
+    """Start a line to a command; see CommandInterpolator.set_target."""
     if not isnan(row[_ARRIVAL]):
         interval = (time_ns - row[_ARRIVAL]) / 1e9
-        # Pauses, and a clock that was set back, say nothing about the stream.
+        # Pauses, and a clock that was reset, are not intervals of the stream.
         if 0.0 < interval <= LONGEST_INTERVAL:
             interval = max(interval, SHORTEST_INTERVAL)
-            row[_INTERVAL] += NEWEST * (interval - row[_INTERVAL])
-            if not isnan(row[_LATEST]):
-                shorter = min(interval, row[_LATEST])
-                change = min(abs(interval - row[_LATEST]), 0.5 * shorter)
-                row[_CHANGE] += NEWEST * (change - row[_CHANGE])
-            row[_LATEST] = interval
+            row[_INTERVAL] += NEWEST_SHARE * (interval - row[_INTERVAL])
+            if not isnan(row[_LAST_INTERVAL]):
+                shorter = min(interval, row[_LAST_INTERVAL])
+                change = min(abs(interval - row[_LAST_INTERVAL]), 0.5 * shorter)
+                row[_JITTER] += NEWEST_SHARE * (change - row[_JITTER])
+            row[_LAST_INTERVAL] = interval
     row[_ARRIVAL] = time_ns
     distance = command - row[_LINE]
-    if row[_TURNS] != 0.0 and not -pi < distance < pi:
-        distance = towards(row[_LINE], command, row[_LOWER], row[_UPPER])
+    if row[_IS_ANGULAR] != 0.0 and not -pi < distance < pi:
+        distance = angular_distance_within_limits(row[_LINE], command, row[_LOWER], row[_UPPER])
         command = row[_LINE] + distance
-    lasting = row[_INTERVAL] + CHANGES * row[_CHANGE]
-    row[_END], row[_LEFT] = command, max(lasting, abs(distance) / row[_FASTEST])
-    row[_RATE], row[MOVES] = distance / row[_LEFT], 1.0
+    lasting = row[_INTERVAL] + JITTER_FACTOR * row[_JITTER]
+    row[_END], row[_TIME_LEFT] = command, max(lasting, abs(distance) / row[_FASTEST])
+    row[_RATE], row[IS_MOVING] = distance / row[_TIME_LEFT], 1.0
 
 
-@compiled("f8[::1], f8", allocates=False)
-def moved(row, period):
-    """See Interpolation.advance."""
-    row[_LEFT] -= period
+@jit("f8[::1], f8", allocates=False)
+def advance_interpolation(row, period):
+    """Advance the set point; see CommandInterpolator.advance."""
+    row[_TIME_LEFT] -= period
     value = row[_VALUE]
-    if row[_LEFT] > 0.0:
+    if row[_TIME_LEFT] > 0.0:
         row[_LINE] += row[_RATE] * period
     else:
         row[_LINE] = row[_END]
-        if -ARRIVED < row[_LINE] - value < ARRIVED:
-            row[MOVES], row[_VALUE] = 0.0, row[_LINE]
+        if -ARRIVAL_TOLERANCE < row[_LINE] - value < ARRIVAL_TOLERANCE:
+            row[IS_MOVING], row[_VALUE] = 0.0, row[_LINE]
             return row[_LINE]
-    value += (row[_LINE] - value) * period / (ROUNDING + period)
+    value += (row[_LINE] - value) * period / (LAG_TIME + period)
     row[_VALUE] = value
     return value

@@ -1,4 +1,4 @@
-"""joint_state_controller/JointStateController: reads all joints, commands none."""
+"""Joint state controller, which reads all joints and commands none."""
 
 from collections.abc import Mapping
 from math import inf
@@ -8,7 +8,7 @@ from aras_sim_bridge.control.controllers.base import (
     Context,
     Controller,
     JointStates,
-    names_of,
+    read_joint_names,
 )
 from aras_sim_bridge.control.controllers.registry import register
 from aras_sim_bridge.control.hardware import RobotHardware
@@ -21,20 +21,26 @@ _NS_PER_S = 1_000_000_000
 
 @register("joint_state_controller/JointStateController")
 class JointStateController(Controller):
-    """Publish positions, velocities and efforts at `publish_rate` of simulated time.
+    """Publish positions, velocities and efforts at `publish_rate` in simulated time.
 
-    Order: `joints` if given, else by name in byte order, then `extra_joints`. The first sample
-    is in the first cycle; the average rate is exact. A rate of 0 or less never samples.
+    The order of the joints is that of the parameter `joints`, or by name in byte order, followed
+    by `extra_joints`. The first cycle publishes a sample; the average rate is exact. A rate of 0
+    or less publishes nothing.
 
-    A sample bears the time that the coming physics step ends at, as Gazebo's, and holds what was
-    measured before the step. With the parameter `true_stamps` its message bears the time of that.
+    As in Gazebo, the stamp of a sample is the end of the next physics step, although the joints
+    are measured before that step. With the parameter `true_stamps` the stamp is the time of the
+    measurement.
     """
 
     interface = STATE
     state_kind = "joint_states"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError without publish_rate or with an unknown joint in `joints`."""
+        """Read the parameters.
+
+        Raises:
+            ControllerError: `publish_rate` is missing, or `joints` contains an unknown joint.
+        """
         super().init(hardware, parameters, context)
         where = context.where
         rate = read(parameters, "publish_rate", float, where, ControllerError)
@@ -42,14 +48,14 @@ class JointStateController(Controller):
         self.true_stamps = read(parameters, "true_stamps", bool, where, ControllerError, False)
         self._step_ns = _NS_PER_S / rate if rate > 0.0 else 0.0
         if "joints" in parameters:
-            names = list(names_of(parameters, "joints", where))
+            names = list(read_joint_names(parameters, "joints", where))
         else:
-            # Sorting by code point is sorting by byte for UTF-8.
+            # In UTF-8, sorting by code point is sorting by byte.
             names = sorted(hardware.interfaces[STATE])
         known = list(hardware.handles)
         self._order = [known.index(self.take_handle(hardware, name).name) for name in names]
         self._rows = hardware.handle_rows
-        extras = _extra_joints(parameters, where, set(names))
+        extras = _read_extra_joints(parameters, where, set(names))
         self.names = (*names, *(name for name, *_ in extras))
         self._extra = tuple([e[k] for e in extras] for k in (1, 2, 3))
         self._periods = 0
@@ -57,28 +63,28 @@ class JointStateController(Controller):
 
     @property
     def claimed_resources(self) -> tuple[ClaimedResources, ...]:
-        """The state interface; nothing is claimed by reading."""
+        """The state interface without joints, because reading claims nothing."""
         return (ClaimedResources(f"hardware_interface::{self.interface}", ()),)
 
     def starting(self, time_ns: int) -> None:
-        """Make the first cycle sample; a restart keeps the rhythm."""
+        """Publish in the first cycle; a restart does not change the sampling times."""
         super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
 
     @property
     def _due_ns(self) -> float:
-        # Counting periods instead of adding them up keeps the rate exact for days.
+        # Counting periods instead of adding them avoids accumulated rounding errors.
         return self._start_ns + (self._periods + 1) * self._step_ns
 
     @property
-    def looks(self) -> bool:
-        """Whether `update` is not a user's own."""
+    def is_read_only(self) -> bool:
+        """Whether `update` is not overridden by a user's class."""
         return type(self).update is JointStateController.update
 
     def idle_until(self, time_ns: int) -> float:
-        """Until the next sample is due."""
-        if not self.looks:
+        """Return the time of the next sample."""
+        if not self.is_read_only:
             return -inf
         if self._rate <= 0.0:
             return inf
@@ -86,37 +92,37 @@ class JointStateController(Controller):
         return due_ns if due_ns - time_ns <= 2.0 * self._step_ns else -inf
 
     def update(self, time_ns: int, period: float) -> None:
-        """Sample if due."""
+        """Publish a sample if one is due."""
         if self._rate <= 0.0:
             return
         due_ns = self._due_ns
         if due_ns >= time_ns:
             if due_ns - time_ns <= 2.0 * self._step_ns:
                 return
-            # The clock was set back: go on at once, not when it has caught up.
+            # The clock was reset: continue now instead of waiting for the old sampling time.
             self._start_ns = time_ns - 1.001 * self._step_ns
             self._periods = 0
         self._periods += 1
         listener = self.on_state
         if listener is not None:
-            listener(self.sample(time_ns))
+            listener(self.sample_joints(time_ns))
 
-    def due_in(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
-        """The cycles in which it samples, of those every `step_ns` from `time_ns` to `until_ns`."""
+    def list_due_cycles(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
+        """Return those cycles, every `step_ns` from `time_ns` to `until_ns`, that have a sample."""
         found: list[int] = []
         due_ns = self._due_ns
-        while (tick_ns := max(_after(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
+        while (tick_ns := max(_find_next_cycle(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
             found.append(tick_ns)
             due_ns = self._start_ns + (self._periods + 1 + len(found)) * self._step_ns
             time_ns = tick_ns + step_ns
         return found
 
-    def sampled(self, count: int) -> None:
-        """So many samples were taken of `handle_rows`, in cycles of `due_in`."""
+    def count_samples(self, count: int) -> None:
+        """Count samples that were taken from `handle_rows` in cycles of `list_due_cycles`."""
         self._periods += count
 
-    def sample(self, time_ns: int) -> JointStates:
-        """All joints now."""
+    def sample_joints(self, time_ns: int) -> JointStates:
+        """Return the current states of all joints."""
         measured = self._rows[self._order].T.tolist()
         positions, velocities, efforts = self._extra
         return JointStates(
@@ -128,15 +134,15 @@ class JointStateController(Controller):
         )
 
 
-def _after(due_ns: float, time_ns: int, step_ns: int) -> int:
-    """The first of the cycles every `step_ns` from `time_ns` on which is later than `due_ns`."""
+def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
+    """Return the first cycle after `due_ns`, of those every `step_ns` from `time_ns` on."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 
-def _extra_joints(
-    parameters: Mapping, where: str, taken: set[str]
+def _read_extra_joints(
+    parameters: Mapping, where: str, joint_names: set[str]
 ) -> list[tuple[str, float, float, float]]:
-    """extra_joints as (name, position, velocity, effort); known names are skipped."""
+    """Return extra_joints as (name, position, velocity, effort), without known joints."""
     entries = parameters.get("extra_joints", [])
     if not isinstance(entries, list | tuple):
         raise ControllerError(f"parameter {where}/extra_joints must be a list, found {entries!r}")
@@ -144,7 +150,7 @@ def _extra_joints(
     for k, entry in enumerate(entries):
         place = f"{where}/extra_joints[{k}]"
         if not isinstance(entry, Mapping):
-            raise ControllerError(f"parameter {place} must hold a name, found {entry!r}")
+            raise ControllerError(f"parameter {place} must have a name, found {entry!r}")
         name = read(entry, "name", str, place, ControllerError)
         values = []
         for key in ("position", "velocity", "effort"):
@@ -154,7 +160,7 @@ def _extra_joints(
                     f"parameter {place}/{key} must be a double, found {value!r}; write 0.0, not 0"
                 )
             values.append(read(entry, key, float, place, ControllerError, 0.0))
-        if name not in taken:
-            taken.add(name)
+        if name not in joint_names:
+            joint_names.add(name)
             extras.append((name, *values))
     return extras

@@ -12,14 +12,16 @@ from aras_visual_servo_base.settings import read
 
 
 class PidController(CommandedController):
-    """Parameters beside the joints: `pid/...` of a single one, `<joint>/pid/...` of a group's (see
-    Pid.from_parameters). A single one tells its state.
+    """Base class of the PID controllers.
+
+    The gains are parameters: `pid/...` for a single joint, `<joint>/pid/...` for a group (see
+    Pid.from_parameters). A single-joint controller publishes its state.
     """
 
     state_kind = "joint_controller_state"
 
-    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
-        """Raises ControllerError for a missing gain."""
+    def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+        """Read the PID gains of a joint. Raises ControllerError if one is missing."""
         path, where = "pid", self.context.where
         if self.is_group:
             parameters = read(parameters, joint, Mapping, where, ControllerError, {})
@@ -32,28 +34,28 @@ class PidController(CommandedController):
 @register("effort_controllers/JointPositionController", interface=EFFORT)
 @register("velocity_controllers/JointPositionController", interface=VELOCITY)
 class PidPositionController(PidController):
-    """effort or velocity = PID(position error), set points (rad, m) within the URDF's limits.
+    """Command effort or velocity = PID(position error) to one joint.
 
-    The output is clamped by the limit handle, not here. Parameter beside those of the base:
-    `interpolate` (see JointLoop).
+    Set points (rad, m) are limited to the URDF's position limits. The hardware limits the output.
+    The additional parameter `interpolate` is described in JointLoop.
     """
 
     loop_kind = POSITION_PID
 
-    def _options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
+    def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
         where = self.context.where
         interpolate = read(parameters, "interpolate", bool, where, ControllerError, False)
-        return super()._options(joint, parameters) | {"interpolate": interpolate}
+        return super()._make_loop_options(joint, parameters) | {"interpolate": interpolate}
 
-    def begin_anew(self, time_ns: int) -> None:
-        """Start from where the joints are towards the last commands."""
+    def restart(self, time_ns: int) -> None:
+        """Reset the PIDs and move from the current positions to the last commands."""
         for loop in self.loops:
-            loop.begin_anew(time_ns)
+            loop.restart(time_ns)
 
 
 @register("effort_controllers/JointGroupPositionController", interface=EFFORT)
 class PidGroupPositionController(PidPositionController):
-    """Position controllers of several joints, as of one; without a state topic."""
+    """Position controllers of several joints, without a state topic."""
 
     command_kind = "float64_array"
     state_kind = None
@@ -61,6 +63,6 @@ class PidGroupPositionController(PidPositionController):
 
 @register("effort_controllers/JointVelocityController", interface=EFFORT)
 class PidVelocityController(PidController):
-    """effort = PID(velocity error); commands in rad/s or m/s."""
+    """Command effort = PID(velocity error) to one joint; set points are in rad/s or m/s."""
 
     loop_kind = SPEED_PID

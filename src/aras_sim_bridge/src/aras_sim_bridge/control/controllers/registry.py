@@ -1,9 +1,9 @@
-"""From a type string, as in <controller>/type, to a controller class.
+"""Registry of controller types, which finds the class of the parameter <controller>/type.
 
-A class of your own is found in one of two ways:
-- the type string itself names it: `type: my_package.my_module:MyController`;
-- the parameter `controller_classes` in the robot's namespace maps a type string of your choice to
-  it: `controller_classes: {my_package/MyController: my_package.my_module:MyController}`.
+A user's class can be named in two ways:
+- as the type: `type: my_package.my_module:MyController`;
+- in the parameter `controller_classes` of the robot's namespace, under a type of the user's choice:
+  `controller_classes: {my_package/MyController: my_package.my_module:MyController}`.
 """
 
 import importlib
@@ -13,7 +13,7 @@ from types import ModuleType
 
 from aras_sim_bridge.control.controllers.base import Controller
 from aras_sim_bridge.errors import ControllerError
-from aras_visual_servo_base.names import imported, subclass, unknown
+from aras_visual_servo_base.names import check_subclass, describe_unknown, import_object
 from aras_visual_servo_base.registry import Registry
 
 KIND = "controller type"
@@ -25,13 +25,13 @@ BUILT_IN = Registry(
 
 
 def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], type[Controller]]:
-    """Return a class decorator that enters the class as `type_name`; may be stacked.
+    """Return a class decorator that registers a class as `type_name`; it can be used repeatedly.
 
-    `attributes` are the class's own where it goes by this name: a controller that is the same for
-    several interfaces is one class, with `interface` given for each name.
+    `attributes` are class attributes for this type name. With a different `interface` for each
+    name, one class serves several interfaces.
 
     Raises:
-        ControllerError: another class has that name already.
+        ControllerError: another class is already registered under this name.
     """
 
     def decorate(cls: type[Controller]) -> type[Controller]:
@@ -43,21 +43,22 @@ def register(type_name: str, **attributes: str) -> Callable[[type[Controller]], 
 
 
 class ControllerTypes:
-    """Controller types that one manager knows: the built-in ones and those named by parameter."""
+    """Controller types of one manager: the built-in ones and those in parameters."""
 
     def __init__(self) -> None:
         self._imported: set[str] = set()
         self._reload: set[str] = set()
 
-    def types(self, extra: Mapping | None = None) -> list[str]:
-        """All type strings, sorted; `extra` is the parameter controller_classes."""
+    def list_types(self, extra: Mapping | None = None) -> list[str]:
+        """Return all type names, sorted; `extra` is the parameter controller_classes."""
         return sorted({*BUILT_IN, *(extra or {})})
 
     def find(self, type_name: str, extra: Mapping | None = None) -> type[Controller]:
-        """Class of `type_name`.
+        """Return the class of `type_name`.
 
-        Raises ControllerError if it is unknown (naming near ones), or if the module or class
-        that it stands for cannot be imported or is no Controller.
+        Raises:
+            ControllerError: the type is unknown (the message suggests similar names), or its
+                module or class cannot be imported or is not a Controller.
         """
         path = (extra or {}).get(type_name)
         if path is None and ":" in type_name:
@@ -67,13 +68,13 @@ class ControllerTypes:
         if type_name in BUILT_IN:
             return BUILT_IN[type_name]
         raise ControllerError(
-            f"{unknown(KIND, type_name, self.types(extra))}. A class of your own is named in "
+            f"{describe_unknown(KIND, type_name, self.list_types(extra))}. Name your own class in "
             "controller_classes as 'package.module:Class'"
         )
 
     def _import(self, type_name: str, path: object) -> type[Controller]:
-        found = imported(KIND, type_name, ControllerError, path, self._load)
-        return subclass(KIND, type_name, found, (Controller,), ControllerError)
+        found = import_object(KIND, type_name, ControllerError, path, self._load)
+        return check_subclass(KIND, type_name, found, (Controller,), ControllerError)
 
     def _load(self, module_name: str) -> ModuleType:
         if module_name in self._reload and module_name in sys.modules:
@@ -85,6 +86,6 @@ class ControllerTypes:
         return module
 
     def reload(self, extra: Mapping | None = None) -> None:
-        """Import the users' modules anew when they are next asked for."""
+        """Reload the modules of users' classes at their next use."""
         named = {str(path).partition(":")[0] for path in (extra or {}).values()}
         self._reload = named | self._imported

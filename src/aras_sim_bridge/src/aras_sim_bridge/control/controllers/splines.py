@@ -1,8 +1,7 @@
-"""Polynomials between two waypoints of one joint.
+"""Polynomial interpolation between two waypoints of one joint.
 
-The specification of the end points decides the degree: positions only give a straight line,
-positions and velocities a cubic, accelerations as well a quintic; the unique polynomial that
-takes the end points' values in each case.
+Positions alone give a straight line, positions and velocities a cubic polynomial, and additional
+accelerations a quintic polynomial. The polynomial has the given values at both ends.
 """
 
 from typing import NamedTuple
@@ -11,7 +10,7 @@ _NS_PER_S = 1e9
 
 
 class Waypoint(NamedTuple):
-    """Wanted position (rad or m) and, unless None, its first two derivatives in time (s)."""
+    """Desired position (rad or m) and, if not None, its first two time derivatives (s)."""
 
     position: float
     velocity: float | None = None
@@ -21,11 +20,11 @@ class Waypoint(NamedTuple):
 Coefficients = tuple[float, float, float, float, float, float]
 
 
-def spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
-    """Coefficients c0..c5 of x(t) = sum c_k t^k on [0, duration], duration >= 0 in s.
+def fit_spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
+    """Return the coefficients c0..c5 of x(t) = sum c_k t^k on [0, duration], duration >= 0 in s.
 
-    The lowest specification common to both ends counts; accelerations without velocities do not.
-    With a duration of 0 the polynomial starts at the end state.
+    Derivatives are used only if both ends have them, and accelerations only with velocities. With
+    a duration of 0 the polynomial starts at the end state.
     """
     cubic = start.velocity is not None and end.velocity is not None
     quintic = cubic and start.acceleration is not None and end.acceleration is not None
@@ -58,10 +57,11 @@ def spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
 
 
 class Segment:
-    """A spline with a place in time, from `start_ns` to `end_ns`.
+    """A spline that is valid from `start_ns` to `end_ns`.
 
-    `time_from_start` (s) is where it begins within its trajectory; `goal` is the action goal it
-    serves (or None) with its tolerances.
+    Attributes:
+        time_from_start: start of the segment within its trajectory, s.
+        goal: action goal to which the segment and its tolerances belong, or None.
     """
 
     __slots__ = ("start_ns", "end_ns", "duration", "coefficients", "time_from_start", "goal",
@@ -71,7 +71,7 @@ class Segment:
         self.start_ns = start_ns
         self.end_ns = end_ns
         self.duration = (end_ns - start_ns) / _NS_PER_S
-        self.coefficients = spline(start, end, self.duration)
+        self.coefficients = fit_spline(start, end, self.duration)
         self.time_from_start = 0.0
         self.goal: object | None = None
         self.path_tolerance = NO_TOLERANCE
@@ -79,7 +79,7 @@ class Segment:
         self.goal_time_ns = 0
 
     def sample(self, time_ns: int) -> tuple[float, float, float]:
-        """Position, velocity, acceleration; outside its time it rests at the nearer end."""
+        """Return position, velocity and acceleration; outside its time, rest at the nearer end."""
         t = (time_ns - self.start_ns) / _NS_PER_S
         c0, c1, c2, c3, c4, c5 = self.coefficients
         if t < 0.0:
@@ -101,8 +101,8 @@ class Tolerance(NamedTuple):
     velocity: float = 0.0
     acceleration: float = 0.0
 
-    def holds(self, position_error: float, velocity_error: float) -> bool:
-        """Whether the errors are within; the acceleration's is not measured and counts as 0."""
+    def is_met(self, position_error: float, velocity_error: float) -> bool:
+        """Return whether both errors are within the tolerance; accelerations are not measured."""
         return not (
             0.0 < self.position < abs(position_error) or 0.0 < self.velocity < abs(velocity_error)
         )

@@ -13,7 +13,7 @@ from aras_visual_servo_base.settings import read
 
 @register("position_controllers/JointTrajectoryController", interface=POSITION)
 class PositionTrajectoryController(JointTrajectoryController):
-    """Trajectories of several joints: command the desired positions."""
+    """Follow trajectories of several joints by commanding the desired positions."""
 
     def _start_output(self) -> None:
         for handle in self._handles:
@@ -27,7 +27,10 @@ class PositionTrajectoryController(JointTrajectoryController):
 @register("effort_controllers/JointTrajectoryController", interface=EFFORT)
 @register("velocity_controllers/JointTrajectoryController", interface=VELOCITY)
 class ClosedLoopTrajectoryController(JointTrajectoryController):
-    """effort or velocity = velocity_ff · desired velocity + PID(position error, velocity error)."""
+    """Command velocity_ff · desired velocity + PID(position error, velocity error).
+
+    The command is an effort or a velocity, depending on the interface.
+    """
 
     def _init_output(self, parameters: Mapping, where: str) -> None:
         gains = read(parameters, "gains", Mapping, where, ControllerError, {})
@@ -36,12 +39,13 @@ class ClosedLoopTrajectoryController(JointTrajectoryController):
         self.pids, self._loops = {}, []
         for handle in self._handles:
             joint = handle.name
-            own = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
-            pid = self.pids[f"gains/{joint}"] = Pid.from_parameters(own, f"{where}/gains/{joint}")
+            joint_gains = read(gains, joint, Mapping, f"{where}/gains", ControllerError, {})
+            pid = Pid.from_parameters(joint_gains, f"{where}/gains/{joint}")
+            self.pids[f"gains/{joint}"] = pid
             factor = read(forward, joint, float, f"{where}/velocity_ff", ControllerError, 0.0)
             self._loops.append((handle, pid, factor))
 
-    def loop_gains(self) -> dict[str, tuple[float, float]]:
+    def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         found = {handle.name: (pid.gains.p, pid.gains.d) for handle, pid, _ in self._loops}
         return found if self.interface == EFFORT else {}
 

@@ -1,15 +1,14 @@
-"""What the joint trajectory controllers share.
+"""Base of the joint trajectory controllers, with the semantics of ros_controllers.
 
-Follows spline trajectories from a topic or an action; semantics of ros_controllers' controller of
-the same name. The controller's own clock, `uptime`, adds up the control periods, so a simulated
-clock that is set back does not lose the trajectory.
+They follow spline trajectories from a topic or an action. The controller's own clock, `uptime`, is
+the sum of the control periods, so a reset of the simulated clock does not lose the trajectory.
 """
 
 from collections.abc import Mapping
 from functools import partial
 
 from aras_sim_bridge import angles
-from aras_sim_bridge.control.controllers.base import Context, Controller, names_of
+from aras_sim_bridge.control.controllers.base import Context, Controller, read_joint_names
 from aras_sim_bridge.control.controllers.goals import (
     ABORTED,
     PREEMPTED,
@@ -22,9 +21,9 @@ from aras_sim_bridge.control.controllers.trajectory_plan import (
     JointSegments,
     Tolerances,
     check_points,
-    joint_columns,
-    plan,
-    segment_at,
+    find_joint_columns,
+    find_segment,
+    plan_segments,
 )
 from aras_sim_bridge.control.controllers.trajectory_types import (
     ErrorCode,
@@ -43,7 +42,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class _Timer:
-    """Fires at an exact average rate: when last + 1/rate < now, then last += 1/rate."""
+    """Timer with an exact average rate: when last + 1/rate < now, it fires and last += 1/rate."""
 
     __slots__ = ("_step_ns", "_last_ns")
 
@@ -53,7 +52,7 @@ class _Timer:
     def start(self, now_ns: int) -> None:
         self._last_ns = float(now_ns)
 
-    def due(self, now_ns: int) -> bool:
+    def is_due(self, now_ns: int) -> bool:
         if self._step_ns == 0.0 or not self._last_ns + self._step_ns < now_ns:
             return False
         self._last_ns += self._step_ns
@@ -61,10 +60,11 @@ class _Timer:
 
 
 class JointTrajectoryController(Controller):
-    """What the three variants share; they differ in how a desired state becomes a command.
+    """Base of the three variants, which differ in how a desired state becomes a command.
 
-    The simulation's thread alone calls it, so a trajectory acts at once, without a slot. Listeners
-    are called last in each method; they may call back.
+    All methods must be called in the simulation thread, so a trajectory is used immediately instead
+    of being stored in the slot. Each method calls its listeners last; a listener may call the
+    controller.
     """
 
     command_kind = "joint_trajectory"
@@ -72,15 +72,15 @@ class JointTrajectoryController(Controller):
     action_kind = "follow_joint_trajectory"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
-        """Raises ControllerError on missing joints or gains and ill-typed parameters."""
+        """Read the parameters. Raises ControllerError if a joint, gain or parameter is invalid."""
         super().init(hardware, parameters, context)
         where = context.where
-        joints = names_of(parameters, "joints", where)
+        joints = read_joint_names(parameters, "joints", where)
         self._handles = [self.take_handle(hardware, joint) for joint in joints]
         self.joints = joints
         self._wraps = [handle.kind == "continuous" for handle in self._handles]
         given = partial(read, parameters, where=where, fault=ControllerError)
-        self._partial = given("allow_partial_joints_goal", bool, default=False)
+        self._allows_partial_goals = given("allow_partial_joints_goal", bool, default=False)
         stop = given("stop_trajectory_duration", float, default=0.0)
         if stop < 0.0:
             raise ControllerError(f"parameter {where}/stop_trajectory_duration is negative: {stop}")
@@ -94,33 +94,33 @@ class JointTrajectoryController(Controller):
         self._running = False
         self._segments: list[JointSegments] = []
         self._goal: GoalHandle | None = None
-        self._arrived: set[int] = set()
-        self._begin(0)
+        self._arrived_joints: set[int] = set()
+        self._reset_measurements(0)
 
-    def _begin(self, time_ns: int) -> None:
-        """Nothing was measured yet."""
+    def _reset_measurements(self, time_ns: int) -> None:
+        """Reset the clocks and set desired, actual and error states to zero."""
         self._time_ns, self._uptime_ns, self._period_ns = time_ns, 0, 0
         self._desired, self._actual, self._errors = (
             [[0.0] * len(self.joints) for _ in range(orders)] for orders in (3, 2, 2)
         )
 
     def _init_output(self, parameters: Mapping, where: str) -> None:
-        """Read what turning a desired state into a command needs."""
+        """Read the parameters that `_command` needs."""
 
     def _start_output(self) -> None:
-        """Commands with which nothing moves."""
+        """Write commands that hold the joints."""
 
     def _command(self, period: float) -> None:
-        """Write the commands for the present desired state and errors."""
+        """Write the commands for the current desired state and errors."""
 
     def starting(self, time_ns: int) -> None:
         """Hold the measured position."""
         super().starting(time_ns)
         self._running = False
         ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "controller restarted")
-        self._begin(time_ns)
+        self._reset_measurements(time_ns)
         self._state_timer.start(0)
-        self._hold(0)
+        self._hold_position(0)
         self._desired[0] = [handle.position for handle in self._handles]
         self._start_output()
         self._running = True
@@ -133,17 +133,17 @@ class JointTrajectoryController(Controller):
         _announce(ended)
 
     def update(self, time_ns: int, period: float) -> None:
-        """Sample the trajectory, check tolerances, command."""
+        """Sample the trajectory, check the tolerances and write the commands."""
         self._time_ns = time_ns
         self._period_ns = round(period * _NS_PER_S)
         self._uptime_ns = now_ns = self._uptime_ns + self._period_ns
         active = self._goal
         first = self._sample(now_ns)
         self._command(period)
-        ended = self._judge(now_ns) if active is not None else None
-        feedback = active is not None and self._feedback_timer.due(now_ns)
-        listener = self.on_state if self._state_timer.due(now_ns) else None
-        state = self._state(first, now_ns) if listener is not None or feedback else None
+        ended = self._check_goal(now_ns) if active is not None else None
+        feedback = active is not None and self._feedback_timer.is_due(now_ns)
+        listener = self.on_state if self._state_timer.is_due(now_ns) else None
+        state = self._make_state(first, now_ns) if listener is not None or feedback else None
         if listener is not None:
             listener(state)
         if feedback and active.on_feedback is not None:
@@ -151,9 +151,9 @@ class JointTrajectoryController(Controller):
         _announce(ended)
 
     def _sample(self, now_ns: int) -> Segment:
-        """Fill desired, actual and error; returns the first joint's present segment."""
+        """Update desired, actual and error states; return the first joint's current segment."""
         desired, actual, errors = self._desired, self._actual, self._errors
-        present = self._present
+        present = self._segment_indices
         for k, handle in enumerate(self._handles):
             segments = self._segments[k]
             index = present[k]
@@ -163,35 +163,38 @@ class JointTrajectoryController(Controller):
             position, velocity, acceleration = segments[index].sample(now_ns)
             desired[0][k], desired[1][k], desired[2][k] = position, velocity, acceleration
             actual[0][k], actual[1][k] = handle.position, handle.velocity
-            errors[0][k] = angles.shortest(handle.position, position)
+            errors[0][k] = angles.shortest_angular_distance(handle.position, position)
             errors[1][k] = velocity - handle.velocity
         return self._segments[0][present[0]]
 
-    def _judge(self, now_ns: int) -> GoalHandle | None:
-        """Check the active goal's tolerances; returns it if that ended it."""
+    def _check_goal(self, now_ns: int) -> GoalHandle | None:
+        """Check the active goal's tolerances and return the goal if it has ended."""
         errors = self._errors
         for k in range(len(self.joints)):
-            segments, index = self._segments[k], self._present[k]
+            segments, index = self._segments[k], self._segment_indices[k]
             segment = segments[index]
             if segment.goal is not self._goal:
                 continue
             name, error = self.joints[k], errors[0][k]
-            # At the very end a straight line still moves; the goal is judged from the next cycle.
+            # At the end time a straight line still has a velocity; the goal is checked afterwards.
             if now_ns <= segment.end_ns:
-                if not segment.path_tolerance.holds(error, errors[1][k]):
+                if not segment.path_tolerance.is_met(error, errors[1][k]):
                     code = ErrorCode.PATH_TOLERANCE_VIOLATED
                     return self._end_goal(ABORTED, code, f"{name} path error {error:f}")
             elif index == len(segments) - 1:
-                if segment.goal_tolerance.holds(error, errors[1][k]):
-                    self._arrived.add(k)
-                elif k not in self._arrived and now_ns >= segment.end_ns + segment.goal_time_ns:
+                if segment.goal_tolerance.is_met(error, errors[1][k]):
+                    self._arrived_joints.add(k)
+                elif (
+                    k not in self._arrived_joints
+                    and now_ns >= segment.end_ns + segment.goal_time_ns
+                ):
                     code = ErrorCode.GOAL_TOLERANCE_VIOLATED
                     return self._end_goal(ABORTED, code, f"{name} goal error {error:f}")
-        if len(self._arrived) == len(self.joints):
+        if len(self._arrived_joints) == len(self.joints):
             return self._end_goal(SUCCEEDED, ErrorCode.SUCCESSFUL)
         return None
 
-    def _state(self, segment: Segment, now_ns: int) -> TrajectoryState:
+    def _make_state(self, segment: Segment, now_ns: int) -> TrajectoryState:
         elapsed = max(now_ns - segment.start_ns, 0) / _NS_PER_S
         begin = segment.time_from_start
         desired, actual, errors = self._desired, self._actual, self._errors
@@ -204,54 +207,58 @@ class JointTrajectoryController(Controller):
         )
 
     def set_command(self, value: Trajectory) -> None:
-        """Follow a trajectory without a goal; without points, stop.
+        """Follow a trajectory without a goal; a trajectory without points stops the joints.
 
-        Ends the active goal. Raises TrajectoryError (a ControllerError) if it cannot be followed,
-        and the present one goes on.
+        The active goal ends.
+
+        Raises:
+            TrajectoryError: the trajectory cannot be followed; the current one continues.
         """
-        self._take(value, None)
+        self._accept_trajectory(value, None)
         ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a command")
         _announce(ended)
 
     def submit_goal(self, goal: TrajectoryGoal) -> GoalHandle:
-        """Follow a trajectory and say how it went; ends the goal before.
+        """Start an action goal, which replaces the previous one.
 
-        The handle comes back active, or rejected with the reason in its result.
+        Returns:
+            The handle: active, or rejected with the reason in its result.
         """
         handle = GoalHandle(goal)
         ended = None
         try:
-            self._take(goal.trajectory, handle)
+            self._accept_trajectory(goal.trajectory, handle)
         except TrajectoryError as error:
             handle.finish(REJECTED, TrajectoryResult(error.code, str(error)))
         else:
             ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "preempted by a new goal")
             self._goal = handle
-            self._arrived = set()
+            self._arrived_joints = set()
             self._feedback_timer.start(self._uptime_ns)
         _announce(ended)
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Stop if `handle` is the active goal; returns whether it was."""
+        """Stop if `handle` is the active goal; return whether it was."""
         if self._goal is not handle:
             return False
-        self._hold(self._uptime_ns)
+        self._hold_position(self._uptime_ns)
         ended = self._end_goal(PREEMPTED, ErrorCode.SUCCESSFUL, "cancelled")
         _announce(ended)
         return True
 
     def query_state(self, time_ns: int) -> StatePoint:
-        """Desired state at an absolute simulated time, joints in the controller's order.
+        """Return the desired state at a simulated time, in the controller's joint order.
 
-        Raises ControllerError if the controller does not run or the time precedes the trajectory.
+        Raises:
+            ControllerError: the controller is not running, or the time precedes the trajectory.
         """
         if not self._running:
             raise ControllerError(f"controller '{self.context.name}' is not running")
         at_ns = self._uptime_ns + time_ns - self._time_ns
         samples = []
         for segments in self._segments:
-            index = segment_at(segments, at_ns)
+            index = find_segment(segments, at_ns)
             if index < 0:
                 raise ControllerError(
                     f"controller '{self.context.name}': time {time_ns / _NS_PER_S:.3f} s "
@@ -260,10 +267,11 @@ class JointTrajectoryController(Controller):
             samples.append(segments[index].sample(at_ns))
         return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
 
-    def _take(self, trajectory: Trajectory, goal: GoalHandle | None) -> None:
-        """Make `trajectory` the present one.
+    def _accept_trajectory(self, trajectory: Trajectory, goal: GoalHandle | None) -> None:
+        """Follow `trajectory` from now on.
 
-        Raises TrajectoryError, with nothing changed, if it cannot be followed.
+        Raises:
+            TrajectoryError: the trajectory cannot be followed; the current one continues.
         """
         name = self.context.name
         if not self._running:
@@ -273,18 +281,20 @@ class JointTrajectoryController(Controller):
         tolerances = self._tolerances
         try:
             if goal is not None:
-                tolerances = tolerances.overridden(goal.goal, self.joints)
-            if goal is not None or len(trajectory.points):  # a command without points names none
-                columns = joint_columns(trajectory.joint_names, self.joints, self._partial)
+                tolerances = tolerances.override(goal.goal, self.joints)
+            if goal is not None or len(trajectory.points):  # an empty command needs no joint names
+                columns = find_joint_columns(
+                    trajectory.joint_names, self.joints, self._allows_partial_goals
+                )
             if not len(trajectory.points):
-                self._hold(self._uptime_ns, goal, tolerances)
+                self._hold_position(self._uptime_ns, goal, tolerances)
                 return
             check_points(trajectory)
             next_ns = self._uptime_ns + self._period_ns
             start_ns = next_ns
             if trajectory.stamp_ns:
                 start_ns = self._uptime_ns + trajectory.stamp_ns - self._time_ns
-            segments, dropped = plan(
+            segments, dropped = plan_segments(
                 trajectory, columns, self._segments, self._wraps, next_ns, start_ns, goal,
                 tolerances,
             )
@@ -294,35 +304,35 @@ class JointTrajectoryController(Controller):
         if dropped and not (silent and trajectory.points[0].time_from_start_ns == 0):
             self.context.warn(
                 f"controller '{name}': {dropped} of {len(trajectory.points)} trajectory points "
-                f"are past and dropped"
+                f"are in the past and were dropped"
             )
         self._follow(segments)
 
     def _follow(self, segments: list[JointSegments]) -> None:
         self._segments = segments
-        self._present = [0] * len(segments)
+        self._segment_indices = [0] * len(segments)
 
-    def _hold(
+    def _hold_position(
         self, now_ns: int, goal: GoalHandle | None = None, tolerances: Tolerances | None = None
     ) -> None:
-        """Rest at the measured position, or come to rest over stop_trajectory_duration."""
+        """Hold the measured position, or decelerate within stop_trajectory_duration."""
         result = []
         for k, handle in enumerate(self._handles):
             if self._stop_ns == 0 or not self._running:
                 rest = Waypoint(handle.position, 0.0, 0.0)
                 segment = Segment(now_ns, rest, now_ns, rest)
             else:
-                segment = self._braking(now_ns, self._desired[0][k], self._desired[1][k])
+                segment = self._plan_braking(now_ns, self._desired[0][k], self._desired[1][k])
             if goal is not None:
-                tolerances.put_on(segment, goal, k)
+                tolerances.apply_to(segment, goal, k)
             result.append([segment])
         self._follow(result)
 
-    def _braking(self, now_ns: int, position: float, velocity: float) -> Segment:
-        """From the present desired motion to rest, over stop_trajectory_duration.
+    def _plan_braking(self, now_ns: int, position: float, velocity: float) -> Segment:
+        """Plan a stop from the current desired motion within stop_trajectory_duration.
 
-        A spline to the same place at the opposite velocity in twice the time is at rest, by
-        symmetry, halfway.
+        A spline that returns to the same position with the opposite velocity in twice that time is
+        at rest halfway, by symmetry.
         """
         begin = Waypoint(position, velocity, 0.0)
         mirror = Waypoint(position, -velocity, 0.0)

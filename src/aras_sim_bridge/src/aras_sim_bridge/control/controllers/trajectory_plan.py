@@ -1,4 +1,4 @@
-"""From a trajectory message to one list of spline segments a joint."""
+"""Conversion of a trajectory message into a list of spline segments for each joint."""
 
 from bisect import bisect_right
 from collections.abc import Mapping, Sequence
@@ -27,7 +27,7 @@ JointSegments = list[Segment]
 
 @dataclass(frozen=True, slots=True)
 class Tolerances:
-    """Per joint (in the controller's order): along the path and at the goal; time in ns."""
+    """Path and goal tolerances of each joint, in the controller's order; the goal time is in ns."""
 
     path: tuple[Tolerance, ...]
     goal: tuple[Tolerance, ...]
@@ -37,20 +37,25 @@ class Tolerances:
     def from_parameters(
         cls, parameters: Mapping, where: str, joints: Sequence[str]
     ) -> "Tolerances":
-        """Read the mapping `constraints`. Raises ControllerError on an ill-typed value."""
+        """Read the parameter `constraints`. Raises ControllerError for a value of a wrong type."""
         given = partial(read, parameters, where=where, fault=ControllerError)
         stopped = given("stopped_velocity_tolerance", float, default=0.01)
         path, goal = [], []
         for joint in joints:
-            own = given(joint, Mapping, default={})
+            limits = given(joint, Mapping, default={})
             place = f"{where}/{joint}"
-            path.append(Tolerance(read(own, "trajectory", float, place, ControllerError, 0.0)))
-            goal.append(Tolerance(read(own, "goal", float, place, ControllerError, 0.0), stopped))
+            path.append(Tolerance(read(limits, "trajectory", float, place, ControllerError, 0.0)))
+            at_goal = read(limits, "goal", float, place, ControllerError, 0.0)
+            goal.append(Tolerance(at_goal, stopped))
         time = given("goal_time", float, default=0.0)
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
-    def overridden(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
-        """With the goal's own tolerances. Raises TrajectoryError on an unknown joint or NaN."""
+    def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
+        """Return these tolerances overridden by those of a goal.
+
+        Raises:
+            TrajectoryError: a joint is unknown, or a tolerance is not finite.
+        """
         path, at_goal = list(self.path), list(self.goal)
         for tolerances, overrides in ((path, goal.path_tolerance), (at_goal, goal.goal_tolerance)):
             for override in overrides:
@@ -61,7 +66,7 @@ class Tolerances:
                         f"{', '.join(joints)}",
                     )
                 k = joints.index(override.name)
-                tolerances[k] = _overridden(tolerances[k], override)
+                tolerances[k] = _override_tolerance(tolerances[k], override)
         time_ns = self.goal_time_ns
         if not isfinite(goal.goal_time_tolerance):
             raise TrajectoryError(ErrorCode.INVALID_GOAL, "goal_time_tolerance is not finite")
@@ -69,45 +74,46 @@ class Tolerances:
             time_ns = round(max(goal.goal_time_tolerance, 0.0) * _NS_PER_S)
         return Tolerances(tuple(path), tuple(at_goal), time_ns)
 
-    def put_on(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
-        """Have a segment of the controller's `joint`th serve a goal."""
+    def apply_to(self, segment: Segment, goal: GoalHandle, joint: int) -> None:
+        """Assign a goal and its tolerances to a segment of the joint with index `joint`."""
         segment.goal = goal
         segment.path_tolerance = self.path[joint]
         segment.goal_tolerance = self.goal[joint]
         segment.goal_time_ns = self.goal_time_ns
 
 
-def _overridden(default: Tolerance, override: JointTolerance) -> Tolerance:
+def _override_tolerance(default: Tolerance, override: JointTolerance) -> Tolerance:
     values = []
     for field in Tolerance._fields:
-        wanted = getattr(override, field)
-        if not isfinite(wanted):
+        tolerance = getattr(override, field)
+        if not isfinite(tolerance):
             raise TrajectoryError(
                 ErrorCode.INVALID_GOAL,
                 f"{field} tolerance of joint '{override.name}' is not finite",
             )
-        values.append(getattr(default, field) if wanted == 0.0 else max(wanted, 0.0))
+        values.append(getattr(default, field) if tolerance == 0.0 else max(tolerance, 0.0))
     return Tolerance(*values)
 
 
-def segment_at(segments: JointSegments, time_ns: int) -> int:
-    """Index of the last segment that has begun at `time_ns`, -1 if none has."""
+def find_segment(segments: JointSegments, time_ns: int) -> int:
+    """Return the index of the last segment that has started at `time_ns`, or -1."""
     return bisect_right(segments, time_ns, key=lambda segment: segment.start_ns) - 1
 
 
-def joint_columns(
+def find_joint_columns(
     names: Sequence[str], joints: Sequence[str], partial: bool
 ) -> list[int | None]:
-    """Column in the message of each of the controller's joints, None where it has none.
+    """Return the message column of each of the controller's joints, None if it has none.
 
-    Raises TrajectoryError (INVALID_JOINTS) where the sets do not fit.
+    Raises:
+        TrajectoryError: the joints of message and controller do not match (INVALID_JOINTS).
     """
     unknown = [name for name in names if name not in joints]
     if unknown or len(set(names)) != len(names) or not names:
-        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "none, or one twice"
+        what = f"unknown are {', '.join(map(repr, unknown))}" if unknown else "empty or repeated"
         raise TrajectoryError(
             ErrorCode.INVALID_JOINTS,
-            f"trajectory's joints do not fit ({what}); the controller has {', '.join(joints)}",
+            f"joints of the trajectory are wrong ({what}); the controller has {', '.join(joints)}",
         )
     if len(names) != len(joints) and not partial:
         raise TrajectoryError(
@@ -119,18 +125,22 @@ def joint_columns(
 
 
 def check_points(trajectory: Trajectory) -> None:
-    """Raises TrajectoryError (INVALID_GOAL) on wrong sizes, times that do not increase, or NaN.
+    """Check sizes, times and numbers of a trajectory's points.
 
-    As upstream, a point may have more values than the trajectory has joints, equally many of each
-    kind; what is beyond the joints counts for nothing.
+    As in ros_controllers, the lists of a point may be longer than the number of joints if all have
+    the same length; additional values are ignored.
+
+    Raises:
+        TrajectoryError: sizes differ, times do not increase or a number is not finite
+            (INVALID_GOAL).
     """
     size = len(trajectory.joint_names)
     previous: int | None = None
     for k, point in enumerate(trajectory.points):
         for field in ("positions", "velocities", "accelerations"):
             values = getattr(point, field)
-            wanted = max(size, len(point.positions))
-            if len(values) != wanted and (len(values) or field == "positions"):
+            expected_count = max(size, len(point.positions))
+            if len(values) != expected_count and (len(values) or field == "positions"):
                 raise TrajectoryError(
                     ErrorCode.INVALID_GOAL,
                     f"trajectory point {k} has {len(values)} {field} for {size} joints",
@@ -147,7 +157,7 @@ def check_points(trajectory: Trajectory) -> None:
         previous = point.time_from_start_ns
 
 
-def plan(
+def plan_segments(
     trajectory: Trajectory,
     columns: Sequence[int | None],
     current: Sequence[JointSegments],
@@ -157,14 +167,21 @@ def plan(
     goal: GoalHandle | None = None,
     tolerances: Tolerances | None = None,
 ) -> tuple[list[JointSegments], int]:
-    """Segments of all joints from `next_ns`, the next control cycle, on.
+    """Plan the segments of all joints from `next_ns`, the next control cycle, on.
 
-    The current trajectory is kept until `start_ns`, where the new one begins; then comes a bridge
-    to its first point that is not past. `wraps` says which joints turn endlessly: for those the
-    new points are shifted by full turns so that the bridge goes the short way. Joints without a
-    column keep their current segments, which serve the new goal. Returns the segments and the
-    number of dropped points.
-    Raises TrajectoryError if every point is past.
+    The current trajectory remains until `start_ns`, where the new one starts. A connecting segment
+    leads to the first new point that is not in the past. Joints without a column keep their
+    current segments, which belong to the new goal from now on.
+
+    Args:
+        wraps: whether each joint is continuous; the new points of such a joint are shifted by full
+            turns so that the connecting segment takes the shortest way.
+
+    Returns:
+        The segments, and the number of points that are in the past and were dropped.
+
+    Raises:
+        TrajectoryError: all points are in the past.
     """
     points = [p for p in trajectory.points if start_ns + p.time_from_start_ns > next_ns]
     dropped = len(trajectory.points) - len(points)
@@ -172,45 +189,45 @@ def plan(
         late = (next_ns - start_ns - trajectory.points[-1].time_from_start_ns) / _NS_PER_S
         raise TrajectoryError(
             ErrorCode.INVALID_GOAL,
-            f"all {dropped} trajectory points are past, the last one by {late:.3f} s; check the "
-            f"header stamp and time_from_start",
+            f"all {dropped} trajectory points are in the past, the last one by {late:.3f} s; check "
+            f"the header stamp and time_from_start",
         )
     bridge_ns = max(start_ns, next_ns)
     result = []
     for joint, column in enumerate(columns):
         present = current[joint]
-        first = segment_at(present, next_ns)
-        if column is None:  # as upstream, what it still has to do is the new goal's too
+        first = find_segment(present, next_ns)
+        if column is None:  # as in ros_controllers, its remaining segments belong to the new goal
             for segment in present[max(first, 0) :]:
                 segment.goal = goal
             result.append(present)
             continue
-        last = segment_at(present, bridge_ns)
-        kept = present[max(first, 0) : last + 1] if start_ns > next_ns else []
-        new = _joint_segments(
+        last = find_segment(present, bridge_ns)
+        remaining = present[max(first, 0) : last + 1] if start_ns > next_ns else []
+        new = _plan_joint(
             points, column, Waypoint(*present[max(last, 0)].sample(bridge_ns)), wraps[joint],
             start_ns, bridge_ns,
         )
         if goal is not None and tolerances is not None:
             for segment in new:
-                tolerances.put_on(segment, goal, joint)
-        result.append([*kept, *new])
+                tolerances.apply_to(segment, goal, joint)
+        result.append([*remaining, *new])
     return result, dropped
 
 
-def _joint_segments(
+def _plan_joint(
     points: Sequence[TrajectoryPoint],
     column: int,
-    begin: Waypoint,
+    start: Waypoint,
     wraps: bool,
     start_ns: int,
     bridge_ns: int,
 ) -> JointSegments:
-    """The bridge from `begin` and the segments between the points, for one joint."""
-    shift = _turns(begin.position, points[0].positions[column]) if wraps else 0.0
-    waypoints = [_waypoint(point, column, shift) for point in points]
+    """Plan the connecting segment from `start` and the segments between points, for one joint."""
+    shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
+    waypoints = [_make_waypoint(point, column, shift) for point in points]
     times = [start_ns + point.time_from_start_ns for point in points]
-    segments = [Segment(bridge_ns, begin, times[0], waypoints[0])]
+    segments = [Segment(bridge_ns, start, times[0], waypoints[0])]
     segments[0].time_from_start = (bridge_ns - start_ns) / _NS_PER_S
     for k in range(1, len(points)):
         segment = Segment(times[k - 1], waypoints[k - 1], times[k], waypoints[k])
@@ -219,7 +236,7 @@ def _joint_segments(
     return segments
 
 
-def _waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
+def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
     return Waypoint(
         point.positions[column] + shift,
         point.velocities[column] if len(point.velocities) else None,
@@ -227,10 +244,10 @@ def _waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoint:
     )
 
 
-def _turns(present: float, wanted: float) -> float:
-    """Full turns to add to `wanted` so that it lies within half a turn of `present`."""
-    distance = angles.shortest(present, wanted)
-    # At exactly half a turn the direction of the plain difference is kept.
+def _count_turns(present: float, desired: float) -> float:
+    """Return the multiple of 2π that, added to `desired`, brings it within π of `present`."""
+    distance = angles.shortest_angular_distance(present, desired)
+    # At exactly half a turn the sign of the plain difference decides.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
-        distance = fabs(distance) if wanted > present else -fabs(distance)
-    return round((present + distance - wanted) / (2.0 * pi)) * 2.0 * pi
+        distance = fabs(distance) if desired > present else -fabs(distance)
+    return round((present + distance - desired) / (2.0 * pi)) * 2.0 * pi

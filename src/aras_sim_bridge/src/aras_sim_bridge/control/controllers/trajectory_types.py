@@ -1,4 +1,4 @@
-"""Trajectories, goals and results, as trajectory_msgs and control_msgs have them, without ROS."""
+"""Trajectories, goals and results of trajectory_msgs and control_msgs, without ROS."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ class ErrorCode(IntEnum):
 
 
 class TrajectoryError(ControllerError):
-    """A trajectory that cannot be followed; `code` says why in the action's terms."""
+    """A trajectory that cannot be followed; `code` is the error code of the action."""
 
     def __init__(self, code: ErrorCode, text: str) -> None:
         super().__init__(text)
@@ -28,7 +28,7 @@ class TrajectoryError(ControllerError):
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryPoint:
-    """A waypoint of all joints; empty sequences mean not given."""
+    """A waypoint of all joints; empty sequences are not specified."""
 
     time_from_start_ns: int
     positions: Sequence[float]
@@ -38,7 +38,7 @@ class TrajectoryPoint:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Waypoints for named joints; `stamp_ns` 0 means from the next control cycle on."""
+    """Waypoints of named joints; a `stamp_ns` of 0 starts in the next control cycle."""
 
     joint_names: Sequence[str]
     points: Sequence[TrajectoryPoint]
@@ -47,7 +47,7 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class JointTolerance:
-    """Tolerance of one joint: above 0 sets it, below 0 removes it, 0 keeps the default."""
+    """Tolerance of one joint: positive sets it, negative removes it, 0 keeps the default."""
 
     name: str
     position: float = 0.0
@@ -57,7 +57,11 @@ class JointTolerance:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryGoal:
-    """A goal of follow_joint_trajectory; `goal_time_tolerance` in s, signs as in JointTolerance."""
+    """A goal of follow_joint_trajectory.
+
+    Attributes:
+        goal_time_tolerance: s; its sign has the same meaning as in JointTolerance.
+    """
 
     trajectory: Trajectory
     path_tolerance: Sequence[JointTolerance] = ()
@@ -67,7 +71,7 @@ class TrajectoryGoal:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryResult:
-    """Why a goal ended."""
+    """Error code and text with which a goal ended."""
 
     error_code: ErrorCode
     error_string: str = ""
@@ -85,10 +89,10 @@ class StatePoint:
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryState:
-    """One sample of a trajectory controller: its state topic and its action's feedback.
+    """State of a trajectory controller, for its state topic and its action's feedback.
 
-    `actual` and `error` carry no accelerations: none are measured. error = desired - actual, as
-    an angle; its time_from_start is what has elapsed of the present segment.
+    `actual` and `error` have no accelerations, because none are measured. `error` is desired minus
+    actual, as an angle; its time_from_start is the elapsed time of the current segment.
     """
 
     stamp_ns: int

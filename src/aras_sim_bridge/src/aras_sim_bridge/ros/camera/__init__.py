@@ -1,1 +1,1 @@
-"""Cameras on the graph: pictures, compressed ones, CameraInfo, labels, frames."""
+"""ROS interface of cameras: images, compressed images, CameraInfo, labels and frames."""

@@ -1,4 +1,4 @@
-"""image_raw/compressed: what image_transport's compressed plugin publishes, settings included."""
+"""Topic image_raw/compressed with the settings of image_transport's compressed plug-in."""
 
 from __future__ import annotations
 
@@ -15,11 +15,11 @@ from std_msgs.msg import Header
 
 from aras_sim_bridge.camera import SensorFrame
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.runtime.publisher import Peers, connections
-from aras_visual_servo_ros.parameters import InvalidParameterError, Value, namespace_of
+from aras_sim_bridge.ros.runtime.publisher import SubscriberWatch, list_connections
+from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_namespace
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
-# Names, defaults and limits are compressed_image_transport's.
+# Names, defaults and limits are those of compressed_image_transport.
 COMPRESSED_FIELDS = (
     Field("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
     Field("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
@@ -32,14 +32,15 @@ _COLOUR = {"rgb8": cv2.COLOR_RGB2BGR, "rgb16": cv2.COLOR_RGB2BGR, "bgr8": None}
 
 
 def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tuple[str, bytes]:
-    """Return image_transport's format text and the file's bytes.
+    """Compress an image; return image_transport's format description and the compressed bytes.
 
     Args:
         image: (H, W) or (H, W, 3), uint8 or uint16, in the ROS encoding `encoding`.
+        encoding: ROS encoding of the image.
         settings: values of COMPRESSED_FIELDS.
 
     Raises:
-        CameraError: when OpenCV cannot encode it.
+        CameraError: OpenCV cannot encode the image.
     """
     jpeg = settings["format"] == "jpeg"
     target = ""
@@ -48,7 +49,7 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
             image = cv2.cvtColor(image, _COLOUR[encoding])
         target = "bgr8" if jpeg or image.dtype == np.uint8 else "bgr16"
     if jpeg:
-        if image.dtype == np.uint16:  # JPEG has eight bits; 65535 / 257 = 255
+        if image.dtype == np.uint16:  # JPEG has 8 bits per channel; 65535 / 257 = 255
             image = (image // 257).astype(np.uint8)
         options = [
             cv2.IMWRITE_JPEG_QUALITY, settings["jpeg_quality"],
@@ -66,38 +67,44 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
 
 
 class CompressedTopic:
-    """Publishes frames compressed, from a thread of its own, behind which nobody ever waits."""
+    """Publisher of compressed images; a background thread compresses them without blocking."""
 
-    BACKLOG = 4  # as many frames wait at most; of more, the newest
-    # A second of them for each listener: a recorder that is busy for a moment shall miss none. They
-    # are small, other than raw pictures.
+    BACKLOG = 4  # largest number of frames that wait for compression; the oldest are dropped
+    # About one second of images per subscriber, so that a recorder that is briefly busy misses
+    # none. Compressed images are small, so that this needs little memory.
     QUEUE = 30
 
-    def __init__(self, image_topic: str, peers: Peers) -> None:
-        """Advertise `<image_topic>/compressed` and its settings; `peers` hears of subscribers."""
+    def __init__(self, image_topic: str, subscriber_watch: SubscriberWatch) -> None:
+        """Advertise `<image_topic>/compressed` and its settings.
+
+        `subscriber_watch` is called when subscribers connect or leave.
+        """
         topic = f"{image_topic}/compressed"
         self._topic = topic
-        self._settings = ReconfigureServer(topic, COMPRESSED_FIELDS, _given(topic), _checked)
+        self._settings = ReconfigureServer(
+            topic, COMPRESSED_FIELDS, _read_parameters(topic), _check_settings
+        )
         self._publisher = rospy.Publisher(
-            topic, CompressedImage, latch=True, queue_size=self.QUEUE, subscriber_listener=peers,
+            topic, CompressedImage, latch=True, queue_size=self.QUEUE,
+            subscriber_listener=subscriber_watch,
             tcp_nodelay=True,
         )  # fmt: skip
-        # rospy's publish fails in its own code where the topic goes meanwhile.
+        # Serialises publish and unregister: rospy fails if a topic is unregistered during publish.
         self._publishing = threading.Lock()
-        self._encoder = Encoder(self._send, self.BACKLOG, f"compress {topic}")
+        self._worker = BackgroundWorker(self._send, self.BACKLOG, f"compress {topic}")
 
     @property
-    def listeners(self) -> int:
-        """Number of listeners."""
-        return len(connections(self._publisher))
+    def subscriber_count(self) -> int:
+        """Number of subscribers."""
+        return len(list_connections(self._publisher))
 
     def publish(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
-        """Hand over one camera frame; its arrays must not change afterwards."""
-        self._encoder.put((Header(stamp=stamp, frame_id=frame_id), frame))
+        """Publish one camera frame in the background; its arrays must not change afterwards."""
+        self._worker.put((Header(stamp=stamp, frame_id=frame_id), frame))
 
     def unregister(self) -> None:
-        """Take topic and settings off the graph."""
-        self._encoder.stop()
+        """Unregister the topic and its settings."""
+        self._worker.stop()
         self._settings.shutdown()
         with self._publishing:
             self._publisher.unregister()
@@ -110,62 +117,62 @@ class CompressedTopic:
                 self._publisher.publish(CompressedImage(header, text, data))
         except (CameraError, cv2.error) as error:
             rospy.logerr_throttle(5.0, f"{self._topic}: {error}")
-        except rospy.ROSException:  # the topic was closed meanwhile
-            self._encoder.stop()
+        except rospy.ROSException:  # the topic was closed in the meantime
+            self._worker.stop()
 
 
-class Encoder:
-    """A thread that works off what it is given; of what waits too long the newest stay."""
+class BackgroundWorker:
+    """Thread that processes items from a bounded queue; if it is full, the oldest are dropped."""
 
     def __init__(
         self, work: Callable[[tuple[Header, SensorFrame]], None], backlog: int, name: str
     ) -> None:
-        """Call `work` with each item in turn, `backlog` of which may wait."""
+        """Start the thread; it calls `work` with each item, and at most `backlog` items wait."""
         self._work = work
         self._items = collections.deque[tuple[Header, SensorFrame]](maxlen=backlog)
-        self._something = threading.Event()
+        self._condition = threading.Event()
         self._stopped = False
         threading.Thread(target=self._run, name=name, daemon=True).start()
 
     def put(self, item: tuple[Header, SensorFrame]) -> None:
-        """Hand over an item, without waiting."""
+        """Add an item without waiting."""
         self._items.append(item)
-        self._something.set()
+        self._condition.set()
 
     def stop(self) -> None:
-        """Let what waits be and end, from any thread."""
+        """End the thread and drop the waiting items; may be called from any thread."""
         self._stopped = True
-        self._something.set()
+        self._condition.set()
 
     def _run(self) -> None:
         while True:
-            self._something.wait()
-            self._something.clear()
+            self._condition.wait()
+            self._condition.clear()
             while self._items and not self._stopped:
                 self._work(self._items.popleft())
             if self._stopped:
                 return
 
 
-def _given(topic: str) -> dict[str, Value]:
-    """Settings that the parameter server holds already, as image_transport reads them at start."""
-    values = namespace_of(topic)
-    found: dict[str, Value] = {}
+def _read_parameters(topic: str) -> dict[str, Value]:
+    """Return the valid settings on the parameter server; log an error for each invalid one."""
+    values = get_namespace(topic)
+    settings: dict[str, Value] = {}
     for field in COMPRESSED_FIELDS:
         if field.name not in values:
             continue
         try:
-            found[field.name] = field.coerce(values[field.name])
-            _checked({**found, "format": found.get("format", "jpeg")})
+            settings[field.name] = field.coerce(values[field.name])
+            _check_settings({**settings, "format": settings.get("format", "jpeg")})
         except (CameraError, InvalidParameterError, TypeError):
             rospy.logerr(
-                "%s/%s is %r; going on with %r", topic, field.name, values[field.name],
-                field.default,
+                "%s/%s is invalid: %r; using the default %r", topic, field.name,
+                values[field.name], field.default,
             )  # fmt: skip
-            found.pop(field.name, None)
-    return found
+            settings.pop(field.name, None)
+    return settings
 
 
-def _checked(values: dict[str, Value]) -> None:
+def _check_settings(values: dict[str, Value]) -> None:
     if values["format"] not in ("jpeg", "png"):
         raise CameraError(f"format '{values['format']}' is neither jpeg nor png")

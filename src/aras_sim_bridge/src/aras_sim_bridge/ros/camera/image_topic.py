@@ -1,4 +1,4 @@
-"""A topic of sensor_msgs/Image whose pixels go from their array into the listeners' sockets."""
+"""Publisher of sensor_msgs/Image that sends the pixels without copying them."""
 
 from __future__ import annotations
 
@@ -8,20 +8,24 @@ import numpy as np
 from genpy import Time
 from sensor_msgs.msg import Image
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 
-class ImageTopic(QuickPublisher):
-    """Latched, as Gazebo's; to be published on from one thread."""
+class ImageTopic(NonBlockingPublisher):
+    """Image publisher; latched like Gazebo's image topics, for use from a single thread."""
 
-    def __init__(self, topic: str, changed: Callable[[], None]) -> None:
-        """Advertise; `changed` is called, from any thread, when listeners came or went."""
-        super().__init__(topic, Image, queue_size=2, latch=True, changed=changed)
+    def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
+        """Advertise; `on_change` is called from any thread when subscribers connect or leave."""
+        super().__init__(topic, Image, queue_size=2, latch=True, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, pixels: np.ndarray, encoding: str) -> None:
-        """Send pixels (H, W) or (H, W, 3) of ROS encoding `encoding`; they must not change after.
+        """Publish an image; the pixels must not change afterwards.
 
-        frame_id: the camera's optical frame.
+        Args:
+            stamp: time of the exposure.
+            frame_id: optical frame of the camera.
+            pixels: (H, W) or (H, W, 3).
+            encoding: ROS encoding of the pixels.
         """
         pixels = np.ascontiguousarray(pixels)
         message = Image(encoding=encoding, step=pixels.strides[0])

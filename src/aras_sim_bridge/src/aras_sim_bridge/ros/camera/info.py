@@ -1,4 +1,4 @@
-"""CameraInfo: the message, its frame, and the calibration file that set_camera_info writes."""
+"""CameraInfo messages, frame names, and the calibration files that set_camera_info writes."""
 
 from __future__ import annotations
 
@@ -13,27 +13,30 @@ from sensor_msgs.msg import CameraInfo
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics
 from aras_sim_bridge.errors import CameraError
 
-SENSOR_HEAD = """\
-# Row r of h is exposed for exposure_time about the stamp + (r - (h - 1) / 2) row_time, all in s;
-# sensor: gain in grey levels (of 255) an electron, full_well and read_noise in electrons,
-# dark_current in electrons a second. Keys of a camera's preset.
+SENSOR_HEADER = """\
+# Row r of h is exposed for exposure_time around stamp + (r - (h - 1) / 2) * row_time (all in s).
+# sensor: gain in grey levels (of 255) per electron, full_well and read_noise in electrons,
+# dark_current in electrons per second. The keys are those of a camera preset.
 """
 
 def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
-    """Return the message, without a stamp."""
+    """Return the camera intrinsics as CameraInfo message without stamp and frame."""
     return CameraInfo(
         height=info.height,
         width=info.width,
         distortion_model=info.model,
-        D=_flat(info.D),
-        K=_flat(info.K),
-        R=_flat(info.R),
-        P=_flat(info.P),
+        D=_flatten(info.D),
+        K=_flatten(info.K),
+        R=_flatten(info.R),
+        P=_flatten(info.P),
     )
 
 
-def prefixed(frame_id: str, namespace: str) -> str:
-    """Return frame_id under the parameter tf_prefix, which is searched upward from namespace."""
+def add_prefix(frame_id: str, namespace: str) -> str:
+    """Return `frame_id` with the prefix from the parameter tf_prefix, if there is one.
+
+    The parameter is searched from `namespace` upwards to the root namespace.
+    """
     frame_id = frame_id.lstrip("/")
     parts = [part for part in namespace.split("/") if part]
     for count in range(len(parts), -1, -1):
@@ -43,11 +46,11 @@ def prefixed(frame_id: str, namespace: str) -> str:
     return frame_id
 
 
-def calibration_path(camera_name: str) -> Path:
-    """Return where camera_info_manager keeps a camera's calibration.
+def find_calibration_path(camera_name: str) -> Path:
+    """Return the file in which camera_info_manager stores the calibration of a camera.
 
     Raises:
-        CameraError: for a name that would lead out of that folder.
+        CameraError: the name yields no file name or leads out of the calibration folder.
     """
     parts = [part for part in camera_name.split("/") if part]
     if not parts or any(part.startswith(".") for part in parts):
@@ -57,37 +60,39 @@ def calibration_path(camera_name: str) -> Path:
 
 
 def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -> Path:
-    """Write info in the format of camera_calibration_parsers, and beside it, as NAME_sensor.yaml,
-    the sensor's figures; return the file.
+    """Write a calibration in the format of camera_calibration_parsers and return its path.
+
+    The sensor's parameters are written to NAME_sensor.yaml in the same folder.
 
     Raises:
-        CameraError, OSError: when that is not possible.
+        CameraError: the name of the camera yields no valid file name.
+        OSError: a file cannot be written.
     """
-    path = calibration_path(camera_name)
+    path = find_calibration_path(camera_name)
     path.parent.mkdir(parents=True, exist_ok=True)
-    beside = path.with_name(f"{path.stem}_sensor.yaml")
-    texts = {path: _calibration_yaml(info, camera_name), beside: sensor_yaml(config)}
+    sensor_path = path.with_name(f"{path.stem}_sensor.yaml")
+    texts = {path: _format_calibration(info, camera_name), sensor_path: format_sensor_yaml(config)}
     for file, text in texts.items():
-        # Another reader never sees half a file.
-        draft = file.with_name(file.name + ".new")
-        draft.write_text(text, encoding="utf-8")
-        draft.replace(file)
+        # Replace the file atomically, so that no other process reads an incomplete one.
+        temporary = file.with_name(file.name + ".new")
+        temporary.write_text(text, encoding="utf-8")
+        temporary.replace(file)
     return path
 
 
-def sensor_yaml(config: CameraConfig) -> str:
-    """What CameraInfo has no place for, as a preset: it can be laid over a camera's settings."""
-    return SENSOR_HEAD + yaml.safe_dump(config.sensor_figures(), sort_keys=False)
+def format_sensor_yaml(config: CameraConfig) -> str:
+    """Return the sensor parameters that CameraInfo does not contain, as YAML of a camera preset."""
+    return SENSOR_HEADER + yaml.safe_dump(config.sensor_settings(), sort_keys=False)
 
 
-def _flat(values: np.ndarray) -> list[float]:
+def _flatten(values: np.ndarray) -> list[float]:
     return np.asarray(values, float).ravel().tolist()
 
 
-def _calibration_yaml(info: CameraInfo, name: str) -> str:
-    """Return the text that camera_calibration_parsers reads."""
+def _format_calibration(info: CameraInfo, name: str) -> str:
+    """Return a calibration as YAML text for camera_calibration_parsers."""
 
-    def matrix(rows: int, values: list[float]) -> dict[str, object]:
+    def format_matrix(rows: int, values: list[float]) -> dict[str, object]:
         data = [float(value) for value in values]
         return {"rows": rows, "cols": len(data) // rows, "data": data}
 
@@ -96,11 +101,11 @@ def _calibration_yaml(info: CameraInfo, name: str) -> str:
             "image_width": info.width,
             "image_height": info.height,
             "camera_name": name,
-            "camera_matrix": matrix(3, info.K),
+            "camera_matrix": format_matrix(3, info.K),
             "distortion_model": info.distortion_model,
-            "distortion_coefficients": matrix(1, info.D),
-            "rectification_matrix": matrix(3, info.R),
-            "projection_matrix": matrix(3, info.P),
+            "distortion_coefficients": format_matrix(1, info.D),
+            "rectification_matrix": format_matrix(3, info.R),
+            "projection_matrix": format_matrix(3, info.P),
         },
         sort_keys=False,
     )

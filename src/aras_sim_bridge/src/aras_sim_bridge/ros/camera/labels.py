@@ -1,4 +1,4 @@
-"""Which number of a segmentation image is which link."""
+"""Publisher of the link names that belong to the numbers in segmentation images."""
 
 from __future__ import annotations
 
@@ -7,24 +7,24 @@ from collections.abc import Callable
 import yaml
 from std_msgs.msg import String
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world.labels import links_by_label
+from aras_sim_bridge.world.labels import list_links_by_label
 
 
-class LabelTopic(QuickPublisher):
-    """A latched YAML text `number: model::link`, sent anew when models come or go."""
+class LabelTopic(NonBlockingPublisher):
+    """Latched topic with the YAML text `number: model::link`, updated when models change."""
 
-    def __init__(self, topic: str, changed: Callable[[], None]) -> None:
-        """Advertise; `changed` is called, from any thread, when listeners came or went."""
-        super().__init__(topic, String, queue_size=2, latch=True, changed=changed)
-        self._known: tuple[tuple[str, int], ...] | None = None
+    def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
+        """Advertise; `on_change` is called from any thread when subscribers connect or leave."""
+        super().__init__(topic, String, queue_size=2, latch=True, on_change=on_change)
+        self._labels: tuple[tuple[str, int], ...] | None = None
 
     def update(self, simulation: Simulation) -> None:
-        """Look at the models; runs in the simulation's thread."""
+        """Publish the labels if the models have changed; call in the simulation thread."""
         models = simulation.world.models
-        known = tuple((name, model.body_id) for name, model in models.items())
-        if known == self._known:
+        labels = tuple((name, model.body_id) for name, model in models.items())
+        if labels == self._labels:
             return
-        self._known = known
-        self.publish(String(yaml.safe_dump(links_by_label(models))))
+        self._labels = labels
+        self.publish(String(yaml.safe_dump(list_links_by_label(models))))

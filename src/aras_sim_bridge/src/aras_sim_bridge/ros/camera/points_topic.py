@@ -1,4 +1,4 @@
-"""A topic of sensor_msgs/PointCloud2, of one camera's depth pictures."""
+"""Publisher of the depth images of one camera as sensor_msgs/PointCloud2."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from sensor_msgs.msg import PointCloud2, PointField
 from aras_sim_bridge.camera import SensorFrame
 from aras_sim_bridge.camera.points import COLOUR, POINT_FLOATS, PointCloud
 from aras_sim_bridge.description import DepthTopics
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 _FIELDS = [
     PointField(name, 4 * place, PointField.FLOAT32, 1)
@@ -19,28 +19,30 @@ _FIELDS = [
 ]
 
 
-class PointsTopic(QuickPublisher):
-    """To be published on from one thread; points are in the camera's optical axes."""
+class PointsTopic(NonBlockingPublisher):
+    """Point cloud publisher for use from a single thread; points are in the optical frame."""
 
     def __init__(
-        self, topic: str, rays: np.ndarray, settings: DepthTopics, changed: Callable[[], None]
+        self, topic: str, rays: np.ndarray, settings: DepthTopics, on_change: Callable[[], None]
     ) -> None:
-        """Advertise.
+        """Advertise the topic.
 
         Args:
-            rays: (H, W, 3) as CameraSensor.rays has them.
-            changed: called, from any thread, when listeners came or went.
+            topic: name of the topic.
+            rays: (H, W, 3), result of CameraSensor.compute_rays.
+            settings: settings of the depth topics.
+            on_change: called from any thread when subscribers connect or leave.
         """
         self._cloud = PointCloud(rays, settings)
         self._rows = settings.rows
-        super().__init__(topic, PointCloud2, queue_size=1, changed=changed)
+        super().__init__(topic, PointCloud2, queue_size=1, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
-        """Send the cloud of a frame with depth."""
-        if not self.listeners:
+        """Publish the point cloud of a frame with depth image."""
+        if not self.subscriber_count:
             return
         image = frame.image[..., ::-1] if frame.encoding.startswith("bgr") else frame.image
-        points = self._cloud.points(frame.depth, image)
+        points = self._cloud.compute_points(frame.depth, image)
         message = PointCloud2(fields=_FIELDS, point_step=4 * POINT_FLOATS)
         message.header.stamp, message.header.frame_id = stamp, frame_id
         height, width = points.shape[:2]
@@ -49,4 +51,4 @@ class PointsTopic(QuickPublisher):
         message.height, message.width = height, width
         message.row_step = message.point_step * width
         message.is_dense = bool(np.isfinite(points[..., 2]).all())
-        self.publish_array(message, points, behind=1)  # is_dense
+        self.publish_array(message, points, trailing_bytes=1)  # is_dense

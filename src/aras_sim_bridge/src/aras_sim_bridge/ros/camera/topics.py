@@ -1,4 +1,4 @@
-"""The ROS face of one simulated camera: gazebo_ros_camera's topics, service and settings."""
+"""ROS interface of one camera: topics, service and settings of gazebo_ros_camera."""
 
 from __future__ import annotations
 
@@ -10,32 +10,32 @@ from sensor_msgs.srv import SetCameraInfo
 from std_msgs.msg import Empty, String
 
 from aras_sim_bridge.camera import CameraConfig, CameraIntrinsics, SensorFrame
-from aras_sim_bridge.camera.mounting import MountedCamera, together
-from aras_sim_bridge.camera.points import within_reach
+from aras_sim_bridge.camera.mounting import MountedCamera, find_simultaneous
+from aras_sim_bridge.camera.points import clip_depth
 from aras_sim_bridge.errors import CameraError
-from aras_sim_bridge.ros.camera import frames
+from aras_sim_bridge.ros.camera import frame_broadcaster
 from aras_sim_bridge.ros.camera.compressed import CompressedTopic
 from aras_sim_bridge.ros.camera.image_topic import ImageTopic
 from aras_sim_bridge.ros.camera.info import (
-    prefixed,
+    add_prefix,
+    format_sensor_yaml,
     save_calibration,
-    sensor_yaml,
     to_camera_info,
 )
 from aras_sim_bridge.ros.camera.labels import LabelTopic
 from aras_sim_bridge.ros.camera.points_topic import PointsTopic
 from aras_sim_bridge.ros.conversions import to_time
-from aras_sim_bridge.ros.runtime.publisher import Peers, QuickPublisher
-from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, serves
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher, SubscriberWatch
+from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import Value
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
-Topic = QuickPublisher | CompressedTopic
+Topic = NonBlockingPublisher | CompressedTopic
 
 
 class CameraTopics:
-    """The ROS face of one mounted camera; it renders only while somebody listens."""
+    """Topics, service and settings of one camera; it renders only while it has subscribers."""
 
     def __init__(
         self,
@@ -43,9 +43,9 @@ class CameraTopics:
         thread: SimulationThread,
         before_frame: Callable[[], None] | None = None,
     ) -> None:
-        """Advertise the topics of `mounted` and take its frames.
+        """Advertise the topics of the camera `mounted` and publish its frames.
 
-        before_frame: called in the simulation's thread before a frame goes out, or None.
+        before_frame: called in the simulation thread before a frame is published, or None.
         """
         self._mounted = mounted
         self._thread = thread
@@ -54,59 +54,68 @@ class CameraTopics:
         self.namespace = config.topic_root
         self._camera_name = config.camera_name or config.name
         frame = config.optical_frame_name or config.frame_name or mounted.link
-        self._frame_id = prefixed(frame, self.namespace)
+        self._frame_id = add_prefix(frame, self.namespace)
         self._topics: list[Topic] = []
-        self._closing: list[ServiceTable | ReconfigureServer] = []
+        self._services: list[ServiceTable | ReconfigureServer] = []
         self._trigger: rospy.Subscriber | None = None
-        self._figures: rospy.Publisher | None = None
+        self._sensor_settings: rospy.Publisher | None = None
         self._depth: ImageTopic | None = None
         self._points: PointsTopic | None = None
-        self._depth_info: QuickPublisher | None = None
+        self._depth_info: NonBlockingPublisher | None = None
         self._segmentation: ImageTopic | None = None
         self._labels: LabelTopic | None = None
-        self._announced = False
-        self._on_graph = False
+        self._publishes_frame = False
+        self._is_advertised = False
         try:
-            self._info_message = to_camera_info(thread.call(self._intrinsics))
+            self._info_message = to_camera_info(thread.call(self._read_intrinsics))
             self._info_message.header.frame_id = self._frame_id
             self._advertise(config)
         except Exception:
             self.shutdown()
             raise
-        self._on_graph = True
-        self._changed()
+        self._is_advertised = True
+        self._on_subscribers()
 
-    def _intrinsics(self) -> CameraIntrinsics:
+    def _read_intrinsics(self) -> CameraIntrinsics:
         return self._mounted.sensor.info
 
     def _advertise(self, config: CameraConfig) -> None:
-        peers = Peers(self._changed)
-        self._info = self._info_topic(config.topic(config.info_topic))
-        self._image = self._kept(ImageTopic(config.topic(config.image_topic), self._changed))
-        self._compressed = self._kept(CompressedTopic(config.topic(config.image_topic), peers))
+        watch = SubscriberWatch(self._on_subscribers)
+        self._info = self._make_info_topic(config.resolve_topic(config.info_topic))
+        self._image = self._add_topic(
+            ImageTopic(config.resolve_topic(config.image_topic), self._on_subscribers)
+        )
+        self._compressed = self._add_topic(
+            CompressedTopic(config.resolve_topic(config.image_topic), watch)
+        )
         if config.depth:
             names = config.depth_topics
-            self._depth = self._kept(ImageTopic(config.topic(names.image), self._changed))
-            self._depth_info = self._info_topic(config.topic(names.info))
+            self._depth = self._add_topic(
+                ImageTopic(config.resolve_topic(names.image), self._on_subscribers)
+            )
+            self._depth_info = self._make_info_topic(config.resolve_topic(names.info))
             if names.points:
-                rays = self._thread.call(self._mounted.sensor.rays)
-                self._points = self._kept(
-                    PointsTopic(config.topic(names.points), rays, names, self._changed))
+                rays = self._thread.call(self._mounted.sensor.compute_rays)
+                self._points = self._add_topic(
+                    PointsTopic(
+                        config.resolve_topic(names.points), rays, names, self._on_subscribers
+                    )
+                )
         if config.trigger_topic:
             self._trigger = rospy.Subscriber(
-                config.topic(config.trigger_topic), Empty, self._on_trigger, queue_size=10)
+                config.resolve_topic(config.trigger_topic), Empty, self._on_trigger, queue_size=10)
         if config.segmentation:
-            topic = config.topic("segmentation/image_raw")
-            self._segmentation = self._kept(ImageTopic(topic, self._changed))
-            topic = config.topic("segmentation/labels")
-            self._labels = self._kept(LabelTopic(topic, self._changed))
-        topic = config.topic("sensor_info")
-        self._figures = rospy.Publisher(topic, String, latch=True, queue_size=1)
-        self._figures.publish(String(sensor_yaml(config)))
-        self._closing.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
-        if config.camera_name:  # as upstream: none without a name of its own
-            self._closing.append(self._rate_server(self._thread.call(self._rate)))
-        self._announced = frames.announce(
+            topic = config.resolve_topic("segmentation/image_raw")
+            self._segmentation = self._add_topic(ImageTopic(topic, self._on_subscribers))
+            topic = config.resolve_topic("segmentation/labels")
+            self._labels = self._add_topic(LabelTopic(topic, self._on_subscribers))
+        topic = config.resolve_topic("sensor_info")
+        self._sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
+        self._sensor_settings.publish(String(format_sensor_yaml(config)))
+        self._services.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
+        if config.camera_name:  # like upstream, only for cameras with a name
+            self._services.append(self._make_rate_server(self._thread.call(self._read_rate)))
+        self._publishes_frame = frame_broadcaster.announce(
             self._mounted,
             self._thread.call(lambda: self._mounted.parent_T_optical),
             self._frame_id,
@@ -114,85 +123,90 @@ class CameraTopics:
         )
 
     def shutdown(self) -> None:
-        """Take the camera off the graph."""
-        self._on_graph = False
-        self._changed()
-        if self._announced:
-            frames.withdraw(self._frame_id)
-        for end in (self._trigger, self._figures):
-            if end is not None:
-                end.unregister()
-        for service in self._closing:
+        """Shut down all topics and services of the camera."""
+        self._is_advertised = False
+        self._on_subscribers()
+        if self._publishes_frame:
+            frame_broadcaster.withdraw(self._frame_id)
+        for topic in (self._trigger, self._sensor_settings):
+            if topic is not None:
+                topic.unregister()
+        for service in self._services:
             service.shutdown()
         for topic in self._topics:
             topic.unregister()
 
-    def _kept(self, topic: Topic) -> Topic:
+    def _add_topic(self, topic: Topic) -> Topic:
         self._topics.append(topic)
         return topic
 
-    def _info_topic(self, topic: str) -> QuickPublisher:
-        return self._kept(QuickPublisher(topic, CameraInfo, queue_size=2, changed=self._changed))
+    def _make_info_topic(self, topic: str) -> NonBlockingPublisher:
+        return self._add_topic(
+            NonBlockingPublisher(topic, CameraInfo, queue_size=2, on_change=self._on_subscribers)
+        )
 
-    def _rate(self) -> float:
+    def _read_rate(self) -> float:
         return self._mounted.sensor.rate
 
-    def _rate_server(self, rate: float) -> ReconfigureServer:
-        """imager_rate, told truly; upstream's limits of 1 to 50 Hz, or wider."""
+    def _make_rate_server(self, rate: float) -> ReconfigureServer:
+        """Serve the parameter imager_rate with upstream's limits of 1 to 50 Hz.
+
+        The limits are extended if the initial rate is outside of them.
+        """
         text = "Frames per second of simulated time"
         field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
 
-        def apply(values: dict[str, Value]) -> None:
-            wanted = float(values["imager_rate"])
+        def apply_rate(values: dict[str, Value]) -> None:
+            new_rate = float(values["imager_rate"])
 
             def job() -> None:
                 simulation = self._thread.simulation
-                for camera in together(self._mounted, simulation.cameras):
-                    if wanted != camera.sensor.rate:
-                        camera.sensor.set_rate(wanted, simulation.time_ns, simulation.step_ns)
+                for camera in find_simultaneous(self._mounted, simulation.cameras):
+                    if new_rate != camera.sensor.rate:
+                        camera.sensor.set_rate(new_rate, simulation.time_ns, simulation.step_ns)
 
             self._thread.call(job)
 
-        return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply)
+        return ReconfigureServer(self.namespace, [field], {"imager_rate": rate}, apply_rate)
 
     def _on_trigger(self, _message: Empty) -> None:
-        """Have a picture taken, in the simulation's thread."""
+        """Trigger an exposure of this camera and of the cameras synchronised with it."""
 
         def job() -> None:
             simulation = self._thread.simulation
-            for camera in together(self._mounted, simulation.cameras):
+            for camera in find_simultaneous(self._mounted, simulation.cameras):
                 camera.trigger(simulation.time_ns, simulation.step_ns)
 
         self._thread.post(job)
 
-    def _changed(self) -> None:
-        """Listeners may have come or gone, in any thread."""
-        self._thread.post(self._switch)
+    def _on_subscribers(self) -> None:
+        """Update the outputs in the simulation thread; called from any thread."""
+        self._thread.post(self._update_outputs)
 
-    def _switch(self) -> None:
-        """Have drawn what is listened to."""
+    def _update_outputs(self) -> None:
+        """Enable the camera and its outputs according to the current subscribers."""
         mounted = self._mounted
-        mounted.on_frame = self._on_frame if self._on_graph else None
-        mounted.enabled = self._on_graph and any(map(_heard, self._topics))
-        wanted = _heard(self._depth) or _heard(self._points)
-        mounted.sensor.depth = self._on_graph and wanted
-        mounted.sensor.segmentation = self._on_graph and _heard(self._segmentation)
+        mounted.on_frame = self._on_frame if self._is_advertised else None
+        mounted.enabled = self._is_advertised and any(map(_has_subscribers, self._topics))
+        needs_depth = _has_subscribers(self._depth) or _has_subscribers(self._points)
+        mounted.sensor.depth = self._is_advertised and needs_depth
+        mounted.sensor.segmentation = self._is_advertised and _has_subscribers(self._segmentation)
 
     def _on_frame(self, frame: SensorFrame) -> None:
-        """Publish one frame."""
+        """Publish one frame on all topics that have subscribers."""
         if self._before_frame is not None:
             self._before_frame()
         stamp = to_time(frame.stamp_ns)
         self._image.send(stamp, self._frame_id, frame.image, frame.encoding)
         for publisher in (self._info, self._depth_info):
-            if _heard(publisher):
+            if _has_subscribers(publisher):
                 self._info_message.header.stamp = stamp
                 publisher.publish(self._info_message)
-        if _heard(self._compressed):
+        if _has_subscribers(self._compressed):
             self._compressed.publish(stamp, self._frame_id, frame)
         if frame.depth is not None and self._depth is not None:
             names = self._mounted.sensor.config.depth_topics
-            self._depth.send(stamp, self._frame_id, within_reach(frame.depth, names),
+            self._depth.send(stamp, self._frame_id, clip_depth(frame.depth, names),
                                 "16UC1" if names.millimetres else "32FC1")
         if frame.depth is not None and self._points is not None:
             self._points.send(stamp, self._frame_id, frame)
@@ -201,11 +215,11 @@ class CameraTopics:
         if frame.segmentation is not None and self._segmentation is not None:
             self._segmentation.send(stamp, self._frame_id, frame.segmentation, "32SC1")
 
-    @serves(SetCameraInfo, outside=True)
+    @service_handler(SetCameraInfo, in_caller_thread=True)
     def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:
-        """Publish this calibration from now on, and keep it."""
-        # As camera_info_manager: taken over even where the file cannot be written. Calibrators
-        # leave the frame empty, but an info without the frame of its image is of no use.
+        """Publish the calibration of the request from now on, and save it to a file."""
+        # Like camera_info_manager, use the calibration even if the file cannot be written.
+        # Calibration tools leave the frame empty; subscribers need the frame of the image.
         info = request.camera_info
         info.header.frame_id = info.header.frame_id or self._frame_id
         self._info_message = info
@@ -218,5 +232,5 @@ class CameraTopics:
         return None
 
 
-def _heard(topic: Topic | None) -> bool:
-    return topic is not None and topic.listeners > 0
+def _has_subscribers(topic: Topic | None) -> bool:
+    return topic is not None and topic.subscriber_count > 0

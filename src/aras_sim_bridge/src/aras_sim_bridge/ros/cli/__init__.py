@@ -1,1 +1,1 @@
-"""Command-line clients: spawn_model, spawner, unspawner, controller_manager."""
+"""Command-line programs: spawn_model, spawner, unspawner, controller_manager and others."""

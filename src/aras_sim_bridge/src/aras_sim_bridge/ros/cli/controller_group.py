@@ -1,4 +1,4 @@
-"""controller_group: switch between groups of controllers (parameter controller_groups)."""
+"""List, load and switch groups of controllers (parameter controller_groups)."""
 
 from __future__ import annotations
 
@@ -13,19 +13,19 @@ from aras_sim_bridge.ros.cli.controller_manager import (
     load_controller,
     start_controller,
 )
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
-WAIT = 5.0  # seconds of wall time for the controller manager
+SERVICE_TIMEOUT = 5.0  # seconds of wall time for the controller manager
 
 
 def read_groups() -> dict[str, list[str]]:
-    """Return the groups of this namespace: lists of controller names."""
+    """Return the lists of controller names by group name, from the parameter server."""
     groups = rospy.get_param("controller_groups", {})
     return groups if isinstance(groups, dict) else {}
 
 
 def list_groups(groups: dict[str, list[str]]) -> bool:
-    """Print the groups and what is in them."""
+    """Print all groups with their controllers."""
     print(f"Number of groups: {len(groups)}")
     for name in sorted(groups):
         print(f"  {name}")
@@ -34,38 +34,38 @@ def list_groups(groups: dict[str, list[str]]) -> bool:
     return True
 
 
-def spawn(wanted: list[str]) -> bool:
+def spawn(controllers: list[str]) -> bool:
     """Load and start a group's controllers."""
-    loaded = all([load_controller(name) for name in wanted])
-    return loaded and all([start_controller(name) for name in wanted])
+    loaded = all([load_controller(name) for name in controllers])
+    return loaded and all([start_controller(name) for name in controllers])
 
 
-def switch(wanted: list[str], others: set[str]) -> None:
+def switch(group: list[str], other_groups: set[str]) -> None:
     """Start a group's controllers and stop those of the other groups, in one switch."""
     service = "controller_manager/list_controllers"
-    rospy.wait_for_service(service, WAIT)
+    rospy.wait_for_service(service, SERVICE_TIMEOUT)
     controllers = rospy.ServiceProxy(service, ListControllers)().controller
-    running = {c.name: c.state == "running" for c in controllers}
-    for name in wanted:
-        if name not in running and not load_controller(name):
+    is_running = {c.name: c.state == "running" for c in controllers}
+    for name in group:
+        if name not in is_running and not load_controller(name):
             print("Cancel group switching")
             return
-    to_start = [name for name in wanted if not running.get(name)]
-    to_stop = [name for name, runs in running.items() if runs and name in others]
+    to_start = [name for name in group if not is_running.get(name)]
+    to_stop = [name for name, runs in is_running.items() if runs and name in other_groups]
     proxy = rospy.ServiceProxy("controller_manager/switch_controller", SwitchController)
     ok = proxy(to_start, to_stop, STRICT, False, 0.0).ok
-    asked = {("starting", "Started"): to_start, ("stopping", "Stopped"): to_stop}
+    requests = {("starting", "Started"): to_start, ("stopping", "Stopped"): to_stop}
     if ok:
-        for (_, done), names in asked.items():
+        for (_, done), names in requests.items():
             if names:
                 print(f"{done} {names} successfully")
     else:
-        doing = " and ".join(f"{word} {names}" for (word, _), names in asked.items() if names)
+        doing = " and ".join(f"{word} {names}" for (word, _), names in requests.items() if names)
         print(f"Error when {doing}")
 
 
 def main() -> int:
-    """Entry point; returns the exit status."""
+    """Run controller_group and return its exit status."""
     parser = argparse.ArgumentParser(
         prog="controller_group", description=__doc__,
         epilog="example: rosrun aras_sim_bridge controller_group switch position __ns:=/my_robot",
@@ -73,27 +73,27 @@ def main() -> int:
     commands = parser.add_subparsers(dest="command", required=True)
     commands.add_parser("list", help="print the groups")
     for name in ("spawn", "switch"):
-        commands.add_parser(name).add_argument("group", help="name of the group")
+        commands.add_parser(name).add_argument("group", help="name of the group of controllers")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
-    begin_node("controller_group", anonymous=True)
+    init_node("controller_group", anonymous=True)
     groups = read_groups()
     if args.command == "list":
         return 0 if list_groups(groups) else 1
-    wanted = list(dict.fromkeys(groups.get(args.group) or ()))
-    if not wanted:
+    group = list(dict.fromkeys(groups.get(args.group) or ()))
+    if not group:
         known = ", ".join(sorted(groups)) or "none"
         print(
             f"There is no controller defined in group {args.group}; "
-            f"{rospy.resolve_name('controller_groups')} has {known}",
+            f"groups in {rospy.resolve_name('controller_groups')}: {known}",
             file=sys.stderr,
         )
         return 1
     try:
         if args.command == "spawn":
-            return 0 if spawn(wanted) else 1
-        others = {name for names in groups.values() for name in names} - set(wanted)
-        switch(wanted, others)
-        return 0  # also where it was refused, as upstream's: scripts read what it prints
+            return 0 if spawn(group) else 1
+        others = {name for names in groups.values() for name in names} - set(group)
+        switch(group, others)
+        return 0  # like upstream, even if the switch failed; scripts read the printed text
     except rospy.ROSInterruptException:
         return 1
     except (rospy.ServiceException, rospy.ROSException) as error:

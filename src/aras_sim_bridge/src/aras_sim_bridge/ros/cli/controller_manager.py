@@ -1,4 +1,4 @@
-"""controller_manager: load, start, stop and list controllers from the command line."""
+"""Load, start, stop and list controllers from the command line."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from controller_manager_msgs.srv import (
     UnloadController,
 )
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 STRICT = 2
 ALIASES = {"sp": "spawn", "kl": "kill", "lc": "list", "lt": "list-types", "rl": "reload-libraries"}
@@ -30,21 +30,21 @@ def call(name: str, service: type, *args: object) -> object:
 
 
 def load_controller(name: str) -> bool:
-    """Load one controller; prints and returns whether it worked, as all of these do."""
+    """Load one controller; print and return whether it succeeded."""
     ok = call("load_controller", LoadController, name).ok
     print(f"Loaded '{name}'" if ok else f"Error when loading '{name}'")
     return ok
 
 
 def unload_controller(name: str) -> bool:
-    """Unload one controller."""
+    """Unload one controller; print and return whether it succeeded."""
     ok = call("unload_controller", UnloadController, name).ok
     print(f"Unloaded '{name}' successfully" if ok else f"Error when unloading '{name}'")
     return ok
 
 
 def start_stop_controllers(names: list[str], start: bool) -> bool:
-    """Start controllers, or stop them, in one strict switch."""
+    """Start or stop controllers in one strict switch; print and return whether it succeeded."""
     both = (names, []) if start else ([], names)
     ok = call("switch_controller", SwitchController, *both, STRICT, False, 0.0).ok
     done, doing = ("Started", "starting") if start else ("Stopped", "stopping")
@@ -73,7 +73,7 @@ def stop_controller(name: str) -> bool:
 
 
 def list_controllers() -> bool:
-    """Print one line a controller: its name, the hardware interfaces it claims, its state."""
+    """Print one line per controller: name, claimed hardware interfaces and state."""
     controllers = call("list_controllers", ListControllers).controller
     if not controllers:
         print("No controllers are loaded in mechanism control")
@@ -84,18 +84,18 @@ def list_controllers() -> bool:
 
 
 def list_controller_types() -> bool:
-    """Print the types that can be loaded."""
+    """Print the available controller types."""
     for name in call("list_controller_types", ListControllerTypes).types:
         print(name)
     return True
 
 
 def reload_libraries(force_kill: bool, restore: bool = False) -> bool:
-    """Load the controllers' classes afresh.
+    """Reload the controller classes; print and return whether it succeeded.
 
     Args:
-        force_kill: stop and unload what is loaded; it would be in the way.
-        restore: load it again afterwards, and start what ran.
+        force_kill: stop and unload all controllers first; loaded controllers prevent the reload.
+        restore: load these controllers again afterwards and start those that were running.
     """
     print(f"Restore: {restore}")
     before = call("list_controllers", ListControllers).controller if restore else []
@@ -114,7 +114,7 @@ def reload_libraries(force_kill: bool, restore: bool = False) -> bool:
 
 
 def run(command: str, names: list[str], restore: bool) -> bool:
-    """Run one command; returns whether all of it worked."""
+    """Run one command for all names and return whether everything succeeded."""
     each = {"load": [load_controller], "unload": [unload_controller],
             "start": [start_controller], "stop": [stop_controller]}
     both = {"spawn": (load_controller, start_controller),
@@ -131,16 +131,17 @@ def run(command: str, names: list[str], restore: bool) -> bool:
 
 
 def main() -> int:
-    """Entry point; returns the exit status."""
+    """Run controller_manager and return its exit status."""
     parser = argparse.ArgumentParser(
         prog="controller_manager", description=__doc__,
         epilog="example: rosrun aras_sim_bridge controller_manager list __ns:=/my_robot",
     )  # fmt: skip
     parser.add_argument("command", choices=[*COMMANDS, "reload-libraries", *ALIASES])
     parser.add_argument("names", nargs="*", help="controller names")
-    parser.add_argument("--restore", action="store_true", help="load them again after a reload")
+    parser.add_argument("--restore", action="store_true",
+                        help="load the controllers again after a reload")
     args = parser.parse_args(rospy.myargv(sys.argv)[1:])
-    begin_node("controller_manager", anonymous=True)
+    init_node("controller_manager", anonymous=True)
     try:
         ok = run(ALIASES.get(args.command, args.command), args.names, args.restore)
     except rospy.ROSInterruptException:

@@ -1,15 +1,18 @@
-"""gzclient: Gazebo's window. There is none here; says what to look at the world with instead."""
+"""Replacement of Gazebo's window gzclient: name the programs that display the world instead."""
 
 from __future__ import annotations
 
 import rospy
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 
 def main() -> int:
-    """Say so and stay, as launch files may require the node; returns the exit status."""
-    begin_node("gazebo_gui", __doc__, anonymous=True, disable_rostime=True)
-    rospy.loginfo("there is no Gazebo window: look with rviz, or start with gui:=true for Bullet's")
+    """Log a hint and wait for shutdown, because launch files may require the node.
+
+    Return the exit status.
+    """
+    init_node("gazebo_gui", __doc__, anonymous=True, disable_rostime=True)
+    rospy.loginfo("Gazebo's window is not available; use rviz, or gui:=true for Bullet's window")
     rospy.spin()
     return 0

@@ -1,4 +1,4 @@
-"""gzserver and gazebo: the simulator with Gazebo's own command line, as launch files give it."""
+"""Start the simulator with the command line of Gazebo's gzserver and gazebo."""
 
 from __future__ import annotations
 
@@ -14,18 +14,21 @@ import rospy
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.runtime import node
 
-# Accepted for Gazebo's sake: there are no other engines, plugins of the server, or logs to play.
-_WITH_VALUE = (
+# Accepted for compatibility but ignored: physics engines, server plug-ins and log files of Gazebo.
+_OPTIONS_WITH_VALUE = (
     ("-e", "--physics"), ("-o", "--profile"), ("-s", "--server-plugin"), ("-g", "--gui-plugin"),
     ("-p", "--play"), ("--iters",), ("--gui-client-plugin",), ("--initial_sim_time",),
     ("--record_path",), ("--record_encoding",), ("--record_period",),
 )  # fmt: skip
-_WITHOUT = (("-r", "--record"), ("-q", "--quiet"), ("--lockstep",), ("--minimal_comms",))
+_FLAGS = (("-r", "--record"), ("-q", "--quiet"), ("--lockstep",), ("--minimal_comms",))
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
-    """Return world ('' for ground and sun), paused, verbose, seed (None: not given), and more that
-    has no meaning here."""
+    """Parse the command line.
+
+    The result has `world` ('' for ground plane and sun), `paused`, `verbose` and `seed` (None if
+    not given); its other attributes are ignored.
+    """
     parser = argparse.ArgumentParser(
         prog="gzserver", description=__doc__, allow_abbrev=False,
         epilog="example: rosrun gazebo_ros gzserver worlds/empty.world",
@@ -34,46 +37,49 @@ def parse(argv: list[str]) -> argparse.Namespace:
     parser.add_argument("-u", "--pause", dest="paused", action="store_true", help="start paused")
     parser.add_argument("--verbose", action="store_true", help="log in detail")
     parser.add_argument("--seed", type=int, help="seed of the sensors' noise")
-    for names in _WITH_VALUE:
+    for names in _OPTIONS_WITH_VALUE:
         parser.add_argument(*names, action="append", help=argparse.SUPPRESS)
-    for names in _WITHOUT:
+    for names in _FLAGS:
         parser.add_argument(*names, action="store_true", help=argparse.SUPPRESS)
     return parser.parse_args(argv)
 
 
 def find_world(name: str) -> str:
-    """Path of a world file: as named, below GAZEBO_RESOURCE_PATH, or among gazebo_ros's own.
+    """Return the path of a world file; '' for an empty name.
+
+    The file is searched in the working directory, in the folders of GAZEBO_RESOURCE_PATH and in the
+    package gazebo_ros.
 
     Raises:
-        DescriptionError: it is in none of them.
+        DescriptionError: the file does not exist in any of these folders.
     """
     if not name:
         return ""
-    named = os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep)
-    folders = [Path("."), *map(Path, filter(None, named))]
+    resource_paths = os.environ.get("GAZEBO_RESOURCE_PATH", "").split(os.pathsep)
+    folders = [Path("."), *map(Path, filter(None, resource_paths))]
     with contextlib.suppress(rospkg.ResourceNotFound):
         folders.append(Path(rospkg.RosPack().get_path("gazebo_ros")))
     for folder in folders:
         if (folder / name).is_file():
             return str((folder / name).resolve())
-    looked = ", ".join(str(folder.absolute()) for folder in folders)
+    searched = ", ".join(str(folder.absolute()) for folder in folders)
     raise DescriptionError(
-        f"there is no world file '{name}' in {looked}; give a path, or name its folder in "
+        f"there is no world file '{name}' in {searched}; give its full path or add its folder to "
         "GAZEBO_RESOURCE_PATH"
     )
 
 
 def main() -> int:
-    """Put the command line into the node's parameters and run it; returns the exit status."""
+    """Run the simulator node with the parameters of the command line; return the exit status."""
     arguments = parse(rospy.myargv()[1:])
     try:
         world = find_world(arguments.world)
     except DescriptionError as error:
         print(f"gzserver: {error}", file=sys.stderr)
         return 1
-    given = {"world": world, "paused": arguments.paused}
+    parameters = {"world": world, "paused": arguments.paused}
     if arguments.seed is not None:
-        given["seed"] = arguments.seed
+        parameters["seed"] = arguments.seed
     if arguments.verbose:
-        given["log_level"] = "debug"
-    return node.main(given)
+        parameters["log_level"] = "debug"
+    return node.main(parameters)

@@ -1,4 +1,4 @@
-"""spawn_model: put a model into the running simulation, with gazebo_ros's arguments."""
+"""Spawn a model in the running simulation; the arguments are those of gazebo_ros's spawn_model."""
 
 from __future__ import annotations
 
@@ -20,15 +20,15 @@ from std_srvs.srv import Empty
 
 from aras_sim_bridge.ros.conversions import to_pose
 from aras_visual_servo_base.poses import Pose
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 
 class UsageError(Exception):
-    """The request cannot be made; the text says why and names the remedy."""
+    """The model cannot be spawned; the message states the reason and the remedy."""
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
-    """Return the arguments, named as gazebo_ros names them."""
+    """Parse the command line, which has the arguments of gazebo_ros's spawn_model."""
     parser = argparse.ArgumentParser(
         prog="spawn_model", description=__doc__,
         epilog="example: rosrun aras_sim_bridge spawn_model "
@@ -37,22 +37,27 @@ def parse(argv: list[str]) -> argparse.Namespace:
     kind = parser.add_mutually_exclusive_group(required=True)
     kind.add_argument("-urdf", action="store_true", help="the source is URDF")
     kind.add_argument("-sdf", "-gazebo", action="store_true",
-                      help="the source is SDF; -gazebo is its older name")
+                      help="the source is SDF (-gazebo is the old name of this option)")
     source = parser.add_mutually_exclusive_group(required=True)
     source.add_argument("-file", metavar="FILE", help="read the model from a file")
     source.add_argument("-param", metavar="PARAM", help="read the model from a ROS parameter")
-    source.add_argument("-database", metavar="MODEL", help="refused: there is no model database")
+    source.add_argument("-database", metavar="MODEL", help="not supported (no model database)")
     source.add_argument("-stdin", action="store_true", help="read the model from standard input")
-    parser.add_argument("-model", required=True, metavar="NAME", help="name in the simulation")
-    parser.add_argument("-reference_frame", default="", metavar="ENTITY", help="pose is relative")
+    parser.add_argument("-model", required=True, metavar="NAME",
+                        help="name of the model in the simulation")
+    parser.add_argument("-reference_frame", default="", metavar="ENTITY",
+                        help="model or link that the initial pose is relative to; default: world")
     parser.add_argument("-gazebo_namespace", default="/gazebo", metavar="NS",
-                        help="of the simulator (%(default)s)")  # fmt: skip
+                        help="namespace of the simulator (default: %(default)s)")
     parser.add_argument("-robot_namespace", default=None, metavar="NS",
-                        help="of the model's controllers and cameras; default: this node's")
-    parser.add_argument("-unpause", action="store_true", help="unpause physics afterwards")
-    parser.add_argument("-wait", metavar="MODEL", help="wait for this model to exist first")
+                        help="namespace of the model's controllers and cameras; default: "
+                        "namespace of this node")
+    parser.add_argument("-unpause", action="store_true",
+                        help="resume simulated time after spawning")
+    parser.add_argument("-wait", metavar="MODEL", help="wait until this model exists")
     for name, unit in zip("xyzRPY", ["m"] * 3 + ["rad"] * 3, strict=True):
-        parser.add_argument(f"-{name}", type=float, default=0.0, help=f"initial pose [{unit}]")
+        parser.add_argument(f"-{name}", type=float, default=0.0,
+                            help=f"{name} of the initial pose [{unit}]")
     parser.add_argument(
         "-J",
         nargs=2,
@@ -62,16 +67,17 @@ def parse(argv: list[str]) -> argparse.Namespace:
         metavar=("JOINT", "POSITION"),
         help="initial joint position [rad or m]; repeatable",
     )
-    parser.add_argument("-package_to_model", action="store_true", help="package:// to model://")
+    parser.add_argument("-package_to_model", action="store_true",
+                        help="replace package:// by model:// in the description")
     parser.add_argument("-b", action="store_true", dest="bond", help="delete the model on exit")
     return parser.parse_args(argv)
 
 
 def read_xml(args: argparse.Namespace) -> str:
-    """Return the model's text from the chosen source.
+    """Return the description of the model from the selected source.
 
     Raises:
-        UsageError: when there is nothing to read.
+        UsageError: the source does not exist or is not supported.
     """
     if args.database:
         raise UsageError("-database is not supported: there is no model database; use -file")
@@ -91,7 +97,7 @@ def read_xml(args: argparse.Namespace) -> str:
 
 
 def wait_for_model(namespace: str, name: str) -> None:
-    """Return when model_states lists the model."""
+    """Wait until model_states contains the model."""
     rospy.loginfo("Waiting for model %s before spawning", name)
     while not rospy.is_shutdown():
         try:
@@ -104,25 +110,25 @@ def wait_for_model(namespace: str, name: str) -> None:
 
 
 @contextmanager
-def time_held(namespace: str) -> Iterator[None]:
-    """Pause a simulation that runs, and let it go on afterwards."""
+def pause_time(namespace: str) -> Iterator[None]:
+    """Pause the simulation in a `with` block; it is resumed only if it was running before."""
     rospy.wait_for_service(f"{namespace}/get_physics_properties")
     physics = rospy.ServiceProxy(f"{namespace}/get_physics_properties", GetPhysicsProperties)
-    runs = not physics().pause
-    if runs:
+    is_running = not physics().pause
+    if is_running:
         rospy.ServiceProxy(f"{namespace}/pause_physics", Empty)()
     try:
         yield
     finally:
-        if runs:
+        if is_running:
             rospy.ServiceProxy(f"{namespace}/unpause_physics", Empty)()
 
 
 def spawn(args: argparse.Namespace) -> None:
-    """Do what the arguments ask for.
+    """Spawn the model and set its joint positions according to the arguments.
 
     Raises:
-        UsageError: naming what failed.
+        UsageError: the model cannot be spawned.
     """
     namespace = args.gazebo_namespace.rstrip("/")
     xml = read_xml(args)
@@ -143,8 +149,9 @@ def spawn(args: argparse.Namespace) -> None:
     pose = Pose.from_rpy((args.x, args.y, args.z), (args.R, args.P, args.Y))
     rospy.loginfo("Waiting for service %s", service)
     rospy.wait_for_service(service)
-    # A robot must not fall meanwhile, nor start with its links in each other.
-    with time_held(namespace) if joints else nullcontext():
+    # The robot must not move before its joints are at their initial positions, where its links do
+    # not collide with each other.
+    with pause_time(namespace) if joints else nullcontext():
         response = rospy.ServiceProxy(service, SpawnModel)(
             args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
         )
@@ -152,16 +159,19 @@ def spawn(args: argparse.Namespace) -> None:
             raise UsageError(response.status_message)
         rospy.loginfo("%s", response.status_message)
         if joints:
-            configure(args.model, joints, namespace)
+            set_joint_positions(args.model, joints, namespace)
     if args.unpause:
         rospy.wait_for_service(f"{namespace}/unpause_physics")
         rospy.ServiceProxy(f"{namespace}/unpause_physics", Empty)()
 
 
-def configure(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
-    """Put joints of a model at positions (rad or m); UsageError where that fails.
+def set_joint_positions(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
+    """Set joint positions (rad or m) of a model.
 
-    The model is in the world when its spawn call returns: no need for upstream's sleep.
+    The model exists as soon as its spawn call returns; the sleep of gazebo_ros is not needed.
+
+    Raises:
+        UsageError: the simulator rejects the positions.
     """
     service = f"{namespace}/set_model_configuration"
     rospy.wait_for_service(service)
@@ -174,18 +184,18 @@ def configure(model: str, joints: list[tuple[str, float]], namespace: str) -> No
 
 
 def delete(args: argparse.Namespace) -> None:
-    """Take the model out again (-b)."""
+    """Delete the model on exit (option -b)."""
     service = f"{args.gazebo_namespace.rstrip('/')}/delete_model"
     try:
         rospy.ServiceProxy(service, DeleteModel)(args.model)
     except (rospy.ServiceException, rospy.ROSException):
-        rospy.logwarn("model %s was not deleted: the simulator is gone", args.model)
+        rospy.logwarn("model %s was not deleted: the simulator has ended", args.model)
 
 
 def main() -> int:
-    """Entry point; returns the exit status."""
+    """Run spawn_model and return its exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    begin_node("spawn_model", anonymous=True)
+    init_node("spawn_model", anonymous=True)
     try:
         spawn(args)
     except UsageError as error:

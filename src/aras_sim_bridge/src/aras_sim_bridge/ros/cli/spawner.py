@@ -1,4 +1,4 @@
-"""spawner: load and start controllers, stop and unload them on exit (as ros_control's does)."""
+"""Load and start controllers, and stop and unload them on exit, like ros_control's spawner."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from controller_manager_msgs.srv import LoadController, SwitchController, Unload
 from rosgraph_msgs.msg import Clock
 from std_msgs.msg import Bool
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 STRICT = 2
 SERVICES = (
@@ -23,26 +23,31 @@ SERVICES = (
 
 
 def parse(argv: list[str]) -> argparse.Namespace:
-    """Return the arguments, named as ros_control names them."""
+    """Parse the command line, which has the arguments of ros_control's spawner."""
     parser = argparse.ArgumentParser(
         prog="spawner", description=__doc__,
         epilog="example: rosrun aras_sim_bridge spawner "
         "--namespace /my_robot joint_state_controller",
     )  # fmt: skip
-    parser.add_argument("--stopped", action="store_true", help="load, but do not start")
-    parser.add_argument("--wait-for", metavar="TOPIC", help="std_msgs/Bool to wait for until true")
+    parser.add_argument("--stopped", action="store_true",
+                        help="load the controllers without starting them")
+    parser.add_argument("--wait-for", metavar="TOPIC",
+                        help="wait until this topic (std_msgs/Bool) is true")
     parser.add_argument("--namespace", metavar="NS", help="namespace of the controller manager")
-    parser.add_argument("--timeout", metavar="T", type=float, default=30.0, help="[s]; <= 0: none")
-    parser.add_argument("--no-timeout", action="store_true", help="wait for ever")
-    parser.add_argument("--shutdown-timeout", metavar="T", help="without effect, as upstream")
+    parser.add_argument("--timeout", metavar="T", type=float, default=30.0,
+                        help="time to wait for the controller manager [s]; <= 0: no limit")
+    parser.add_argument("--no-timeout", action="store_true",
+                        help="wait for the controller manager without limit")
+    parser.add_argument("--shutdown-timeout", metavar="T", help="ignored, as in ros_control")
     parser.add_argument("controllers", nargs="+", help="controller names or YAML files")
     return parser.parse_args(argv)
 
 
 def wait_for_service(name: str, timeout: float | None) -> bool:
-    """Return whether the service came up within timeout [s of wall time]; None waits for ever.
+    """Wait for a service and return whether it is available within `timeout`, s of wall time.
 
-    As long as simulated time has not begun, the simulator is still starting and the wait goes on.
+    The wait has no limit if `timeout` is None, or while the simulator is still starting, i.e.
+    before the first message on /clock.
     """
     rospy.loginfo("Controller Spawner: Waiting for service %s", rospy.resolve_name(name))
     while not rospy.is_shutdown():
@@ -52,13 +57,13 @@ def wait_for_service(name: str, timeout: float | None) -> bool:
         except rospy.ROSInterruptException:
             return False
         except rospy.ROSException:
-            if not rospy.get_param("/use_sim_time", False) or clock_runs():
+            if not rospy.get_param("/use_sim_time", False) or is_clock_running():
                 return False
     return False
 
 
-def clock_runs() -> bool:
-    """Return whether /clock has been heard."""
+def is_clock_running() -> bool:
+    """Return whether a message on /clock arrives within 1 s."""
     try:
         rospy.wait_for_message("/clock", Clock, timeout=1.0)
     except rospy.ROSException:
@@ -67,34 +72,37 @@ def clock_runs() -> bool:
 
 
 def wait_for_true(topic: str) -> None:
-    """Return when a true Bool has come in on topic."""
+    """Wait until a message with value true arrives on a topic of type std_msgs/Bool."""
     rospy.loginfo("Controller Spawner: Waiting for topic %s", rospy.resolve_name(topic))
-    heard = []
-    subscriber = rospy.Subscriber(topic, Bool, lambda m: m.data and heard.append(True))
-    while not heard and not rospy.is_shutdown():
+    received = []
+    subscriber = rospy.Subscriber(topic, Bool, lambda m: m.data and received.append(True))
+    while not received and not rospy.is_shutdown():
         rospy.rostime.wallsleep(0.01)
     subscriber.unregister()
 
 
-def controller_names(arguments: list[str], namespace: str) -> list[str]:
-    """Return the names to load; YAML files among the arguments are put on the parameter server."""
+def read_controller_names(arguments: list[str], namespace: str) -> list[str]:
+    """Return the controller names; YAML files are loaded to the parameter server."""
     names = []
     for argument in arguments:
         if not Path(argument).is_file():
             names.append(argument)
             continue
-        own = namespace or rospy.get_namespace()
-        for parameters, target in rosparam.load_file(argument, own):
+        file_namespace = namespace or rospy.get_namespace()
+        for parameters, target in rosparam.load_file(argument, file_namespace):
             rosparam.upload_params(target, parameters)
             names.extend(parameters)
     return names
 
 
 class Spawner:
-    """Loads controllers, and undoes it on shutdown."""
+    """Client of a controller manager that loads and starts controllers, and unloads them again."""
 
     def __init__(self, namespace: str) -> None:
-        """Talk to the controller manager in `namespace` ('' is the node's own, else ends in /)."""
+        """Create the service clients of the controller manager.
+
+        `namespace` ends with '/'; '' is the namespace of this node.
+        """
         self._names = {name: f"{namespace}controller_manager/{name}" for name, _ in SERVICES}
         self._proxies = {
             name: rospy.ServiceProxy(self._names[name], service) for name, service in SERVICES
@@ -102,11 +110,11 @@ class Spawner:
         self._loaded: list[str] = []
 
     def wait(self, timeout: float | None) -> bool:
-        """Return whether all three services are there in time."""
+        """Wait for the three services; return whether each one is available within `timeout`."""
         return all(wait_for_service(name, timeout) for name in self._names.values())
 
     def load(self, names: list[str]) -> None:
-        """Load in the given order; a failure is logged and the next one tried."""
+        """Load the controllers in the given order; failures are logged and skipped."""
         for name in names:
             rospy.loginfo("Loading controller: %s", name)
             if self._proxies["load_controller"](name).ok:
@@ -117,7 +125,7 @@ class Spawner:
         rospy.loginfo("Controller Spawner: Loaded controllers: %s", ", ".join(self._loaded))
 
     def start(self) -> bool:
-        """Start all that were loaded in one strict switch."""
+        """Start all loaded controllers in one strict switch; return whether it succeeded."""
         if self._proxies["switch_controller"](self._loaded, [], STRICT, False, 0.0).ok:
             rospy.loginfo("Started controllers: %s", ", ".join(self._loaded))
             return True
@@ -128,28 +136,28 @@ class Spawner:
         return False
 
     def unload(self) -> None:
-        """Stop and unload in reverse order; silent when the simulator went first."""
+        """Stop the controllers and unload them in reverse order; ignore a simulator that ended."""
         if not self._loaded:
             return
         try:
             rospy.loginfo("Shutting down spawner. Stopping and unloading controllers...")
             self._proxies["switch_controller"]([], self._loaded, STRICT, False, 0.0)
-            left = [
+            failed = [
                 name for name in reversed(self._loaded)
                 if not self._proxies["unload_controller"](name).ok
             ]  # fmt: skip
-            if len(left) < len(self._loaded):  # else the simulator ends at the same Ctrl-C
-                for name in left:
+            if len(failed) < len(self._loaded):  # if all fail, the simulator is shutting down, too
+                for name in failed:
                     rospy.logwarn("Failed to unload %s; the simulator's log says why", name)
         except (rospy.ServiceException, rospy.ROSException, OSError):
-            rospy.logdebug("the simulator is gone already; nothing to unload")
+            rospy.logdebug("the simulator has already ended; nothing to unload")
 
 
 def main() -> int:
-    """Entry point; returns the exit status."""
+    """Run the spawner and return its exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    # its waits are of wall time: hearing the clock all the while would be a thirtieth of a core
-    begin_node("spawner", anonymous=True, disable_rostime=True)
+    # The spawner waits in wall time. A subscription to /clock would use 3 % of a CPU core.
+    init_node("spawner", anonymous=True, disable_rostime=True)
     if args.shutdown_timeout is not None:
         rospy.logwarn("--shutdown-timeout has no effect; leave it out")
     namespace = args.namespace or ""
@@ -169,12 +177,12 @@ def main() -> int:
         wait_for_true(args.wait_for)
     rospy.on_shutdown(spawner.unload)
     try:
-        spawner.load(controller_names(args.controllers, namespace))
+        spawner.load(read_controller_names(args.controllers, namespace))
         if not args.stopped:
             spawner.start()
     except rospy.ServiceException as error:
         if not rospy.is_shutdown():
-            rospy.logerr("Controller Spawner: the simulator went away: %s", error)
+            rospy.logerr("Controller Spawner: the simulator has ended: %s", error)
         return 1
     rospy.spin()
     return 0

@@ -1,4 +1,4 @@
-"""unspawner: keep controllers stopped while it runs, start them again on exit."""
+"""Keep controllers stopped while the program runs, and start them again on exit."""
 
 from __future__ import annotations
 
@@ -12,14 +12,14 @@ from controller_manager_msgs.srv import (
     SwitchControllerRequest,
 )
 
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.shutdown import init_node
 
 BEST_EFFORT = 1
-PERIOD = 3.0  # seconds of wall time between two looks
+PERIOD = 3.0  # seconds of wall time between two checks of the running controllers
 
 
 def main() -> int:
-    """Entry point; returns the exit status."""
+    """Run the unspawner and return its exit status."""
     parser = argparse.ArgumentParser(
         prog="unspawner", description=__doc__,
         epilog="example: rosrun aras_sim_bridge unspawner "
@@ -27,7 +27,7 @@ def main() -> int:
     )  # fmt: skip
     parser.add_argument("controllers", nargs="+", help="controller names")
     names = parser.parse_args(rospy.myargv(sys.argv)[1:]).controllers
-    begin_node("unspawner", anonymous=True)
+    init_node("unspawner", anonymous=True)
     try:
         for service in ("switch_controller", "list_controllers"):
             rospy.wait_for_service(f"controller_manager/{service}")
@@ -43,7 +43,7 @@ def main() -> int:
         try:
             switch(SwitchControllerRequest(start_controllers=stopped, strictness=BEST_EFFORT))
         except (rospy.ServiceException, rospy.ROSException, OSError):
-            rospy.logwarn("%s stay stopped: the simulator is gone", ", ".join(stopped))
+            rospy.logwarn("%s stay stopped: the simulator has ended", ", ".join(stopped))
 
     rospy.on_shutdown(restart)
     while not rospy.is_shutdown():

@@ -1,1 +1,1 @@
-"""Controllers on the graph: their manager's services, command and state topics, actions."""
+"""ROS interface of controllers: controller_manager services, command and state topics, actions."""

@@ -1,4 +1,4 @@
-"""Goals of a controller through actionlib."""
+"""Action servers of controllers, based on actionlib."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class _SimTimeActionServer(ActionServer):
-    """actionlib's server with stamps of simulated time; its timer runs on wall time."""
+    """Server of actionlib with stamps of simulated time; its status timer uses wall time."""
 
     def __init__(self, *args: object, thread: SimulationThread) -> None:
         self._thread = thread
@@ -58,10 +58,11 @@ class _SimTimeActionServer(ActionServer):
 
 
 class ControllerAction(ABC):
-    """The action of one controller.
+    """Base class of the action server of one controller.
 
-    Goals and cancels are posted, never waited for: actionlib calls with its lock held, which the
-    simulation's thread needs to tell of a goal's progress.
+    Goals and cancel requests are posted to the simulation thread without waiting. actionlib holds
+    its lock during callbacks, and the simulation thread needs this lock to publish feedback;
+    waiting would cause a deadlock.
     """
 
     action: ClassVar[type[Message]]
@@ -69,52 +70,52 @@ class ControllerAction(ABC):
 
     def __init__(self, controller: JointTrajectoryController | GripperActionController,
                  namespace: str, thread: SimulationThread) -> None:
-        """Serve `controller` below its `namespace`, as the class's action at its topic."""
+        """Serve the class's `action` for `controller` at the topic `namespace`/`topic`."""
         self._controller = controller
-        self._goals: dict[str, GoalHandle] = {}  # the simulation's thread's
+        self._goals: dict[str, GoalHandle] = {}  # used in the simulation thread only
         self._server = _SimTimeActionServer(
             f"{namespace}/{self.topic}",
             self.action,
-            lambda goal: thread.post(lambda: self._begin(goal)),
-            lambda goal: thread.post(lambda: self._cancel(goal)),
+            lambda goal: thread.post(lambda: self._start_goal(goal)),
+            lambda goal: thread.post(lambda: self._cancel_goal(goal)),
             thread=thread,
         )
         self._server.start()
 
     def shutdown(self) -> None:
-        """Take the action off the graph."""
+        """Shut down the action server."""
         self._server.stop()
 
     @abstractmethod
-    def _request(self, message: Message) -> object:
-        """The controller's goal of a message."""
+    def _make_goal(self, message: Message) -> object:
+        """Return the controller goal of a goal message."""
 
     @abstractmethod
-    def _result(self, handle: GoalHandle) -> tuple[Message, str]:
-        """Message and text of a goal that has ended."""
+    def _make_result(self, handle: GoalHandle) -> tuple[Message, str]:
+        """Return the result message and status text of a finished goal."""
 
-    def _feedback(self, state: object) -> Message:
-        """Message of a state of the controller's; for those that tell any."""
+    def _make_feedback(self, state: object) -> Message:
+        """Return the feedback message of a controller state; for controllers with feedback."""
         raise NotImplementedError
 
-    def _begin(self, goal: ServerGoalHandle) -> None:
-        handle = self._controller.submit_goal(self._request(goal.get_goal()))
+    def _start_goal(self, goal: ServerGoalHandle) -> None:
+        handle = self._controller.submit_goal(self._make_goal(goal.get_goal()))
         if handle.status == REJECTED:
-            goal.set_rejected(*self._result(handle))
+            goal.set_rejected(*self._make_result(handle))
             return
         key = goal.get_goal_id().id
         self._goals[key] = handle
         goal.set_accepted()
 
-        def done(ended: GoalHandle) -> None:
+        def publish_end(handle: GoalHandle) -> None:
             self._goals.pop(key, None)
             ends = {SUCCEEDED: goal.set_succeeded, PREEMPTED: goal.set_canceled}
-            ends.get(ended.status, goal.set_aborted)(*self._result(ended))
+            ends.get(handle.status, goal.set_aborted)(*self._make_result(handle))
 
-        handle.on_feedback = lambda state: goal.publish_feedback(self._feedback(state))
-        handle.on_done = done
+        handle.on_feedback = lambda state: goal.publish_feedback(self._make_feedback(state))
+        handle.on_done = publish_end
 
-    def _cancel(self, goal: ServerGoalHandle) -> None:
+    def _cancel_goal(self, goal: ServerGoalHandle) -> None:
         handle = self._goals.get(goal.get_goal_id().id)
         if handle is not None:
             self._controller.cancel_goal(handle)

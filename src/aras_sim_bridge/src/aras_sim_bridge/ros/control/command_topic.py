@@ -1,8 +1,9 @@
-"""A topic whose messages are commands: read by the simulation's thread itself, between two steps.
+"""Subscription to a command topic whose messages the simulation thread reads between two steps.
 
-rospy gives every connection a thread, which would decode 6 000 messages a second of an original
-node's loop without sleep. Here that thread hands over its connection, with what it has read, and
-rests until the connection ends; see runtime.inbox for what becomes of the messages.
+rospy decodes every message in a separate thread per connection. A node of the original project that
+publishes in a loop without sleep sends 6 000 messages per second. Here rospy's thread passes its
+connection and the bytes that it has already read to the simulation thread, and then waits until the
+connection ends. See runtime/message_receiver.py for the processing of the messages.
 """
 
 from __future__ import annotations
@@ -16,148 +17,154 @@ from genpy import DeserializationError, Message
 from rospy.impl.tcpros_base import TCPROSTransport
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.inbox import BUFFER_SIZE, Stream
+from aras_sim_bridge.ros.runtime.message_receiver import BUFFER_SIZE, MessageStream
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_base.names import USER_FAULTS
 
-COMPLAINT_PERIOD = 5.0  # seconds of wall time between two lines about the same fault
-CLOSED_PERIOD = 1.0  # seconds of wall time between two looks whether rospy closed a connection
+COMPLAINT_PERIOD = 5.0  # s of wall time between two log lines of one topic
+CLOSED_PERIOD = 1.0  # s of wall time between two checks whether rospy has closed a connection
 _lock = threading.Lock()
-_feeds: dict[str, _Feed] = {}
-_read = threading.local()  # .bodies: what rospy's thread has read and nobody has taken
+_subscriptions: dict[str, _SharedSubscription] = {}
+_thread_data = threading.local()  # .bodies: message bodies read by one of rospy's threads
 
 
 class CommandTopic:
-    """Hands each message of a topic on in the step that it arrived before."""
+    """Subscriber whose messages are handled in the simulation thread before the next step."""
 
     def __init__(
         self,
         topic: str,
         message: type[Message],
-        take: Callable[[Message], None],
+        on_message: Callable[[Message], None],
         thread: SimulationThread,
     ) -> None:
-        """Subscribe; `take`, called in the simulation's thread, may raise SimError."""
+        """Subscribe; `on_message`, called in the simulation thread, may raise SimError."""
         self._topic = topic
-        self._take = take
-        self._complained = -COMPLAINT_PERIOD
-        self._refused = 0
+        self._on_message = on_message
+        self._last_complaint = -COMPLAINT_PERIOD
+        self._refusals = 0
         with _lock:
-            if topic not in _feeds:
-                _feeds[topic] = _Feed(topic, message, thread)
-            self._feed = _feeds[topic]
-            self._feed.takers = (*self._feed.takers, self)
+            if topic not in _subscriptions:
+                _subscriptions[topic] = _SharedSubscription(topic, message, thread)
+            self._subscription = _subscriptions[topic]
+            self._subscription.command_topics = (*self._subscription.command_topics, self)
 
     def shutdown(self) -> None:
         """Unsubscribe."""
         with _lock:
-            self._feed.takers = tuple(t for t in self._feed.takers if t is not self)
-            if not self._feed.takers:
-                del _feeds[self._topic]
-                self._feed.close()
+            self._subscription.command_topics = tuple(
+                other for other in self._subscription.command_topics if other is not self
+            )
+            if not self._subscription.command_topics:
+                del _subscriptions[self._topic]
+                self._subscription.close()
 
-    def act(self, message: Message) -> None:
-        """Have a message taken; a fault becomes a line, at a bounded rate."""
+    def handle(self, message: Message) -> None:
+        """Call `on_message` with a message; errors are logged at a limited rate."""
         try:
-            self._take(message)
+            self._on_message(message)
         except SimError as error:
-            self.complain(str(error))
+            self.log_refusal(str(error))
         except USER_FAULTS as error:
-            self.complain(f"{type(error).__name__}: {error}")
+            self.log_refusal(f"{type(error).__name__}: {error}")
 
-    def complain(self, why: str) -> None:
-        """Say why a message was refused."""
-        self._refused += 1
+    def log_refusal(self, reason: str) -> None:
+        """Log why a message was rejected, at most once per COMPLAINT_PERIOD."""
+        self._refusals += 1
         now = time.monotonic()
-        if now - self._complained >= COMPLAINT_PERIOD:
-            more = f" ({self._refused} refused so far)" if self._refused > 1 else ""
-            rospy.logerr("%s: %s%s", self._topic, why, more)
-            self._complained = now
+        if now - self._last_complaint >= COMPLAINT_PERIOD:
+            more = f" ({self._refusals} refused so far)" if self._refusals > 1 else ""
+            rospy.logerr("%s: %s%s", self._topic, reason, more)
+            self._last_complaint = now
 
 
-class _Feed:
-    """The one subscription of this process to a topic, whoever takes from it."""
+class _SharedSubscription:
+    """Subscription to a topic that all CommandTopic objects of this process share."""
 
     def __init__(self, topic: str, message: type[Message], thread: SimulationThread) -> None:
-        self.takers: tuple[CommandTopic, ...] = ()
+        self.command_topics: tuple[CommandTopic, ...] = ()
         self._topic = topic
         self._message = message
         self._thread = thread
-        self._streams: set[Stream] = set()  # the simulation's thread's
-        self._subscribed = threading.Event()
-        if thread.gate is not None:
-            thread.gate.claim(topic)
+        self._streams: set[MessageStream] = set()  # used in the simulation thread only
+        self._is_subscribed = threading.Event()
+        if thread.lockstep is not None:
+            thread.lockstep.claim(topic)
         self._subscriber = rospy.Subscriber(
             topic,
-            undecoded(message),
-            self._hand_over,
+            make_undecoded_type(message),
+            self._adopt_connection,
             buff_size=BUFFER_SIZE,
             tcp_nodelay=True,
         )
-        self._subscribed.set()
+        self._is_subscribed.set()
 
     def close(self) -> None:
         """Unsubscribe."""
         self._thread.post(self._end_streams)
         self._subscriber.unregister()
-        if self._thread.gate is not None:
-            self._thread.gate.release(self._topic)
+        if self._thread.lockstep is not None:
+            self._thread.lockstep.release(self._topic)
 
-    def _hand_over(self, message: Message) -> None:
-        """The first messages of a connection, in rospy's thread for it."""
-        bodies, _read.bodies = _read.bodies, []
-        if not bodies:  # this one went with those that were read before it
+    def _adopt_connection(self, message: Message) -> None:
+        """Pass a new connection to the simulation thread; rospy calls this in its own thread.
+
+        rospy calls it for each of the first messages of the connection. The call blocks until the
+        connection ends.
+        """
+        bodies, _thread_data.bodies = _thread_data.bodies, []
+        if not bodies:  # an earlier call has already processed this message
             return
-        self._subscribed.wait()
+        self._is_subscribed.wait()
         implementation = self._subscriber.impl
         connections = [] if implementation is None else implementation.connections
         connection: TCPROSTransport | None = next(
             (c for c in connections if c.header is message._connection_header), None
         )
-        if connection is None:  # closed meanwhile
+        if connection is None:  # the connection was closed in the meantime
             return
         rest = connection.read_buff.getvalue()
         connection.read_buff.seek(0)
         connection.read_buff.truncate(0)
-        over = threading.Event()
+        has_ended = threading.Event()
 
-        def end() -> None:
+        def on_end() -> None:
             self._streams.discard(stream)
-            over.set()
+            has_ended.set()
 
-        stream = Stream(connection.socket, self._on_body, end, bodies, rest)
+        stream = MessageStream(connection.socket, self._on_body, on_end, bodies, rest)
 
-        def begin() -> None:
+        def start_stream() -> None:
             self._streams.add(stream)
-            self._thread.inbox.add(stream)
+            self._thread.receiver.add(stream)
 
-        self._thread.post(begin)
-        while not over.wait(CLOSED_PERIOD) and not rospy.is_shutdown():
+        self._thread.post(start_stream)
+        while not has_ended.wait(CLOSED_PERIOD) and not rospy.is_shutdown():
             if connection.done:
-                self._thread.post(lambda: self._thread.inbox.remove(stream))
+                self._thread.post(lambda: self._thread.receiver.remove(stream))
 
     def _end_streams(self) -> None:
         for stream in list(self._streams):
-            self._thread.inbox.remove(stream)
+            self._thread.receiver.remove(stream)
 
     def _on_body(self, body: bytes) -> None:
         try:
             message = self._message().deserialize(body)
         except DeserializationError as error:
-            reason = f"a message of {len(body)} bytes is no {self._message._type}: {error}"
-            self.takers[0].complain(reason)
+            reason = f"a message of {len(body)} bytes is not a {self._message._type}: {error}"
+            self.command_topics[0].log_refusal(reason)
             return
-        for taker in self.takers:
-            taker.act(message)
-        if self._thread.gate is not None:
-            self._thread.gate.heard(self._topic)
+        for command_topic in self.command_topics:
+            command_topic.handle(message)
+        if self._thread.lockstep is not None:
+            self._thread.lockstep.note_message(self._topic)
 
 
-def undecoded(message: type[Message]) -> type[Message]:
-    """Return a message type as rospy wants it, which keeps the bodies and decodes nothing."""
+def make_undecoded_type(message: type[Message]) -> type[Message]:
+    """Return a message type for rospy that stores the message bodies instead of decoding them."""
 
     def deserialize(self: Message, body: bytes) -> Message:
-        _read.bodies = [*getattr(_read, "bodies", []), body]
+        _thread_data.bodies = [*getattr(_thread_data, "bodies", []), body]
         return self
 
     return type(message.__name__, (message,), {"__slots__": [], "deserialize": deserialize})

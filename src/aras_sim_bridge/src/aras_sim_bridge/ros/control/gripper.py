@@ -1,4 +1,4 @@
-"""The action of gripper controllers."""
+"""Action server of gripper controllers."""
 
 from control_msgs.msg import GripperCommandAction, GripperCommandGoal, GripperCommandResult
 
@@ -8,15 +8,15 @@ from aras_sim_bridge.ros.control.actions import ControllerAction
 
 
 class GripperAction(ControllerAction):
-    """gripper_cmd of one gripper controller; it tells no feedback, as upstream's."""
+    """Action gripper_cmd of one gripper controller; like upstream's, it sends no feedback."""
 
     action, topic = GripperCommandAction, "gripper_cmd"
 
-    def _request(self, message: GripperCommandGoal) -> GripperGoal:
+    def _make_goal(self, message: GripperCommandGoal) -> GripperGoal:
         return GripperGoal(message.command.position, message.command.max_effort)
 
-    def _result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
-        found = handle.result
-        told = GripperCommandResult(found.position, found.effort, found.stalled,
-                                    found.reached_goal)
-        return told, found.text
+    def _make_result(self, handle: GoalHandle) -> tuple[GripperCommandResult, str]:
+        result = handle.result
+        message = GripperCommandResult(result.position, result.effort, result.stalled,
+                                       result.reached_goal)
+        return message, result.text

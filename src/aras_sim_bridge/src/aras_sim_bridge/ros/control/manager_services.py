@@ -1,4 +1,4 @@
-"""The six controller_manager services of one robot, and the topics of what it has loaded."""
+"""The six controller_manager services of one robot, and the topics of its loaded controllers."""
 
 from __future__ import annotations
 
@@ -23,24 +23,31 @@ from aras_sim_bridge.control.switching import SwitchRequest
 from aras_sim_bridge.errors import ControllerError
 from aras_sim_bridge.ros.control.command_topic import CommandTopic
 from aras_sim_bridge.ros.control.topics import ControllerTopics, PidTopics
-from aras_sim_bridge.ros.runtime.record import Record
-from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, handlers_in, serves
+from aras_sim_bridge.ros.runtime.services import (
+    Fields,
+    ServiceTable,
+    find_handlers,
+    service_handler,
+)
 from aras_sim_bridge.ros.runtime.simulation_thread import SHUTTING_DOWN, SimulationThread
+from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.simulation import ControlledModel, Simulation
 from aras_visual_servo_base.names import resolve_name
-from aras_visual_servo_ros.parameters import namespace_of
+from aras_visual_servo_ros.parameters import get_namespace
 
 T = TypeVar("T")
-SWITCH_TIMEOUT = 10.0  # seconds of wall time, where the request sets no limit (timeout 0)
-LOOK_PERIOD = 0.1  # seconds of wall time between two looks whether time was stopped meanwhile
+SWITCH_TIMEOUT = 10.0  # s of wall time, used if the request sets no limit (timeout 0)
+POLL_PERIOD = 0.1  # s of wall time between two checks whether simulated time has stopped
 
 
 class ManagerServices:
-    """Serves <namespace>/controller_manager/ and keeps the controllers' topics in step."""
+    """Services in <namespace>/controller_manager/ and topics of the loaded controllers."""
 
-    def __init__(self, robot: ControlledModel, thread: SimulationThread, record: Record) -> None:
+    def __init__(
+        self, robot: ControlledModel, thread: SimulationThread, spawn_record: SpawnRecord
+    ) -> None:
         """Advertise the services of `robot`, whose manager runs in `thread`."""
-        self._record = record
+        self._spawn_record = spawn_record
         self._robot = robot
         self._manager = robot.manager
         self._thread = thread
@@ -64,19 +71,19 @@ class ManagerServices:
         self._services = ServiceTable(
             f"{self._namespace}/controller_manager",
             self._thread,
-            *handlers_in(self),
-            turn=threading.Lock(),  # ros_control answers one call at a time
+            *find_handlers(self),
+            call_lock=threading.Lock(),  # like ros_control, serve one call at a time
         )
 
     def shutdown(self) -> None:
-        """Take services and topics off the graph."""
+        """Shut down all services and topics."""
         if self._services is not None:
             self._services.shutdown()
         if self._e_stop is not None:
             self._e_stop.shutdown()
         for topics in [*self._topics.values(), *self._joint_pids]:
             topics.shutdown()
-        self._record.controllers(self._namespace, [])
+        self._spawn_record.set_controllers(self._namespace, [])
         self._topics.clear()
 
     def _subscribe_e_stop(self) -> CommandTopic | None:
@@ -85,14 +92,14 @@ class ManagerServices:
         if topic is None:
             return None
 
-        def take(message: Bool) -> None:
+        def set_e_stop(message: Bool) -> None:
             self._robot.hardware.e_stop = message.data
 
-        return CommandTopic(resolve_name(self._namespace, topic), Bool, take, self._thread)
+        return CommandTopic(resolve_name(self._namespace, topic), Bool, set_e_stop, self._thread)
 
-    @serves(ListControllers)
+    @service_handler(ListControllers)
     def list_controllers(self, _simulation: Simulation, _request: ListControllers) -> Fields:
-        """Names, states, types and claims."""
+        """Return names, states, types and claimed resources of the loaded controllers."""
         controllers = []
         for info in self._manager.list():
             claims = [
@@ -102,40 +109,40 @@ class ManagerServices:
             controllers.append(ControllerState(info.name, info.state, info.type, claims))
         return {"controller": controllers}
 
-    @serves(ListControllerTypes, outside=True)
+    @service_handler(ListControllerTypes, in_caller_thread=True)
     def list_controller_types(
         self, _thread: SimulationThread, _request: ListControllerTypes
     ) -> Fields:
-        """Type strings, each with the name of its base class."""
-        pairs = self._with_parameters(self._manager.list_types)
+        """Return the available controller types with the names of their base classes."""
+        pairs = self._call_with_parameters(self._manager.list_types)
         return {"types": [a for a, _ in pairs], "base_classes": [b for _, b in pairs]}
 
-    @serves(LoadController, outside=True)
+    @service_handler(LoadController, in_caller_thread=True)
     def load_controller(self, _thread: SimulationThread, request: LoadController) -> Fields:
-        """Make a controller by the parameters as they are now."""
-        self._with_parameters(lambda: self._manager.load(request.name))
-        self._sync()
+        """Load a controller with the current parameters of the parameter server."""
+        self._call_with_parameters(lambda: self._manager.load(request.name))
+        self._sync_topics()
 
-    @serves(UnloadController, outside=True)
+    @service_handler(UnloadController, in_caller_thread=True)
     def unload_controller(self, thread: SimulationThread, request: UnloadController) -> Fields:
-        """Forget a controller."""
+        """Unload a controller and close its topics."""
         thread.call(lambda: self._manager.unload(request.name))
-        self._sync()
+        self._sync_topics()
 
-    @serves(ReloadControllerLibraries, outside=True)
+    @service_handler(ReloadControllerLibraries, in_caller_thread=True)
     def reload_controller_libraries(
         self, _thread: SimulationThread, request: ReloadControllerLibraries
     ) -> Fields:
-        """Import the users' classes anew."""
-        self._with_parameters(lambda: self._manager.reload_libraries(request.force_kill))
-        self._sync()
+        """Reload the Python modules of user-defined controllers."""
+        self._call_with_parameters(lambda: self._manager.reload_libraries(request.force_kill))
+        self._sync_topics()
 
-    @serves(SwitchController, outside=True)
+    @service_handler(SwitchController, in_caller_thread=True)
     def switch_controller(self, thread: SimulationThread, request: SwitchController) -> Fields:
-        """Stop and start controllers; answered when it is done, or not done in time."""
+        """Stop and start controllers; respond when the switch is done or has timed out."""
         done = threading.Event()
 
-        def ask() -> SwitchRequest:
+        def request_switch() -> SwitchRequest:
             switch = self._manager.switch(
                 request.start_controllers,
                 request.stop_controllers,
@@ -143,48 +150,48 @@ class ManagerServices:
                 request.start_asap,
             )
             switch.on_done = lambda _switch: done.set()
-            self._carry_out_if_held()
+            self._switch_without_update()
             return switch
 
-        switch = thread.call(ask)
+        switch = thread.call(request_switch)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
         too_late = f"not carried out within {limit:g} s of wall time; is the machine busy?"
         deadline = time.monotonic() + limit
-        while not done.wait(LOOK_PERIOD):
-            if thread.stopping:
+        while not done.wait(POLL_PERIOD):
+            if thread.is_stopping:
                 raise ControllerError(SHUTTING_DOWN)
-            thread.call(self._carry_out_if_held)
+            thread.call(self._switch_without_update)
             if time.monotonic() > deadline:
                 thread.call(lambda: switch.finish(too_late))
-        if not switch.ok:
+        if not switch.is_successful:
             raise ControllerError(switch.reason)
-        self._record.controllers(self._namespace, thread.call(self._manager.list))
+        self._spawn_record.set_controllers(self._namespace, thread.call(self._manager.list))
 
-    def _carry_out_if_held(self) -> None:
-        """Do what is open while time stands still: no update will come, and nothing moves."""
-        if self._thread.held:
+    def _switch_without_update(self) -> None:
+        """Carry out pending switches if time is stopped, because no control update will do so."""
+        if self._thread.is_time_stopped:
             now = self._thread.simulation.time_ns
             self._robot.hardware.read()
-            self._manager.carry_out(now)
+            self._manager.carry_out_switches(now)
 
-    def _with_parameters(self, job: Callable[[], T]) -> T:
-        """Run job between two steps, after the manager got the robot's parameters anew."""
-        parameters = namespace_of(self._namespace or "/")
+    def _call_with_parameters(self, job: Callable[[], T]) -> T:
+        """Run `job` between two steps, with the robot's current ROS parameters in the manager."""
+        parameters = get_namespace(self._namespace or "/")
 
-        def refreshed() -> T:
+        def refresh_and_call() -> T:
             self._manager.parameters = parameters
             return job()
 
-        return self._thread.call(refreshed)
+        return self._thread.call(refresh_and_call)
 
-    def _sync(self) -> None:
-        """Open and close topics so that they are those of the controllers now loaded."""
+    def _sync_topics(self) -> None:
+        """Open the topics of newly loaded controllers and close those of unloaded ones."""
 
-        def loaded() -> dict[str, Controller]:
+        def find_controllers() -> dict[str, Controller]:
             return {info.name: self._manager.get(info.name) for info in self._manager.list()}
 
-        controllers = self._thread.call(loaded)
-        self._record.controllers(self._namespace, self._thread.call(self._manager.list))
+        controllers = self._thread.call(find_controllers)
+        self._spawn_record.set_controllers(self._namespace, self._thread.call(self._manager.list))
         for name, topics in list(self._topics.items()):
             if controllers.get(name) is not topics.controller:
                 topics.shutdown()

@@ -1,4 +1,4 @@
-"""A topic of what a controller or a PID tells of itself, while somebody listens."""
+"""Publisher of the state of a controller, PID or sensor while it has subscribers."""
 
 from __future__ import annotations
 
@@ -7,51 +7,54 @@ from typing import Protocol
 
 from genpy import Message
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
-class StatePort(Protocol):
-    """What tells of itself: a controller or a PID."""
+class StateSource(Protocol):
+    """Source of states, such as a controller, a PID or a sensor; it calls `on_state` if set."""
 
     on_state: Callable[[object], None] | None
 
 
 class StateTopic:
-    """A topic of what a port tells, which builds nothing while nobody listens."""
+    """Topic of the states of a source; without subscribers the source computes no states."""
 
     def __init__(
         self,
         topic: str,
         message: type[Message],
         queue_size: int,
-        port: StatePort,
+        source: StateSource,
         fill: Callable[[Message, object], object],
         thread: SimulationThread,
     ) -> None:
-        """Advertise; `fill` writes a state into the one message that is published again and again.
+        """Advertise the topic.
 
-        The port is switched in the simulation's thread alone, by who listens then.
+        `fill` writes a state to the message, which is reused for every publication. `on_state` of
+        the source is only changed in the simulation thread.
         """
-        self._port = port
+        self._source = source
         self._fill = fill
         self._thread = thread
         self._message = message()
-        self._publisher: QuickPublisher | None = None
-        self._publisher = QuickPublisher(topic, message, queue_size, changed=self._changed)
-        self._changed()
+        self._publisher: NonBlockingPublisher | None = None
+        self._publisher = NonBlockingPublisher(
+            topic, message, queue_size, on_change=self._on_subscribers
+        )
+        self._on_subscribers()
 
     def shutdown(self) -> None:
-        """Take the topic off the graph."""
+        """Unregister the topic."""
         self._publisher.unregister()
-        self._changed()
+        self._on_subscribers()
 
-    def _changed(self) -> None:
-        self._thread.post(self._switch)
+    def _on_subscribers(self) -> None:
+        self._thread.post(self._update_listener)
 
-    def _switch(self) -> None:
-        wanted = self._publisher is not None and self._publisher.listeners > 0
-        self._port.on_state = self._publish if wanted else None
+    def _update_listener(self) -> None:
+        has_subscribers = self._publisher is not None and self._publisher.subscriber_count > 0
+        self._source.on_state = self._publish if has_subscribers else None
 
     def _publish(self, state: object) -> None:
         self._fill(self._message, state)

@@ -1,7 +1,6 @@
-"""The topics of one controller, made from the ports that its class declares (controllers.base).
+"""The topics of one controller, according to the kinds that its class declares (controllers.base).
 
-Everything here that concerns the controller runs in the simulation's thread; rospy's threads only
-hand over what is to be done there.
+All accesses to the controller run in the simulation thread; rospy's threads only post jobs to it.
 """
 
 from __future__ import annotations
@@ -29,10 +28,10 @@ from aras_visual_servo_ros.reconfigure import ReconfigureServer
 
 
 class PidTopics:
-    """dynamic_reconfigure and PidState of one PID."""
+    """Reconfigurable gains and state topic of one PID."""
 
     def __init__(self, namespace: str, pid: Pid, thread: SimulationThread) -> None:
-        """Serve `pid` in `namespace`."""
+        """Advertise the gains of `pid` and, if it is configured so, its state in `namespace`."""
         self._pid = pid
         gains = pid.gains
         values = {
@@ -50,12 +49,12 @@ class PidTopics:
             def fill(message: PidState, state: object) -> None:
                 message.header.stamp = to_time(thread.simulation.time_ns)
                 message.timestep = to_duration(state.time_step)
-                _copy(message, state, _PID_FIELDS)
+                _copy_fields(message, state, _PID_FIELDS)
 
             self._state = StateTopic(f"{namespace}/state", PidState, 1, pid, fill, thread)
 
     def shutdown(self) -> None:
-        """Take everything off the graph."""
+        """Shut down the reconfigure server and the state topic."""
         self._server.shutdown()
         if self._state is not None:
             self._state.shutdown()
@@ -79,7 +78,7 @@ class ControllerTopics:
     def __init__(
         self, controller: Controller, robot_namespace: str, thread: SimulationThread
     ) -> None:
-        """Put the controller's ports on the graph."""
+        """Advertise the command and state topics, PIDs and action of `controller`."""
         self.controller = controller
         where = controller.context.where
         self._parts: list[CommandTopic | StateTopic | PidTopics | ControllerAction] = []
@@ -99,7 +98,7 @@ class ControllerTopics:
             if controller.state_kind == "joint_states":
                 topic = f"{robot_namespace}/joint_states"
                 if getattr(controller, "true_stamps", False):
-                    fill = _stamped_before_the_step(fill, thread)
+                    fill = _restamp(fill, thread)
             self._parts.append(StateTopic(topic, message, queue_size, controller, fill, thread))
         for name, pid in controller.pids.items():
             self._parts.append(PidTopics(f"{where}/{name}", pid, thread))
@@ -107,19 +106,19 @@ class ControllerTopics:
             self._parts.append(ACTIONS[controller.action_kind](controller, where, thread))
 
     def shutdown(self) -> None:
-        """Take the ports off the graph."""
+        """Shut down all topics and actions."""
         for part in self._parts:
             part.shutdown()
 
 
 def fill_controller_state(message: JointControllerState, state: base.JointControllerState) -> None:
-    """Write a PID controller's sample into its message."""
+    """Write the state of a PID controller to its message."""
     message.header.stamp = to_time(state.stamp_ns)
-    _copy(message, state, _CONTROLLER_FIELDS)
+    _copy_fields(message, state, _CONTROLLER_FIELDS)
 
 
 def fill_joint_states(message: JointState, states: base.JointStates) -> None:
-    """Write a sample of all joints into its message."""
+    """Write the states of all joints to the message."""
     message.header.stamp = to_time(states.stamp_ns)
     message.name = states.names
     message.position = states.positions
@@ -127,36 +126,39 @@ def fill_joint_states(message: JointState, states: base.JointStates) -> None:
     message.effort = states.efforts
 
 
-def _stamped_before_the_step(
+def _restamp(
     fill: Callable[[Message, object], None], thread: SimulationThread
 ) -> Callable[[Message, object], None]:
-    """Return the same with the time of the measurement: the simulation's, which steps later."""
+    """Return `fill` with the current simulated time as stamp.
 
-    def filled(message: Message, state: object) -> None:
+    Controllers are updated before the physics step, so that this is the time of the measurement.
+    """
+
+    def fill_and_stamp(message: Message, state: object) -> None:
         fill(message, state)
         message.header.stamp = to_time(thread.simulation.time_ns)
 
-    return filled
+    return fill_and_stamp
 
 
-def _copy(message: Message, state: object, names: tuple[str, ...]) -> None:
+def _copy_fields(message: Message, state: object, names: tuple[str, ...]) -> None:
     for name in names:
         setattr(message, name, getattr(state, name))
 
 
-# By command_kind: message, and what set_command takes of it.
+# command_kind -> message type, conversion of a message to the argument of set_command.
 COMMANDS = {
     "float64": (Float64, lambda message: message.data),
     "float64_array": (Float64MultiArray, lambda message: list(message.data)),
     "joint_trajectory": (JointTrajectory, from_trajectory),
 }
-# By state_kind: message, queue size, and how a state is written into it.
+# state_kind -> message type, queue size, function that writes a state to the message.
 STATES = {
     "joint_controller_state": (JointControllerState, 1, fill_controller_state),
     "joint_states": (JointState, 4, fill_joint_states),
     "joint_trajectory_state": (JointTrajectoryControllerState, 1, fill_state),
 }
-# By action_kind, what serves it: made with the controller, its namespace, the thread.
+# action_kind -> class of the action server.
 ACTIONS = {"follow_joint_trajectory": TrajectoryAction, "gripper_command": GripperAction}
 _PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
 _CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

@@ -1,4 +1,4 @@
-"""The faces of trajectory controllers: message conversions, action server, query_state."""
+"""ROS interface of trajectory controllers: message conversions, action server, query_state."""
 
 from __future__ import annotations
 
@@ -24,7 +24,7 @@ from aras_sim_bridge.control.controllers.trajectory_types import (
 )
 from aras_sim_bridge.ros.control.actions import ControllerAction
 from aras_sim_bridge.ros.conversions import from_time, to_duration, to_time
-from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, serves
+from aras_sim_bridge.ros.runtime.services import Fields, ServiceTable, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
@@ -32,7 +32,7 @@ StateMessage = JointTrajectoryControllerState | FollowJointTrajectoryFeedback
 
 
 def from_trajectory(message: JointTrajectory) -> Trajectory:
-    """Return the trajectory of a message."""
+    """Return the trajectory of a JointTrajectory message."""
     points = [
         TrajectoryPoint(
             from_time(point.time_from_start),
@@ -46,7 +46,7 @@ def from_trajectory(message: JointTrajectory) -> Trajectory:
 
 
 def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
-    """Write a TrajectoryState into a state or feedback message; returns the message."""
+    """Write a TrajectoryState to a state or feedback message and return the message."""
     message.header.stamp = to_time(state.stamp_ns)
     message.joint_names = list(state.joint_names)
     for name in ("desired", "actual", "error"):
@@ -65,40 +65,40 @@ def fill_state(message: StateMessage, state: TrajectoryState) -> StateMessage:
 
 
 class TrajectoryAction(ControllerAction):
-    """follow_joint_trajectory and query_state of one trajectory controller."""
+    """Action follow_joint_trajectory and service query_state of one trajectory controller."""
 
     action, topic = FollowJointTrajectoryAction, "follow_joint_trajectory"
 
     def __init__(
         self, controller: JointTrajectoryController, namespace: str, thread: SimulationThread
     ) -> None:
-        """Serve `controller` below its `namespace`."""
+        """Advertise the action and the service of `controller` in `namespace`."""
         super().__init__(controller, namespace, thread)
         self._services = ServiceTable(namespace, thread, self.query_state)
 
     def shutdown(self) -> None:
-        """Take action and service off the graph."""
+        """Shut down the action and the service."""
         super().shutdown()
         self._services.shutdown()
 
-    def _request(self, message: FollowJointTrajectoryGoal) -> TrajectoryGoal:
+    def _make_goal(self, message: FollowJointTrajectoryGoal) -> TrajectoryGoal:
         return TrajectoryGoal(
             from_trajectory(message.trajectory),
-            _tolerances(message.path_tolerance),
-            _tolerances(message.goal_tolerance),
+            _read_tolerances(message.path_tolerance),
+            _read_tolerances(message.goal_tolerance),
             message.goal_time_tolerance.to_sec(),
         )
 
-    def _result(self, handle: GoalHandle) -> tuple[FollowJointTrajectoryResult, str]:
+    def _make_result(self, handle: GoalHandle) -> tuple[FollowJointTrajectoryResult, str]:
         code, text = int(handle.result.error_code), handle.result.error_string
         return FollowJointTrajectoryResult(code, text), text
 
-    def _feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
+    def _make_feedback(self, state: TrajectoryState) -> FollowJointTrajectoryFeedback:
         return fill_state(FollowJointTrajectoryFeedback(), state)
 
-    @serves(QueryTrajectoryState, call_fails=True)
+    @service_handler(QueryTrajectoryState, call_fails=True)
     def query_state(self, _simulation: Simulation, request: QueryTrajectoryState) -> Fields:
-        """Where the trajectory wants the joints to be at a time."""
+        """Return the desired joint state of the trajectory at the requested time."""
         point = self._controller.query_state(from_time(request.time))
         return {
             "name": list(self._controller.joints),
@@ -108,5 +108,5 @@ class TrajectoryAction(ControllerAction):
         }
 
 
-def _tolerances(messages: list[ToleranceMessage]) -> list[JointTolerance]:
+def _read_tolerances(messages: list[ToleranceMessage]) -> list[JointTolerance]:
     return [JointTolerance(m.name, m.position, m.velocity, m.acceleration) for m in messages]

@@ -1,52 +1,55 @@
-"""gazebo_ros's topics and services below /gazebo."""
+"""Topics and services of gazebo_ros below /gazebo."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
 
 from aras_sim_bridge.ros.gazebo_api import attacher, lights, links, models, stepping, world
-from aras_sim_bridge.ros.gazebo_api.forces import Forces
+from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
 from aras_sim_bridge.ros.gazebo_api.models import Models
 from aras_sim_bridge.ros.gazebo_api.physics import Physics
 from aras_sim_bridge.ros.gazebo_api.states import StateTopics, subscribe_states
 from aras_sim_bridge.ros.gazebo_api.world import TimeReset
-from aras_sim_bridge.ros.runtime.graph import OnGraph
-from aras_sim_bridge.ros.runtime.services import ServiceTable, handlers_in
+from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.services import ServiceTable, find_handlers
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 NAMESPACE = "/gazebo"
 
 
 class GazeboApi:
-    """Everything that clients of gazebo_ros find."""
+    """All topics and services that gazebo_ros offers to its clients."""
 
     def __init__(
         self,
         thread: SimulationThread,
-        on_graph: OnGraph,
+        graph_entities: GraphEntities,
         on_time_reset: Callable[[], None],
         extra: bool = True,
         link_attacher: bool = False,
     ) -> None:
-        """Advertise all of it, without `extra` only what gazebo_ros's list of its API names.
+        """Advertise the topics and services.
 
-        link_attacher: serve the plug-in that attaches links to each other.
-
-        `on_time_reset` is called in the simulation's thread.
+        Args:
+            thread: simulation thread.
+            graph_entities: ROS interfaces of the robots, cameras and sensors.
+            on_time_reset: called in the simulation thread after a reset of simulated time.
+            extra: whether to add interfaces that are not in gazebo_ros's list of its API.
+            link_attacher: whether to serve the plug-in gazebo_ros_link_attacher.
         """
         self.states = StateTopics(NAMESPACE, thread, extra)
-        forces = Forces(thread)
-        spawned = Models(forces, on_graph)
+        forces = AppliedForces(thread)
+        spawned = Models(forces, graph_entities)
         physics = Physics(NAMESPACE, thread)
         reset = TimeReset(on_time_reset)
         ServiceTable(
             NAMESPACE,
             thread,
-            *handlers_in(
+            *find_handlers(
                 lights, links, models, world, forces, spawned, physics, reset,
                 *([stepping] if extra else []),
             ),
         )
         if link_attacher:
-            ServiceTable(attacher.NAMESPACE, thread, *handlers_in(attacher))
+            ServiceTable(attacher.NAMESPACE, thread, *find_handlers(attacher))
         subscribe_states(NAMESPACE, thread)

@@ -1,28 +1,28 @@
-"""Services of libgazebo_ros_link_attacher.so, for worlds that have the plug-in."""
+"""Services of libgazebo_ros_link_attacher.so, for worlds that contain this plug-in."""
 
 from __future__ import annotations
 
 from gazebo_ros_link_attacher.srv import Attach, AttachRequest
 
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world.attachments import Ends
+from aras_sim_bridge.world.attachments import AttachedLinks
 
 NAMESPACE = "/link_attacher_node"
 
 
-@serves(Attach)
+@service_handler(Attach)
 def attach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Hold the second link where it is in the first one's frame."""
-    simulation.world.attachments.attach(_ends(request))
+    """Fix the second link at its current pose relative to the first one."""
+    simulation.world.attachments.attach(_read_links(request))
 
 
-@serves(Attach)
+@service_handler(Attach)
 def detach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Let the second link go; the two are named in the order in which they were attached."""
-    simulation.world.attachments.detach(_ends(request))
+    """Release the second link; the request names the links in the same order as for `attach`."""
+    simulation.world.attachments.detach(_read_links(request))
 
 
-def _ends(request: AttachRequest) -> Ends:
-    return Ends(request.model_name_1, request.link_name_1, request.model_name_2,
+def _read_links(request: AttachRequest) -> AttachedLinks:
+    return AttachedLinks(request.model_name_1, request.link_name_1, request.model_name_2,
                 request.link_name_2)

@@ -1,4 +1,4 @@
-"""What a spawn request brings: a model or a light, a namespace."""
+"""Parsing of the model descriptions, lights and namespaces in spawn requests."""
 
 from __future__ import annotations
 
@@ -17,31 +17,31 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base import safe_xml
 
 
-def root_of(text: str) -> Element:
-    """Return the root of a model's text; one without a name where there is no element at all.
+def parse_root(text: str) -> Element:
+    """Return the root element of an XML text, or an element with an empty tag if it has none.
 
     Raises:
-        DescriptionError: it is no XML, or none that a stranger may send (see safe_xml).
+        DescriptionError: the text is not valid XML or contains unsafe constructs (see safe_xml).
     """
     return safe_xml.parse(text, "model") if "<" in text else Element("")
 
 
-def shown(root: Element) -> str:
-    """Return a root as messages name it."""
+def describe_root(root: Element) -> str:
+    """Return the name of a root element for messages."""
     return f"<{safe_xml.shorten(root.tag)}>" if root.tag else "no element"
 
 
-def named_packages(root: Element) -> list[str]:
-    """Return the packages that package:// paths in the document name."""
+def find_packages(root: Element) -> list[str]:
+    """Return the names of all packages in package:// paths of the document."""
     words = [*root.itertext(), *(text for part in root.iter() for text in part.attrib.values())]
     return sorted(set(re.findall(r"package://([^/\"'<\s]*)", "\n".join(words))))
 
 
 def parse(root: Element) -> RobotDescription | Light:
-    """Return what one model of URDF, or one model or light of SDF, describes.
+    """Parse a URDF model, or an SDF document with a single model or light.
 
     Raises:
-        SimError: when it is neither, or wrong, or more than one.
+        SimError: the document is neither URDF nor SDF, is invalid, or contains several models.
     """
     if root.tag == "robot":
         return parse_urdf(root)
@@ -51,19 +51,19 @@ def parse(root: Element) -> RobotDescription | Light:
             return content.lights[0]
         return parse_sdf(root)
     raise DescriptionError(
-        f"the model's root is {shown(root)}; give URDF (<robot>) or SDF (<sdf>)"
+        f"the model's root is {describe_root(root)}; give URDF (<robot>) or SDF (<sdf>)"
     )
 
 
 def set_namespace(root: Element, requested: str) -> None:
-    """Give the requested namespace to every plug-in that names none, as gazebo_ros does."""
+    """Set <robotNamespace> of every plug-in that has none, as gazebo_ros does."""
     for plugin in root.iter("plugin") if requested else ():
         if plugin.find("robotNamespace") is None:
             ElementTree.SubElement(plugin, "robotNamespace").text = requested
 
 
-def robot_namespace(description: RobotDescription, requested: str) -> str:
-    """Return the namespace of a model's controllers: the control plugin's, else the request's."""
-    own = [plugin.robot_namespace for plugin in description.control_plugins]
-    name = next((value for value in own if value), requested)
+def find_namespace(description: RobotDescription, requested: str) -> str:
+    """Return the controllers' namespace: that of the control plug-in, else the requested one."""
+    namespaces = [plugin.robot_namespace for plugin in description.control_plugins]
+    name = next((namespace for namespace in namespaces if namespace), requested)
     return "/" + name.strip("/") if name.strip("/") else ""

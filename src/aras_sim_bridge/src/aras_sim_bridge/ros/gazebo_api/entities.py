@@ -1,6 +1,7 @@
-"""Finding models, links and joints by the names that Gazebo's clients use.
+"""Look-up of models, links and joints by the names that Gazebo's clients use.
 
-A link is named `model::link`, or plainly `link` when that is enough (first hit in spawn order).
+A link is named `model::link` or just `link`; the latter refers to the first link of this name in
+spawn order. The same holds for joints.
 """
 
 from __future__ import annotations
@@ -14,51 +15,61 @@ from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, conjugate, rotat
 WORLD_ALIASES = ("", "world", "map", "/map")
 
 
-def link(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return (model, plain link name); raises WorldError naming the link."""
-    found = _part(simulation, name, "links")
+def find_link(simulation: Simulation, name: str) -> tuple[Model, str]:
+    """Return the model and the plain name of a link.
+
+    Raises:
+        WorldError: the link does not exist.
+    """
+    found = _find_part(simulation, name, "links")
     if found is None:
         raise WorldError(f"link '{name}' does not exist; name it as model::link")
     return found
 
 
-def joint(simulation: Simulation, name: str) -> tuple[Model, str]:
-    """Return (model, plain joint name); raises WorldError naming the joint."""
-    found = _part(simulation, name, "joints")
-    if found is None and loop(simulation, name) is not None:
-        raise WorldError(f"joint '{name}' closes a chain of joints, and is only read; name another "
-                         "joint of the chain")
+def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
+    """Return the model and the plain name of a joint.
+
+    Raises:
+        WorldError: the joint does not exist or closes a kinematic loop.
+    """
+    found = _find_part(simulation, name, "joints")
+    if found is None and find_loop_joint(simulation, name) is not None:
+        raise WorldError(f"joint '{name}' closes a kinematic loop and can only be read; use "
+                         "another joint of the loop")
     if found is None:
         raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
     return found
 
 
-def loop(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
-    """Return (model, joint) where a name means a joint that closes a chain; None where it does
-    not."""
+def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
+    """Return the model and the loop joint if the name is that of a joint that closes a loop."""
     for candidate in simulation.world.models.values():
-        for one in candidate.description.loops:
-            if name in (one.joint.name, candidate.scoped(one.joint.name)):
-                return candidate, one
+        for loop in candidate.description.loops:
+            if name in (loop.joint.name, candidate.get_scoped_name(loop.joint.name)):
+                return candidate, loop
     return None
 
 
-def _part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
-    """(model, plain name) of the first link or joint, in world order, that a name means."""
+def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
+    """Return the model and the plain name of the first link or joint that matches a name.
+
+    kind: attribute of the description, "links" or "joints".
+    """
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
-        if scope and candidate.whole.name != model_name:
+        if scope and candidate.main_model.name != model_name:
             continue
         if plain and plain in getattr(candidate.description, kind):
             return candidate, plain
     return None
 
 
-def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
-    """Return pose and twist in the world of the model or link that serves as reference frame.
+def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
+    """Return pose and twist, in the world, of the model or link that is the reference frame.
 
     Raises:
-        WorldError: naming the frame.
+        WorldError: the reference frame does not exist.
     """
     if name in simulation.world.models:
         entity = simulation.world.models[name]
@@ -67,7 +78,7 @@ def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
     if name in WORLD_ALIASES:  # also where a robot's root link is called 'world', as in Gazebo
         return IDENTITY, Twist()
     try:
-        entity, plain = link(simulation, name)
+        entity, plain = find_link(simulation, name)
     except WorldError:
         raise WorldError(
             f"reference frame '{name}' does not exist; give a model, model::link, or world"
@@ -75,14 +86,19 @@ def frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
     return entity.link_pose(plain), entity.link_twist(plain)
 
 
-def relative(pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist) -> tuple[Pose, Twist]:
-    """Return a pose in a frame, and the twist less the frame's in its axes (no lever arm)."""
-    back = conjugate(frame.quat)
-    linear = rotate(back, subtract(twist.linear, frame_twist.linear))
-    angular = rotate(back, subtract(twist.angular, frame_twist.angular))
+def express_in_frame(
+    pose: Pose, twist: Twist, frame: Pose, frame_twist: Twist
+) -> tuple[Pose, Twist]:
+    """Express pose and twist in a reference frame, as Gazebo does.
+
+    The twist of the frame is subtracted without the velocity due to the lever arm.
+    """
+    inverse = conjugate(frame.quat)
+    linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))
+    angular = rotate(inverse, subtract(twist.angular, frame_twist.angular))
     return frame.inverse() @ pose, Twist(linear, angular)
 
 
 def is_world(simulation: Simulation, name: str) -> bool:
-    """Return whether a reference frame's name means the world and no entity."""
+    """Return whether the name of a reference frame refers to the world."""
     return name in WORLD_ALIASES and name not in simulation.world.models

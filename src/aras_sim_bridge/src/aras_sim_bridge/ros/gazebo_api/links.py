@@ -1,4 +1,4 @@
-"""Link and joint services."""
+"""Services that read and set states and properties of links and joints."""
 
 from __future__ import annotations
 
@@ -17,10 +17,10 @@ from geometry_msgs.msg import Point, Pose, Quaternion
 from aras_sim_bridge.errors import SimError, WorldError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.gazebo_api import entities
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.simulation import Simulation
-from aras_sim_bridge.world import loops
-from aras_sim_bridge.world.changes import with_joint, with_link
+from aras_sim_bridge.world import closed_chains
+from aras_sim_bridge.world.description_changes import change_joint, change_link
 from aras_visual_servo_base.poses import Twist, subtract
 
 JOINT_TYPES = {
@@ -30,16 +30,16 @@ JOINT_TYPES = {
     "fixed": GetJointPropertiesResponse.FIXED,
 }
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# ODE's names of what Bullet's joints have; its motor at rest is Coulomb friction.
+# ODE's names -> names here. Both use a joint motor with desired velocity 0 as Coulomb friction.
 JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fmax": "friction"}
 
 
-@serves(GetLinkState, "got state")
+@service_handler(GetLinkState, "got state")
 def get_link_state(simulation: Simulation, request: GetLinkState) -> Fields:
-    """Pose and twist of a link, relative to another, a model or the world."""
-    model, link = entities.link(simulation, request.link_name)
-    frame, frame_twist = entities.frame(simulation, request.reference_frame)
-    pose, twist = entities.relative(*model.link_state(link), frame, frame_twist)
+    """Return pose and twist of a link relative to another link, a model or the world."""
+    model, link = entities.find_link(simulation, request.link_name)
+    frame, frame_twist = entities.find_frame(simulation, request.reference_frame)
+    pose, twist = entities.express_in_frame(*model.link_state(link), frame, frame_twist)
     return {
         "link_state": LinkState(
             request.link_name,
@@ -50,35 +50,38 @@ def get_link_state(simulation: Simulation, request: GetLinkState) -> Fields:
     }
 
 
-@serves(SetLinkState)
+@service_handler(SetLinkState)
 def set_link_state(simulation: Simulation, request: SetLinkState) -> Fields:
-    """Move a model by its root link."""
-    put_link(simulation, request.link_state)
+    """Set pose and twist of a model's root link."""
+    move_link(simulation, request.link_state)
     return {"status_message": "SetLinkState: success"}
 
 
-def put_link(simulation: Simulation, state: LinkState) -> None:
-    """Move a model by its root link; raises SimError naming what is wrong."""
+def move_link(simulation: Simulation, state: LinkState) -> None:
+    """Set pose and twist of a model's root link.
+
+    Raises:
+        SimError: a name or a number is invalid, or the link is not a root link.
+    """
     what = f"'{state.link_name}'"
-    model, link = entities.link(simulation, state.link_name)
+    model, link = entities.find_link(simulation, state.link_name)
     if link != model.description.root:
         raise WorldError(
-            f"link {what} hangs on a joint of '{model.name}'; only the root link "
-            f"'{model.description.root}' can be put somewhere, joints are set with "
-            "set_model_configuration"
+            f"link {what} is not the root link of '{model.name}'; set the pose of the root link "
+            f"'{model.description.root}', and joint positions with set_model_configuration"
         )
     pose = conversions.from_pose(state.pose, f"pose of {what}", zero_is_identity=False)
     twist = conversions.from_twist(state.twist, f"twist of {what}")
-    frame, frame_twist = entities.frame(simulation, state.reference_frame)
+    frame, frame_twist = entities.find_frame(simulation, state.reference_frame)
     model.set_pose(frame @ pose)
     linear = subtract(twist.linear, frame_twist.linear)
     model.set_twist(Twist(linear, subtract(twist.angular, frame_twist.angular)))
 
 
-@serves(GetLinkProperties, "got properties")
+@service_handler(GetLinkProperties, "got properties")
 def get_link_properties(simulation: Simulation, request: GetLinkProperties) -> Fields:
-    """Mass, centre of mass and inertia of a link."""
-    model, name = entities.link(simulation, request.link_name)
+    """Return mass, centre of mass, inertia and gravity mode of a link."""
+    model, name = entities.find_link(simulation, request.link_name)
     link = model.description.links[name]
     fields = {"gravity_mode": link.gravity, "com": Pose(Point(), Quaternion(0.0, 0.0, 0.0, 1.0))}
     if link.inertial is not None:
@@ -88,28 +91,28 @@ def get_link_properties(simulation: Simulation, request: GetLinkProperties) -> F
     return fields
 
 
-@serves(SetLinkProperties, "properties set")
+@service_handler(SetLinkProperties, "properties set")
 def set_link_properties(simulation: Simulation, request: SetLinkProperties) -> Fields:
-    """Another mass, centre of mass, inertia; whether gravity pulls."""
+    """Set mass, centre of mass, inertia and gravity mode of a link."""
     com = conversions.from_vector(request.com.position, f"com of '{request.link_name}'")
     inertia = tuple(getattr(request, name) for name in INERTIA)
-    conversions.bounded((request.mass, *inertia), f"mass and inertia of '{request.link_name}'")
-    model, link = entities.link(simulation, request.link_name)
-    changed = with_link(model.description, link, request.mass, com, inertia, request.gravity_mode)
-    simulation.world.change(model.name, changed)
+    conversions.check_bounds((request.mass, *inertia), f"mass and inertia of '{request.link_name}'")
+    model, link = entities.find_link(simulation, request.link_name)
+    changed = change_link(model.description, link, request.mass, com, inertia, request.gravity_mode)
+    simulation.world.change_model(model.name, changed)
     return None
 
 
-@serves(GetJointProperties, "got properties")
+@service_handler(GetJointProperties, "got properties")
 def get_joint_properties(simulation: Simulation, request: GetJointProperties) -> Fields:
-    """Type, damping, position and rate of a joint."""
-    closing = entities.loop(simulation, request.joint_name)
-    if closing is not None:
-        model, one = closing
-        ends = (model.link_pose(end) for end in (one.joint.parent, one.joint.child))
-        return {"type": JOINT_TYPES[one.joint.kind], "damping": [0.0], "rate": [0.0],
-                "position": [loops.position(one, *ends)]}
-    model, name = entities.joint(simulation, request.joint_name)
+    """Return type, damping, position and velocity of a joint."""
+    loop_joint = entities.find_loop_joint(simulation, request.joint_name)
+    if loop_joint is not None:
+        model, loop = loop_joint
+        poses = (model.link_pose(link) for link in (loop.joint.parent, loop.joint.child))
+        return {"type": JOINT_TYPES[loop.joint.kind], "damping": [0.0], "rate": [0.0],
+                "position": [closed_chains.compute_position(loop, *poses)]}
+    model, name = entities.find_joint(simulation, request.joint_name)
     joint = model.description.joints[name]
     fields: Fields = {"type": JOINT_TYPES.get(joint.kind, GetJointPropertiesResponse.BALL)}
     if joint.kind in ("revolute", "continuous", "prismatic"):
@@ -122,11 +125,11 @@ def get_joint_properties(simulation: Simulation, request: GetJointProperties) ->
     return fields
 
 
-@serves(SetJointProperties)
+@service_handler(SetJointProperties)
 def set_joint_properties(simulation: Simulation, request: SetJointProperties) -> Fields:
-    """What Bullet's joints have of ODE's numbers; the answer names what does nothing."""
+    """Set the joint properties that have a counterpart here; the response lists the others."""
     config = request.ode_joint_config
-    given: dict[str, float] = {}
+    properties: dict[str, float] = {}
     for name in config.__slots__:
         values = getattr(config, name)
         if len(values) > 1:
@@ -134,16 +137,16 @@ def set_joint_properties(simulation: Simulation, request: SetJointProperties) ->
                 f"{name} has {len(values)} numbers; joint '{request.joint_name}' has one axis"
             )
         if values:
-            given[name] = values[0]
-    if given.get("vel", 0.0) != 0.0:
-        raise SimError(f"vel is {given['vel']}; a joint is driven by a controller, give 0")
-    values = {JOINT_FIELDS[name]: given[name] for name in given if name in JOINT_FIELDS}
-    model, joint = entities.joint(simulation, request.joint_name)
-    changed = with_joint(model.description, joint, **values)
+            properties[name] = values[0]
+    if properties.get("vel", 0.0) != 0.0:
+        raise SimError(f"vel is {properties['vel']}; set 0 and move the joint with a controller")
+    values = {JOINT_FIELDS[name]: properties[name] for name in properties if name in JOINT_FIELDS}
+    model, joint = entities.find_joint(simulation, request.joint_name)
+    changed = change_joint(model.description, joint, **values)
     if values:
-        simulation.world.change(model.name, changed)
+        simulation.world.change_model(model.name, changed)
     text = "SetJointProperties: properties set"
-    idle = [name for name in given if name not in JOINT_FIELDS and name != "vel"]
-    if idle:
-        text += f"; {', '.join(idle)} of ODE have no counterpart and do nothing"
+    ignored = [name for name in properties if name not in JOINT_FIELDS and name != "vel"]
+    if ignored:
+        text += f"; ignored, because only ODE has them: {', '.join(ignored)}"
     return {"status_message": text}

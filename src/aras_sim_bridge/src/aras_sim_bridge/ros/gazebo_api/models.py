@@ -1,4 +1,4 @@
-"""Model services: spawn, delete, state, properties, configuration."""
+"""Services that spawn and delete models, and read and set their states and properties."""
 
 from __future__ import annotations
 
@@ -22,44 +22,44 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros import conversions
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import descriptions, entities
-from aras_sim_bridge.ros.gazebo_api.forces import Forces
-from aras_sim_bridge.ros.runtime.graph import OnGraph
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.gazebo_api.forces import AppliedForces
+from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_sim_bridge.world import Model
 from aras_visual_servo_base.poses import Pose, Twist, rotate
-from aras_visual_servo_ros.parameters import namespace_of
+from aras_visual_servo_ros.parameters import get_namespace
 
-SPAWN_TIMEOUT = 60.0  # seconds of wall time: a large mesh takes its time
+SPAWN_TIMEOUT = 60.0  # seconds of wall time; large meshes take long to load
 LONGEST_NAME = 256  # characters
 
 
 class Models:
-    """Models that come, are asked for by clients, and go."""
+    """Services that spawn, delete and read models."""
 
-    def __init__(self, forces: Forces, on_graph: OnGraph) -> None:
-        """`forces` and `on_graph` hear of models that come and go."""
+    def __init__(self, forces: AppliedForces, graph_entities: GraphEntities) -> None:
+        """Create the handlers; they update `forces` and `graph_entities` when models change."""
         self._forces = forces
-        self._on_graph = on_graph
-        self._calls: dict[str, int] = {}
+        self._graph_entities = graph_entities
+        self._call_counts: dict[str, int] = {}
 
-    @serves(SpawnModel, outside=True)
+    @service_handler(SpawnModel, in_caller_thread=True)
     def spawn_urdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
-        """Put a robot into the world."""
-        root = descriptions.root_of(request.model_xml)
+        """Spawn a model from URDF."""
+        root = descriptions.parse_root(request.model_xml)
         if root.tag != "robot":
             raise SimError(
-                f"the model's root is {descriptions.shown(root)}, not <robot>; is it URDF?"
+                f"the model's root is {descriptions.describe_root(root)}, not <robot>; is it URDF?"
             )
-        for package in descriptions.named_packages(root):
-            packages.find(package)
+        for package in descriptions.find_packages(root):
+            packages.find_package(package)
         return self._spawn(thread, request, root, "spawn_urdf_model")
 
-    @serves(SpawnModel, outside=True)
+    @service_handler(SpawnModel, in_caller_thread=True)
     def spawn_sdf_model(self, thread: SimulationThread, request: SpawnModel) -> Fields:
-        """Put a model or a light into the world."""
-        root = descriptions.root_of(request.model_xml)
+        """Spawn a model or a light from SDF or URDF."""
+        root = descriptions.parse_root(request.model_xml)
         return self._spawn(thread, request, root, "spawn_sdf_model")
 
     def _spawn(
@@ -70,25 +70,27 @@ class Models:
             raise SimError("model_name is empty; give the model a name")
         if "::" in name or len(name) > LONGEST_NAME:
             raise SimError(
-                f"model_name '{name[:60]}' cannot be: no '::', at most {LONGEST_NAME} characters"
+                f"model_name '{name[:60]}' is invalid: it must not contain '::' nor exceed "
+                f"{LONGEST_NAME} characters"
             )
         pose = conversions.from_pose(request.initial_pose, f"initial_pose of '{name}'")
         descriptions.set_namespace(root, request.robot_namespace)
         description = descriptions.parse(root)
-        done = f"SpawnModel: Successfully spawned entity '{name}'"
+        success_text = f"SpawnModel: Successfully spawned entity '{name}'"
         if isinstance(description, Light):
             thread.call(lambda: _add_light(thread.simulation, request, description, pose))
-            return {"status_message": done}
+            return {"status_message": success_text}
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
-        shapes.read_all(description, name)  # here: the simulation must not wait for it
-        namespace = descriptions.robot_namespace(description, request.robot_namespace)
-        parameters = namespace_of(namespace or "/")
-        presets = settings.read()
+        # In this thread, so that the simulation does not wait for the files.
+        shapes.read_mesh_files(description, name)
+        namespace = descriptions.find_namespace(description, request.robot_namespace)
+        parameters = get_namespace(namespace or "/")
+        presets = settings.read_cameras()
 
         def job() -> None:
-            frame, _ = entities.frame(thread.simulation, request.reference_frame)
+            frame, _ = entities.find_frame(thread.simulation, request.reference_frame)
             thread.simulation.spawn(
                 description,
                 name,
@@ -99,14 +101,14 @@ class Models:
             )
 
         thread.call(job, SPAWN_TIMEOUT)
-        settings.warn_of_unused(presets, thread, description)
-        self._on_graph.sync()
-        self._on_graph.record.spawned(service, request)
-        return {"status_message": done}
+        settings.check_unused_names(presets, thread, description)
+        self._graph_entities.sync()
+        self._graph_entities.spawn_record.add_model(service, request)
+        return {"status_message": success_text}
 
-    @serves(DeleteModel, outside=True)
+    @service_handler(DeleteModel, in_caller_thread=True)
     def delete_model(self, thread: SimulationThread, request: DeleteModel) -> Fields:
-        """Take a model away, with what is on the graph of it."""
+        """Delete a model together with its topics and services."""
 
         def job() -> None:
             model = thread.simulation.world.model(request.model_name)
@@ -114,18 +116,20 @@ class Models:
             thread.simulation.delete(request.model_name)
 
         thread.call(job)
-        self._on_graph.sync()
-        self._on_graph.record.deleted(request.model_name)
+        self._graph_entities.sync()
+        self._graph_entities.spawn_record.remove_model(request.model_name)
         return {"status_message": f"DeleteModel: deleted '{request.model_name}'"}
 
-    @serves(GetModelState, "got properties")
+    @service_handler(GetModelState, "got properties")
     def get_model_state(self, simulation: Simulation, request: GetModelState) -> Fields:
-        """Pose and twist of a model's root link, relative to a model, a link or the world."""
+        """Return pose and twist of a model's root link relative to a model, link or the world."""
         model = simulation.world.model(request.model_name)
         root = model.description.root
-        frame, frame_twist = entities.frame(simulation, request.relative_entity_name)
-        pose, twist = entities.relative(*model.link_state(root), frame, frame_twist)
-        calls = self._calls[request.model_name] = self._calls.get(request.model_name, 0) + 1
+        frame, frame_twist = entities.find_frame(simulation, request.relative_entity_name)
+        pose, twist = entities.express_in_frame(*model.link_state(root), frame, frame_twist)
+        calls = self._call_counts[request.model_name] = (
+            self._call_counts.get(request.model_name, 0) + 1
+        )
         stamp = conversions.to_time(simulation.time_ns)
         return {
             "header": Header(calls, stamp, request.relative_entity_name),
@@ -134,26 +138,30 @@ class Models:
         }
 
 
-@serves(SetModelState, "set model state done")
+@service_handler(SetModelState, "set model state done")
 def set_model_state(simulation: Simulation, request: SetModelState) -> Fields:
-    """Move a whole model."""
-    put_model(simulation, request.model_state)
+    """Set pose and twist of a model."""
+    move_model(simulation, request.model_state)
     return None
 
 
-def put_model(simulation: Simulation, state: ModelState) -> None:
-    """Move a whole model; raises SimError naming what is wrong."""
+def move_model(simulation: Simulation, state: ModelState) -> None:
+    """Set pose and twist of a model.
+
+    Raises:
+        SimError: a name or a number is invalid.
+    """
     pose = conversions.from_pose(state.pose, f"pose of '{state.model_name}'")
     twist = conversions.from_twist(state.twist, f"twist of '{state.model_name}'")
     model = simulation.world.model(state.model_name)
-    frame, _ = entities.frame(simulation, state.reference_frame)
+    frame, _ = entities.find_frame(simulation, state.reference_frame)
     model.set_pose(frame @ pose)
     model.set_twist(Twist(rotate(frame.quat, twist.linear), rotate(frame.quat, twist.angular)))
 
 
-@serves(GetModelProperties, "got properties")
+@service_handler(GetModelProperties, "got properties")
 def get_model_properties(simulation: Simulation, request: GetModelProperties) -> Fields:
-    """The names of a model's links, shapes and joints."""
+    """Return the names of a model's links, collisions and joints."""
     bodies = [body.description for body in simulation.world.model(request.model_name).bodies]
     links = [link for body in bodies for link in body.links.values()]
     return {
@@ -164,38 +172,41 @@ def get_model_properties(simulation: Simulation, request: GetModelProperties) ->
             for collision in link.collisions
         ],
         "joint_names": [name for body in bodies
-                        for name in (*body.joints, *(one.joint.name for one in body.loops))],
+                        for name in (*body.joints, *(loop.joint.name for loop in body.loops))],
         "is_static": bodies[0].static,
     }
 
 
-@serves(SetModelConfiguration)
+@service_handler(SetModelConfiguration)
 def set_model_configuration(simulation: Simulation, request: SetModelConfiguration) -> Fields:
-    """Put joints at positions; names of others are passed over."""
+    """Set joint positions of a model; unknown joint names are ignored, as in Gazebo."""
     names, positions = request.joint_names, request.joint_positions
     if len(names) != len(positions):
         raise SimError(
-            f"{len(names)} joint_names but {len(positions)} joint_positions; give as many"
+            f"{len(names)} joint_names but {len(positions)} joint_positions; give one position "
+            "per name"
         )
     model = simulation.world.model(request.model_name)
     plain = [name.rpartition("::")[2] for name in names]
     for name, position in zip(plain, positions, strict=True):
         where = f"joint_positions: joint '{name}' of '{model.name}'"
-        conversions.bounded((position,), where, conversions.FARTHEST)
-    wanted, put = dict(zip(plain, positions, strict=True)), {}
+        conversions.check_bounds((position,), where, conversions.FARTHEST)
+    desired, reached = dict(zip(plain, positions, strict=True)), {}
     for body in model.bodies:
-        own = {n: within_limits(body, n, q) for n, q in wanted.items() if n in body.joint_names}
-        simulation.set_joint_positions(body.name, own)
-        put.update(own)
+        clamped = {
+            n: clamp_to_limits(body, n, q) for n, q in desired.items() if n in body.joint_names
+        }
+        simulation.set_joint_positions(body.name, clamped)
+        reached.update(clamped)
     text = "SetModelConfiguration: success"
-    for name, position in put.items():
-        if position != wanted[name]:
-            text += f"; {name} is at its limit of {position:g}, {wanted[name]:g} is beyond it"
+    for name, position in reached.items():
+        if position != desired[name]:
+            text += f"; {name} is at its limit of {position:g}, {desired[name]:g} is beyond it"
     return {"status_message": text}
 
 
-def within_limits(model: Model, joint: str, position: float) -> float:
-    """Return the position moved into the joint's limits, as Gazebo's SetPosition does."""
+def clamp_to_limits(model: Model, joint: str, position: float) -> float:
+    """Return the position clamped to the joint limits, as Gazebo's SetPosition does."""
     limits = model.description.joints[joint].limits
     if limits is None or limits.lower is None:
         return position
@@ -204,9 +215,10 @@ def within_limits(model: Model, joint: str, position: float) -> float:
 
 def _add_light(simulation: Simulation, request: SpawnModel, light: Light, pose: Pose) -> None:
     name = request.model_name
-    frame, _ = entities.frame(simulation, request.reference_frame)
-    at = frame @ pose @ light.pose
+    frame, _ = entities.find_frame(simulation, request.reference_frame)
+    world_pose = frame @ pose @ light.pose
     if name in simulation.lights:
         raise SimError(f"a light named '{name}' exists already; delete it first")
-    rpy = at.rpy
-    simulation.set_light(replace(light, name=name, origin_xyz=at.xyz, origin_rpy=rpy))
+    simulation.set_light(
+        replace(light, name=name, origin_xyz=world_pose.xyz, origin_rpy=world_pose.rpy)
+    )

@@ -1,7 +1,8 @@
-"""get/set_physics_properties and the dynamic_reconfigure server of /gazebo.
+"""Services get/set_physics_properties and the dynamic_reconfigure server of /gazebo.
 
-Bullet has no counterpart to most of ODE's numbers: gravity, time step, update rate and solver
-iterations act, the rest is kept and handed back, so that a client reads what it wrote.
+Only gravity, time step, update rate and solver iterations have an effect, because Bullet has no
+counterpart to most parameters of ODE. The other values are stored, so that clients read what they
+have written.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ from geometry_msgs.msg import Vector3
 from aras_sim_bridge.errors import WorldError
 from aras_sim_bridge.ros.conversions import from_vector
 from aras_sim_bridge.ros.runtime.reconfigure import PHYSICS_FIELDS
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 from aras_visual_servo_ros.parameters import Value
@@ -37,10 +38,10 @@ ODE_FIELDS = (
 
 
 class Physics:
-    """Physics as services and as reconfigurable parameters, always telling the same."""
+    """Physics properties, consistent between services and dynamic_reconfigure."""
 
     def __init__(self, namespace: str, thread: SimulationThread) -> None:
-        """Put the server into `namespace`."""
+        """Start the dynamic_reconfigure server in `namespace`."""
         self._thread = thread
         self._ode: dict[str, Value] = {
             "auto_disable_bodies": False,
@@ -55,11 +56,11 @@ class Physics:
             "max_contacts": 20,
         }
         self._rate = thread.call(lambda: thread.pacer.factor / thread.simulation.world.time_step)
-        values = thread.call(self._values)
+        values = thread.call(self._read_values)
         self._server = ReconfigureServer(namespace, PHYSICS_FIELDS, values, self._reconfigure)
 
-    def _values(self) -> dict[str, Value]:
-        """The present configuration under reconfigure's names; in the simulation's thread."""
+    def _read_values(self) -> dict[str, Value]:
+        """Return the current values by reconfigure name; call in the simulation thread."""
         world = self._thread.simulation.world
         x, y, z = world.gravity
         return {
@@ -71,11 +72,11 @@ class Physics:
             **self._ode,
         }
 
-    @serves(GetPhysicsProperties, "got properties")
+    @service_handler(GetPhysicsProperties, "got properties")
     def get_physics_properties(
         self, simulation: Simulation, _request: GetPhysicsProperties
     ) -> Fields:
-        """What acts, and ODE's numbers as they were set."""
+        """Return the current properties, and the stored parameters of ODE."""
         return {
             "time_step": simulation.world.time_step,
             "pause": self._thread.paused,
@@ -84,24 +85,24 @@ class Physics:
             "ode_config": ODEPhysics(**{name: self._ode[name] for name in ODE_FIELDS}),
         }
 
-    @serves(SetPhysicsProperties, "physics engine updated", outside=True)
+    @service_handler(SetPhysicsProperties, "physics engine updated", in_caller_thread=True)
     def set_physics_properties(
         self, _thread: SimulationThread, request: SetPhysicsProperties
     ) -> Fields:
-        """Change all of it at once."""
+        """Set all physics properties."""
         gravity = from_vector(request.gravity, "gravity")
         ode = {name: getattr(request.ode_config, name) for name in ODE_FIELDS}
         ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]  # upstream ignores it
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)
-        warning = self._thread.call(lambda: _outlook(self._thread.simulation))
-        done = "SetPhysicsProperties: physics engine updated"
-        return {"status_message": f"{done}; {warning}"} if warning else None
+        warning = self._thread.call(lambda: _report_stability(self._thread.simulation))
+        text = "SetPhysicsProperties: physics engine updated"
+        return {"status_message": f"{text}; {warning}"} if warning else None
 
     def _reconfigure(self, values: dict[str, Value]) -> dict[str, Value]:
-        present = self._thread.call(self._values)
-        if values == present:
-            return present
+        current = self._thread.call(self._read_values)
+        if values == current:
+            return current
         gravity = (values["gravity_x"], values["gravity_y"], values["gravity_z"])
         ode = {name: values[name] for name in ODE_FIELDS}
         return self._apply(values["time_step"], values["max_update_rate"], gravity, ode)
@@ -109,31 +110,33 @@ class Physics:
     def _apply(
         self, time_step: float, rate: float, gravity: tuple[float, ...], ode: dict[str, Value]
     ) -> dict[str, Value]:
-        """Change the physics; returns the values that came out."""
+        """Change the physics and return the resulting values by reconfigure name."""
         for name, value in {"max_update_rate": rate, **ode}.items():
             if not math.isfinite(value):
                 raise WorldError(f"{name} is {value}; give a finite number")
         for field in PHYSICS_FIELDS:
-            # The services' whole numbers are larger than those of dynamic_reconfigure.
+            # The services use unsigned integers, which can exceed those of dynamic_reconfigure.
             if field.type == "int" and not field.minimum <= ode[field.name] <= field.maximum:
                 raise WorldError(f"{field.name} is {ode[field.name]}; give a whole number from "
                                  f"{field.minimum} to {field.maximum}")
         if rate < 0:
-            raise WorldError(f"max_update_rate is {rate}; give 0 (as fast as it goes) or more")
+            raise WorldError(f"max_update_rate is {rate}; give 0 (as fast as possible) or more")
 
         def job() -> dict[str, Value]:
             simulation = self._thread.simulation
             simulation.set_physics(time_step, gravity, max(int(ode["sor_pgs_iters"]), 1))
             self._thread.pacer.set_factor(rate * time_step, simulation.time_ns)
             self._rate, self._ode = rate, dict(ode)
-            if warning := _outlook(simulation):
+            if warning := _report_stability(simulation):
                 rospy.logwarn("%s", warning)
-            return self._values()
+            return self._read_values()
 
         return self._thread.call(job)
 
 
-def _outlook(simulation: Simulation) -> str:
-    """What the present step will do to the PIDs of robots that do not bear it."""
+def _report_stability(simulation: Simulation) -> str:
+    """Return warnings for robots whose PIDs are unstable with the current time step."""
     step = simulation.world.time_step
-    return "; ".join(filter(None, (robot.outlook(step) for robot in simulation.robots.values())))
+    return "; ".join(
+        filter(None, (robot.report_stability(step) for robot in simulation.robots.values()))
+    )

@@ -1,4 +1,4 @@
-"""Topics of the simulation's state, built only while somebody listens, and those that set it."""
+"""Topics that publish the state of the simulation, and topics that set it."""
 
 from __future__ import annotations
 
@@ -20,20 +20,23 @@ from std_msgs.msg import Float64
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.conversions import to_pose, to_time, to_twist
-from aras_sim_bridge.ros.gazebo_api.links import put_link
-from aras_sim_bridge.ros.gazebo_api.models import put_model
+from aras_sim_bridge.ros.gazebo_api.links import move_link
+from aras_sim_bridge.ros.gazebo_api.models import move_model
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
-METRICS_PERIOD = 0.2  # seconds of wall time between two performance_metrics
-FACTOR_PERIOD = 1.0  # seconds of wall time between two real_time_factors, also while paused
+METRICS_PERIOD = 0.2  # s of wall time between two messages of performance_metrics
+FACTOR_PERIOD = 1.0  # s of wall time between two messages of real_time_factor, also while paused
 
 
 class StateTopics:
-    """The simulation's state for everybody who subscribes."""
+    """Publishers of model states, link states and performance; idle without subscribers."""
 
     def __init__(self, namespace: str, thread: SimulationThread, extra: bool) -> None:
-        """Advertise below `namespace`; `extra`: performance_metrics and real_time_factor too."""
+        """Advertise model_states and link_states below `namespace`.
+
+        With `extra`, performance_metrics and real_time_factor are advertised, too.
+        """
         self._thread = thread
         self._models = rospy.Publisher(f"{namespace}/model_states", ModelStates, queue_size=10)
         self._links = rospy.Publisher(f"{namespace}/link_states", LinkStates, queue_size=10)
@@ -44,25 +47,25 @@ class StateTopics:
                 f"{namespace}/performance_metrics", PerformanceMetrics, queue_size=10
             )
             self._factor = rospy.Publisher(f"{namespace}/real_time_factor", Float64, queue_size=1)
-            rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._tell_factor)
+            rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._publish_factor)
 
-    def _tell_factor(self, _event: rospy.timer.TimerEvent) -> None:
-        with contextlib.suppress(rospy.ROSException):  # the topic is closed: the node ends
+    def _publish_factor(self, _event: rospy.timer.TimerEvent) -> None:
+        with contextlib.suppress(rospy.ROSException):  # closed topic at shutdown
             self._factor.publish(self._thread.real_time_factor)
 
     def after_batch(self, simulation: Simulation) -> None:
-        """Publish what is listened to; called in the simulation's thread."""
+        """Publish the topics that have subscribers; called in the simulation thread."""
         if self._models.get_num_connections():
-            self._models.publish(model_states(simulation))
+            self._models.publish(make_model_states(simulation))
         if self._links.get_num_connections():
-            self._links.publish(link_states(simulation))
+            self._links.publish(make_link_states(simulation))
         now = time.monotonic()
         if self._metrics is not None and now >= self._next_metrics:
             self._next_metrics = now + METRICS_PERIOD
             if self._metrics.get_num_connections():
-                self._metrics.publish(self._performance(simulation))
+                self._metrics.publish(self._make_performance_metrics(simulation))
 
-    def _performance(self, simulation: Simulation) -> PerformanceMetrics:
+    def _make_performance_metrics(self, simulation: Simulation) -> PerformanceMetrics:
         message = PerformanceMetrics(real_time_factor=self._thread.real_time_factor)
         message.header.stamp = to_time(simulation.time_ns)
         for mounted in simulation.cameras:
@@ -78,10 +81,10 @@ class StateTopics:
         return message
 
 
-def model_states(simulation: Simulation) -> ModelStates:
-    """Return pose and twist of every model's root link in the world."""
+def make_model_states(simulation: Simulation) -> ModelStates:
+    """Return poses and twists of the root links of all models in the world frame."""
     message = ModelStates()
-    for name, model in simulation.world.whole_models.items():
+    for name, model in simulation.world.main_models.items():
         pose, twist = model.link_state(model.description.root)
         message.name.append(name)
         message.pose.append(to_pose(pose))
@@ -89,35 +92,39 @@ def model_states(simulation: Simulation) -> ModelStates:
     return message
 
 
-def link_states(simulation: Simulation) -> LinkStates:
-    """Return pose and twist of every link in the world, named model::link."""
+def make_link_states(simulation: Simulation) -> LinkStates:
+    """Return poses and twists of all links in the world frame, named model::link."""
     message = LinkStates()
     for model in simulation.world.models.values():
         for link, (pose, twist) in model.link_states().items():
-            message.name.append(model.scoped(link))
+            message.name.append(model.get_scoped_name(link))
             message.pose.append(to_pose(pose))
             message.twist.append(to_twist(twist))
     return message
 
 
 def subscribe_states(namespace: str, thread: SimulationThread) -> None:
-    """Take in set_model_state and set_link_state below `namespace`."""
-    for name, message, put in (
-        ("set_model_state", ModelState, put_model),
-        ("set_link_state", LinkState, put_link),
+    """Subscribe to set_model_state and set_link_state below `namespace`."""
+    for name, message, apply in (
+        ("set_model_state", ModelState, move_model),
+        ("set_link_state", LinkState, move_link),
     ):
         topic = f"{namespace}/{name}"
-        rospy.Subscriber(topic, message, _in_order(thread, topic, put), queue_size=10)
+        callback = _make_ordered_callback(thread, topic, apply)
+        rospy.Subscriber(topic, message, callback, queue_size=10)
 
 
-def _in_order(
-    thread: SimulationThread, topic: str, put: Callable[[Simulation, Message], None]
+def _make_ordered_callback(
+    thread: SimulationThread, topic: str, apply: Callable[[Simulation, Message], None]
 ) -> Callable[[Message], None]:
-    """Return a subscriber's callback that waits until its message was put, and logs a refusal."""
+    """Return a callback that applies a message in the simulation thread and waits for it.
+
+    Waiting keeps the messages in order. Errors are logged.
+    """
 
     def on_message(message: Message) -> None:
         try:
-            thread.call(lambda: put(thread.simulation, message))
+            thread.call(lambda: apply(thread.simulation, message))
         except SimError as error:
             rospy.logerr_throttle(1.0, f"{topic}: {error}")
 

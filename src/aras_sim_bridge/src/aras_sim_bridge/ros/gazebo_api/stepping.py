@@ -1,10 +1,10 @@
-"""step_world, a service of this bridge's own: so many steps while simulated time stands still."""
+"""Service step_world, an extension of this bridge: make single steps while time is paused."""
 
 from __future__ import annotations
 
 from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.conversions import to_time
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.srv import StepWorld
 
@@ -12,9 +12,9 @@ STEP_LIMIT = 1_000_000  # steps in one call of step_world
 STEP_TIMEOUT = 600.0  # seconds of wall time for one call
 
 
-@serves(StepWorld, outside=True)
+@service_handler(StepWorld, in_caller_thread=True)
 def step_world(thread: SimulationThread, request: StepWorld) -> Fields:
-    """Make steps while paused."""
+    """Make the requested number of steps while simulated time is paused."""
     if not thread.paused:
         raise SimError("simulated time is running; call /gazebo/pause_physics first")
     if not 1 <= request.steps <= STEP_LIMIT:

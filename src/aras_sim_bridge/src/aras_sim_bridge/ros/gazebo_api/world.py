@@ -1,4 +1,4 @@
-"""World services: pause, unpause, the two resets and get_world_properties."""
+"""Services that pause, resume and reset the world, and get_world_properties."""
 
 from __future__ import annotations
 
@@ -7,49 +7,49 @@ from collections.abc import Callable
 from gazebo_msgs.srv import GetWorldProperties
 from std_srvs.srv import Empty
 
-from aras_sim_bridge.ros.runtime.services import Fields, serves
+from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
 
-@serves(Empty, outside=True, call_fails=True)
+@service_handler(Empty, in_caller_thread=True, call_fails=True)
 def pause_physics(thread: SimulationThread, _request: Empty) -> Fields:
-    """Let simulated time stand still."""
+    """Pause simulated time."""
     thread.pause()
 
 
-@serves(Empty, outside=True, call_fails=True)
+@service_handler(Empty, in_caller_thread=True, call_fails=True)
 def unpause_physics(thread: SimulationThread, _request: Empty) -> Fields:
-    """Let simulated time run on."""
+    """Resume simulated time."""
     thread.unpause()
 
 
-@serves(Empty, call_fails=True)
+@service_handler(Empty, call_fails=True)
 def reset_world(simulation: Simulation, _request: Empty) -> Fields:
-    """Models back to their spawn poses."""
+    """Move all models back to their initial poses."""
     simulation.reset_world()
 
 
-@serves(GetWorldProperties, "got properties")
+@service_handler(GetWorldProperties, "got properties")
 def get_world_properties(simulation: Simulation, _request: GetWorldProperties) -> Fields:
-    """Time and models."""
+    """Return the simulated time and the names of all models."""
     return {
         "sim_time": simulation.time_ns / 1e9,
-        "model_names": list(simulation.world.whole_models),
+        "model_names": list(simulation.world.main_models),
         "rendering_enabled": True,
     }
 
 
 class TimeReset:
-    """The reset of everything, time included."""
+    """Service that resets the simulation including its time."""
 
     def __init__(self, on_time_reset: Callable[[], None]) -> None:
-        """`on_time_reset` is called in the simulation's thread when time was set to zero."""
+        """Create the handler; it calls `on_time_reset` in the simulation thread after a reset."""
         self._on_time_reset = on_time_reset
 
-    @serves(Empty, outside=True, call_fails=True)
+    @service_handler(Empty, in_caller_thread=True, call_fails=True)
     def reset_simulation(self, thread: SimulationThread, _request: Empty) -> Fields:
-        """Everything as spawned, at time 0."""
+        """Reset models, joints, controllers and time to their initial state."""
 
         def job() -> None:
             thread.simulation.reset_simulation()

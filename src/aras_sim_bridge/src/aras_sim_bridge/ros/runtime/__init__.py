@@ -1,1 +1,1 @@
-"""The node as a process: its thread, clock, pace, and the graph it lives on."""
+"""The simulator's process: node, simulation thread, clock, pacing, publishers and services."""

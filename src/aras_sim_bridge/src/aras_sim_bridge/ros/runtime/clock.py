@@ -1,7 +1,7 @@
-"""/clock: simulated time for everybody, throttled.
+"""Publisher of simulated time on /clock at a limited rate.
 
-A tick goes out before every camera frame is drawn too, so that no node is handed a picture whose
-stamp lies in its future.
+The time is also published before every camera frame is rendered. Therefore no node receives an
+image with a stamp later than the node's own time.
 """
 
 from __future__ import annotations
@@ -10,23 +10,23 @@ import struct
 
 from rosgraph_msgs.msg import Clock
 
-from aras_sim_bridge.ros.runtime.publisher import QuickPublisher
+from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
-_TIME = struct.Struct("<II")  # a serialised Clock: secs, nsecs
+_TIME = struct.Struct("<II")  # serialised Clock message: secs, nsecs
 
 
 class ClockPublisher:
-    """Publishes /clock every 1/rate s of simulated time, at multiples of that period."""
+    """Publisher of /clock at multiples of 1 / rate s of simulated time."""
 
     def __init__(self, rate: float) -> None:
-        """Advertise /clock; rate in Hz of simulated time, 0 publishes every step."""
+        """Advertise /clock; `rate` is in Hz of simulated time, 0 publishes every step."""
         self._period_ns = round(1e9 / rate) if rate > 0 else 0
         self._next_ns = 0
         self._last_ns = -1
-        self._publisher = QuickPublisher("/clock", Clock, queue_size=10)
+        self._publisher = NonBlockingPublisher("/clock", Clock, queue_size=10)
 
     def update(self, time_ns: int) -> None:
-        """Publish when the period since the last multiple of it is over."""
+        """Publish `time_ns` if a new period has started since the last call."""
         if time_ns < self._next_ns:
             return
         if self._period_ns:
@@ -34,13 +34,13 @@ class ClockPublisher:
         self.publish(time_ns)
 
     def publish(self, time_ns: int) -> None:
-        """Publish now, whatever the period says; the same time only once."""
+        """Publish `time_ns` regardless of the period, but never the same time twice."""
         if time_ns == self._last_ns:
             return
         self._last_ns = time_ns
         self._publisher.publish_bytes(_TIME.pack(*divmod(time_ns, 1_000_000_000)))
 
     def restart(self) -> None:
-        """Go on at once after simulated time was set back to zero."""
+        """Publish again from the next step on, after simulated time was reset to zero."""
         self._next_ns = 0
         self._last_ns = -1

@@ -1,12 +1,13 @@
-"""Lockstep: simulated time waits until named topics have answered the last camera frame.
+"""Lockstep mode: simulated time waits until selected topics have replied to the last camera frame.
 
-A round begins just before a frame is published (or when a period of simulated time is over). From
-then on every one of the topics must deliver a message; until the last has, no step is made. So a
-command that answers a frame acts from the step after that frame on, in every run, however slow
-the node behind it is. Messages of different topics come over different connections, in any order:
-name all topics that act on the simulation, not only the last one that a node publishes.
+A round starts just before a frame is published (or when a period of simulated time is over). The
+simulation then makes no step until a message has arrived on every selected topic. Therefore a
+command computed from a frame always acts from the step after that frame, however slow the node is.
+Messages of different topics arrive over different connections in any order. For this reason, select
+all topics that act on the simulation, not only the last one that a node publishes.
 
-Nor is a step made while a listener has not taken an image or a state: a recorder loses none.
+The simulation also waits while a subscriber has not received an image or a state yet, so that a
+recorder misses none.
 """
 
 from __future__ import annotations
@@ -19,19 +20,22 @@ import rosgraph
 import rospy
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.lane import DRAIN, Drain
+from aras_sim_bridge.ros.runtime.send_queue import QUEUE_FLUSHER, QueueFlusher
 
-_WAITED_FOR = (
-    "lockstep: simulated time waited %g s of wall time in vain for %s; it goes on without, until "
-    "heard again"
+_TIMEOUT_WARNING = (
+    "lockstep: simulated time waited %g s of wall time in vain for %s; it continues without "
+    "waiting until the next message"
 )
 
 
 class Lockstep:
-    """Says when simulated time may go on. `begin` and `remaining` are the simulation's thread's.
+    """Gate that stops simulated time until all selected topics have delivered a message.
 
-    Who subscribes to a command topic himself claims it, and tells when a message was `heard`, after
-    it was handed on: so a command that counts is a command that acts. Other topics are listened to.
+    `start_round` and `compute_remaining` may only be called in the simulation thread.
+
+    A subscriber to a command topic calls `claim` for it, and `note_message` after it has applied a
+    message. Thus only commands that act on the simulation count. Lockstep itself subscribes to the
+    topics that are not claimed.
     """
 
     def __init__(
@@ -41,28 +45,32 @@ class Lockstep:
         wake: Callable[[], None],
         period: float = 0.0,
         clock: Callable[[], float] = time.monotonic,
-        drain: Drain = DRAIN,
+        flusher: QueueFlusher = QUEUE_FLUSHER,
     ) -> None:
-        """Wait for a message on each of `topics` a round.
+        """Create a gate that waits for one message on each of `topics` in every round.
 
         Args:
-            timeout: s of wall time after which a round is given up.
+            topics: names of the topics.
+            timeout: wall time after which a round is aborted, s.
             wake: called from any thread when a round may be over.
-            period: s of simulated time between two rounds; 0: after each camera frame.
-            drain: what listeners have not taken yet.
+            period: simulated time between two rounds, s; 0 starts a round with each camera frame.
+            clock: returns the wall time, s.
+            flusher: sends the messages that subscribers have not received yet.
 
         Raises:
-            SimError: when there is no topic, or a number is out of range.
+            SimError: `topics` is empty or a number is out of range.
         """
         if not topics:
             raise SimError(
-                "speed_mode is lockstep, but lockstep_topics is empty; name the topics that "
+                "speed_mode is lockstep, but lockstep_topics is empty; set the topics that "
                 "simulated time shall wait for, e.g. the command topics of the controllers"
             )
         if timeout <= 0.0:
-            raise SimError(f"lockstep_timeout is {timeout:g}; give seconds above 0")
+            raise SimError(f"lockstep_timeout is {timeout:g}; set a time above 0 s")
         if period < 0.0:
-            raise SimError(f"lockstep_period is {period:g}; give seconds, or 0: camera frames")
+            raise SimError(
+                f"lockstep_period is {period:g}; set a time in s, or 0: a round per camera frame"
+            )
         self.topics = tuple(dict.fromkeys(rospy.resolve_name(topic) for topic in topics))
         self._timeout = timeout
         self._wake = wake
@@ -70,75 +78,79 @@ class Lockstep:
         self._period_ns = round(period * 1e9)
         self._next_ns = self._period_ns
         self._lock = threading.Lock()
-        self._claimed: set[str] = set()
+        self._claimed_topics: set[str] = set()
         self._listeners: dict[str, rospy.Subscriber] = {}
-        self._missing: set[str] = set()
-        self._silent: set[str] = set()
-        self._deadline: float | None = None  # of the wait that has begun
-        self._drain = drain
-        drain.on_taken = wake
+        self._missing_topics: set[str] = set()
+        self._silent_topics: set[str] = set()
+        self._deadline: float | None = None  # wall time, s, at which the current wait ends
+        self._flusher = flusher
+        flusher.on_progress = wake
 
     @property
-    def closed(self) -> bool:
-        """Whether an answer is missing or a listener behind, so that no step may be made."""
-        return bool(self._missing or self._drain.behind())
+    def is_closed(self) -> bool:
+        """Whether no step is allowed, because a message is missing or a subscriber is behind."""
+        return bool(self._missing_topics or self._flusher.list_behind())
 
     def claim(self, topic: str) -> None:
-        """Leave it to the caller to subscribe to `topic`, and to call `heard`."""
+        """Unsubscribe from `topic`; the caller subscribes to it and calls `note_message`."""
         with self._lock:
-            self._claimed.add(topic)
+            self._claimed_topics.add(topic)
             listener = self._listeners.pop(topic, None)
         if listener is not None:
             listener.unregister()
 
     def release(self, topic: str) -> None:
-        """The subscriber that claimed `topic` is gone."""
+        """Undo `claim` for `topic`, after its subscriber has been closed."""
         with self._lock:
-            self._claimed.discard(topic)
+            self._claimed_topics.discard(topic)
 
-    def heard(self, topic: str) -> None:
-        """A message of `topic` was taken; from any thread."""
+    def note_message(self, topic: str) -> None:
+        """Register that a message of `topic` has been applied; may be called from any thread."""
         with self._lock:
-            self._silent.discard(topic)
-            if topic not in self._missing:
+            self._silent_topics.discard(topic)
+            if topic not in self._missing_topics:
                 return
-            self._missing.discard(topic)
-            if self._missing:
+            self._missing_topics.discard(topic)
+            if self._missing_topics:
                 return
             self._deadline = None
         self._wake()
 
     def after_step(self, time_ns: int) -> None:
-        """Begin a round when a period of simulated time is over."""
+        """Start a round if a period of simulated time is over."""
         if self._period_ns and time_ns >= self._next_ns:
             self._next_ns = (time_ns // self._period_ns + 1) * self._period_ns
-            self.begin()
+            self.start_round()
 
     def before_frame(self) -> None:
-        """Begin a round, unless rounds go by periods: a frame is about to be published."""
+        """Start a round before a frame is published, unless rounds follow a fixed period."""
         if not self._period_ns:
-            self.begin()
+            self.start_round()
 
-    def begin(self) -> None:
-        """Begin a round: messages that came before do not count."""
+    def start_round(self) -> None:
+        """Start a round; earlier messages do not count."""
         for topic in self.topics:
-            self._listen(topic)
+            self._subscribe(topic)
         with self._lock:
-            self._missing = set(self.topics) - self._silent
+            self._missing_topics = set(self.topics) - self._silent_topics
             self._deadline = self._clock() + self._timeout
 
-    def clear(self) -> None:
-        """End the round: simulated time was set back."""
+    def end_round(self) -> None:
+        """End the current round, after simulated time was reset."""
         with self._lock:
-            self._missing.clear()
+            self._missing_topics.clear()
             self._deadline = None
             self._next_ns = self._period_ns
 
-    def remaining(self) -> float | None:
-        """Seconds of wall time for which to wait on; None: go on. Complains when time is up."""
+    def compute_remaining(self) -> float | None:
+        """Return the wall time, s, left to wait for missing messages, or None to continue.
+
+        After the timeout a warning is logged and the late topics are ignored until their next
+        message.
+        """
         with self._lock:
-            behind = self._drain.behind()
-            if not (self._missing or behind):
+            behind = self._flusher.list_behind()
+            if not (self._missing_topics or behind):
                 self._deadline = None
                 return None
             now = self._clock()
@@ -147,37 +159,38 @@ class Lockstep:
             if self._deadline > now:
                 return self._deadline - now
             self._deadline = None
-            late = sorted(self._missing)
-            self._missing.clear()
-            self._silent.update(late)
-            for lane in behind:
-                lane.given_up = True
-        # Asking the master who they are takes its time: not in the simulation's thread.
-        slow = sorted(lane.name for lane in behind)
-        threading.Thread(target=self._complain, args=(late, slow), daemon=True).start()
+            late = sorted(self._missing_topics)
+            self._missing_topics.clear()
+            self._silent_topics.update(late)
+            for queue in behind:
+                queue.is_abandoned = True
+        # Looking up the publishers at the ROS master is slow, hence not in the simulation thread.
+        slow = sorted(queue.name for queue in behind)
+        threading.Thread(target=self._warn_late, args=(late, slow), daemon=True).start()
         return None
 
-    def _listen(self, topic: str) -> None:
+    def _subscribe(self, topic: str) -> None:
         with self._lock:
-            # One process has one subscription a topic, of one type: never a second, of any type.
-            if topic not in self._claimed and topic not in self._listeners:
+            # rospy allows only one message type per topic in a process; AnyMsg would conflict with
+            # the subscriber that claimed the topic.
+            if topic not in self._claimed_topics and topic not in self._listeners:
                 self._listeners[topic] = rospy.Subscriber(
-                    topic, rospy.AnyMsg, lambda _message: self.heard(topic), tcp_nodelay=True
+                    topic, rospy.AnyMsg, lambda _message: self.note_message(topic), tcp_nodelay=True
                 )
 
-    def _complain(self, topics: list[str], slow: list[str]) -> None:
-        who = publishers(topics)
-        named = [
-            f"{topic} (published by {', '.join(who[topic])})"
-            if who.get(topic)
-            else f"{topic} (nobody publishes it)"
+    def _warn_late(self, topics: list[str], slow: list[str]) -> None:
+        publishers = find_publishers(topics)
+        descriptions = [
+            f"{topic} (published by {', '.join(publishers[topic])})"
+            if publishers.get(topic)
+            else f"{topic} (no publisher)"
             for topic in topics
         ]
-        rospy.logwarn(_WAITED_FOR, self._timeout, ", ".join(named + slow))
+        rospy.logwarn(_TIMEOUT_WARNING, self._timeout, ", ".join(descriptions + slow))
 
 
-def publishers(topics: Sequence[str]) -> dict[str, list[str]]:
-    """Return the names of the nodes that publish each topic; empty when the master is gone."""
+def find_publishers(topics: Sequence[str]) -> dict[str, list[str]]:
+    """Return the names of the nodes that publish each topic, or {} if the master is unreachable."""
     try:
         published, _, _ = rosgraph.Master(rospy.get_name()).getSystemState()
     except (OSError, rosgraph.MasterException):

@@ -1,4 +1,4 @@
-"""The node `gazebo`: builds the simulation, puts it on the graph, ends it cleanly."""
+"""The node `gazebo`: it builds the simulation, advertises its ROS interface and shuts it down."""
 
 from __future__ import annotations
 
@@ -20,36 +20,38 @@ from aras_sim_bridge.errors import SimError, WindowError
 from aras_sim_bridge.ros.camera import settings
 from aras_sim_bridge.ros.gazebo_api import GazeboApi
 from aras_sim_bridge.ros.runtime.clock import ClockPublisher
-from aras_sim_bridge.ros.runtime.graph import OnGraph
+from aras_sim_bridge.ros.runtime.graph_entities import GraphEntities
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
 from aras_sim_bridge.ros.runtime.node_parameters import NodeParameters
 from aras_sim_bridge.ros.runtime.pacing import Pacer
-from aras_sim_bridge.ros.runtime.record import Record
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
 from aras_sim_bridge.simulation import Simulation, SimulationConfig
 from aras_visual_servo_base.compiled import compile_all
-from aras_visual_servo_ros.connections import open_wide
+from aras_visual_servo_ros.connections import accept_in_threads
 from aras_visual_servo_ros.master_watch import MasterWatch
-from aras_visual_servo_ros.parameters import InvalidParameterError, namespace_of
-from aras_visual_servo_ros.shutdown import begin_node
+from aras_visual_servo_ros.parameters import InvalidParameterError, get_namespace
+from aras_visual_servo_ros.shutdown import init_node
 
 log = logging.getLogger(__name__)
 
-# A waiting thread gets the interpreter after this long [s]: the simulation must not stand behind
-# five milliseconds (Python's default) of somebody else's messages at every step.
+# Interpreter switch interval, s. With Python's default of 5 ms, the simulation thread would wait
+# for rospy's threads up to 5 ms in every step.
 SWITCH_INTERVAL = 0.0005
-# What the answers to those who wait at the end have for their way [s]: written by rospy's threads.
-ANSWER_TIME = 0.3
+# Time at shutdown, s, in which rospy's threads send error responses to waiting clients.
+ERROR_REPLY_TIME = 0.3
 
 
 class GazeboNode:
-    """Everything that runs in the process."""
+    """The simulator node: simulation thread, /clock, lockstep and Gazebo's ROS interface."""
 
     def __init__(self, parameters: NodeParameters) -> None:
-        """Build the simulation and advertise; simulated time runs when this returns.
+        """Build the simulation, advertise its ROS interface and start simulated time.
+
+        Simulated time stays at the start if the parameter `paused` is true.
 
         Raises:
-            SimError: what keeps it from starting.
+            SimError: the simulation cannot be built.
         """
         self.parameters = parameters
         self.fault: BaseException | None = None
@@ -66,43 +68,43 @@ class GazeboNode:
         )
         self.lockstep: Lockstep | None = None
         if parameters.speed_mode == "lockstep":
-            self.lockstep = self.thread.gate = Lockstep(
+            self.lockstep = self.thread.lockstep = Lockstep(
                 parameters.lockstep_topics,
                 parameters.lockstep_timeout,
                 self.thread.wake,
                 parameters.lockstep_period,
             )
         self.thread.start()
-        self.record = Record(parameters.restore)
+        self.spawn_record = SpawnRecord(parameters.restore)
         before_frame = None if self.lockstep is None else self.lockstep.before_frame
-        self.on_graph = OnGraph(self.thread, before_frame, self.record)
+        self.graph_entities = GraphEntities(self.thread, before_frame, self.spawn_record)
         if parameters.enable_ros_network:
             self.api = GazeboApi(
-                self.thread, self.on_graph, self.on_time_reset, parameters.extra_interfaces,
+                self.thread, self.graph_entities, self.on_time_reset, parameters.extra_interfaces,
                 self.world_file.link_attacher,
             )
             settings.mount_world_cameras(self.thread)
-            self.on_graph.sync()
-            self.record.restore()
+            self.graph_entities.sync()
+            self.spawn_record.restore()
         if not parameters.paused:
             self.thread.unpause()
 
     def on_time_reset(self) -> None:
-        """Simulated time went back to zero; called in the simulation's thread."""
+        """Restart clock and lockstep after a reset of time; called in the simulation thread."""
         self.clock.restart()
         if self.lockstep is not None:
-            self.lockstep.clear()
+            self.lockstep.end_round()
 
     def stop(self) -> None:
-        """End the simulation; services and topics are rospy's to close."""
+        """End the simulation; rospy closes the services and topics afterwards."""
         self.thread.stop()
         if self.fault is None:
-            with contextlib.suppress(OSError, KeyError, rospy.ROSException):  # no master, or gone
-                self.record.forget()
+            with contextlib.suppress(OSError, KeyError, rospy.ROSException):  # no master
+                self.spawn_record.clear()
 
     def _build(self) -> Simulation:
         simulation = build_simulation(self.parameters, self.world_file)
-        simulation.before_pictures = self.clock.publish
+        simulation.before_images = self.clock.publish
         return simulation
 
     def _after_step(self, time_ns: int) -> None:
@@ -118,11 +120,11 @@ class GazeboNode:
         self.fault = error
         rospy.logfatal("the simulation ended: %s: %s", type(error).__name__, error)
         log.debug("", exc_info=error)
-        _end_for("the simulation failed")
+        _shut_down("the simulation failed")
 
 
 def _set_up_log(level: str) -> None:
-    """Let the library's records go where rospy's own do, the console and /rosout."""
+    """Send the log records of the ROS-free packages to rospy's outputs, console and /rosout."""
     rosout = logging.getLogger("rosout")
     for name in ("aras_sim_bridge", "aras_visual_servo_base"):
         logger = logging.getLogger(name)
@@ -132,14 +134,14 @@ def _set_up_log(level: str) -> None:
         rosout.setLevel(logging.DEBUG)
 
 
-def _end_for(why: str) -> None:
-    """End the node from any thread, saying why in one line."""
-    rospy.logfatal("%s ends: %s", rospy.get_name(), why)
-    rospy.signal_shutdown(why)
+def _shut_down(reason: str) -> None:
+    """Log the reason and end the node; may be called from any thread."""
+    rospy.logfatal("%s ends: %s", rospy.get_name(), reason)
+    rospy.signal_shutdown(reason)
 
 
 def make_pacer(parameters: NodeParameters, world: WorldFile) -> Pacer:
-    """Return the pacer of a speed mode; the world file's own pace counts as in Gazebo."""
+    """Return the pacer of a speed mode; as in Gazebo, the rate of the world file is included."""
     factor = parameters.real_time_factor * world.update_rate * world.time_step
     return Pacer(factor if parameters.speed_mode == "real_time" else 0.0)
 
@@ -148,7 +150,7 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     """Return the simulation that the node's parameters and the world file describe."""
     gui = parameters.gui
     if gui and not os.environ.get("DISPLAY"):
-        rospy.logwarn("gui is true but DISPLAY is not set; going on without a window")
+        rospy.logwarn("gui is true but DISPLAY is not set; continuing without a window")
         gui = False
     for warning in world.warnings:
         rospy.logwarn("world file: %s", warning)
@@ -170,61 +172,60 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
     try:
         simulation = Simulation(config)
     except WindowError as error:
-        rospy.logwarn("gui is true but %s; going on without a window", error)
+        rospy.logwarn("gui is true but %s; continuing without a window", error)
         simulation = Simulation(replace(config, gui=False))
     simulation.time_ns = world.time_ns
-    world_file.populate(partial(simulation.spawn, cameras=settings.read()), world,
+    world_file.populate(partial(simulation.spawn, cameras=settings.read_cameras()), world,
                         partial(rospy.logwarn, "world file: %s"))
     return simulation
 
 
-class _Ending:
-    """What happens on shutdown, whenever it comes: also in the middle of the start."""
+class _ShutdownHandler:
+    """Handler that ends the node on shutdown, even if the request arrives during the start."""
 
     def __init__(self) -> None:
-        self.begun = threading.Event()
+        self.shutdown_event = threading.Event()
         self.node: GazeboNode | None = None
         # rospy runs this before it closes the topics, so no step publishes into closed ones.
         rospy.on_shutdown(self._on_shutdown)
-        if rospy.core.is_shutdown_requested():  # just before: too late for that
-            self.begun.set()
+        if rospy.core.is_shutdown_requested():  # before the registration above
+            self.shutdown_event.set()
 
     def _on_shutdown(self) -> None:
-        self.begun.set()
+        self.shutdown_event.set()
         if self.node is not None:
             self.node.stop()
-            # Who waited for the simulation is told that it ends, before rospy cuts the line.
-            rospy.rostime.wallsleep(ANSWER_TIME)
+            # Send error responses to waiting clients before rospy closes their connections.
+            rospy.rostime.wallsleep(ERROR_REPLY_TIME)
 
 
-def main(given: Mapping[str, object] = MappingProxyType({})) -> int:
-    """Entry point of nodes/gazebo; returns the exit status.
+def main(defaults: Mapping[str, object] = MappingProxyType({})) -> int:
+    """Run the node `gazebo` and return its exit status.
 
-    Args:
-        given: parameters that hold where the parameter server has none of their names.
+    defaults: values of parameters that are not on the parameter server.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     compile_all()
-    # Without rospy's own subscription to /clock: this node makes the time that others wait for.
-    begin_node("gazebo", __doc__, disable_rostime=True)
-    open_wide()
-    ending = _Ending()
+    # No subscription to /clock, because this node publishes it.
+    init_node("gazebo", __doc__, disable_rostime=True)
+    accept_in_threads()
+    shutdown_handler = _ShutdownHandler()
     try:
-        values = {**given, **namespace_of("~")}
+        values = {**defaults, **get_namespace("~")}
         parameters = NodeParameters.from_mapping(values, rospy.get_name())
         _set_up_log(parameters.log_level)
         if not rospy.has_param("/use_sim_time"):
             rospy.set_param("/use_sim_time", True)
         node = GazeboNode(parameters)
     except (SimError, InvalidParameterError, OSError, rospy.ROSException) as error:
-        if not ending.begun.is_set():
-            _end_for(f"it cannot start: {error}")
+        if not shutdown_handler.shutdown_event.is_set():
+            _shut_down(f"it cannot start: {error}")
         return 1
-    ending.node = node
-    if ending.begun.is_set():
+    shutdown_handler.node = node
+    if shutdown_handler.shutdown_event.is_set():
         node.stop()
-    MasterWatch(rospy.get_name(), parameters.master_check_period).tell(_end_for)
+    MasterWatch(rospy.get_name(), parameters.master_check_period).watch(_shut_down)
     rospy.loginfo("%s is up, process %d", rospy.get_name(), os.getpid())
-    ending.begun.wait()
+    shutdown_handler.shutdown_event.wait()
     node.stop()
     return 0 if node.fault is None else 1

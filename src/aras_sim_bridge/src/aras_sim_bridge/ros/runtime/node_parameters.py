@@ -1,4 +1,4 @@
-"""The node's own parameters, checked: an unknown or ill-typed one is an error at start."""
+"""Private parameters of the simulator node, checked for unknown names and wrong types."""
 
 from __future__ import annotations
 
@@ -12,13 +12,13 @@ from aras_visual_servo_ros.parameters import InvalidParameterError
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
-# Written by the node itself, or by others who share the namespace with Gazebo.
-FOREIGN = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
+# Names in the same namespace that are not parameters of the node itself.
+OTHER_PARAMETERS = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
 
 
 @dataclass(frozen=True)
 class NodeParameters:
-    """Private parameters of the node `gazebo`; the README's table says what each one does."""
+    """Private parameters of the node `gazebo`; the table in the README describes each one."""
 
     gui: bool = False
     paused: bool = False
@@ -37,28 +37,28 @@ class NodeParameters:
     master_check_period: float = parameter(2.0, "s", above=0.0)
     log_level: str = parameter("info", choices=LOG_LEVELS)
     restore: bool = False
-    lockstep_topics: tuple[str, ...] = parameter((), words=True)
+    lockstep_topics: tuple[str, ...] = parameter((), splits_words=True)
     lockstep_period: float = 0.0
     lockstep_timeout: float = 5.0
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object], namespace: str) -> NodeParameters:
-        """Return the parameters of a mapping as the parameter server gives it.
+        """Return the parameters from a mapping that was read from the parameter server.
 
-        Whole namespaces in it are others', as are the names in FOREIGN.
+        Nested namespaces and the names in OTHER_PARAMETERS are ignored.
 
         Raises:
-            InvalidParameterError: naming the parameter and the remedy.
+            InvalidParameterError: a parameter is unknown or has an invalid value.
         """
-        own = {field.name for field in fields(cls)}
-        given = {
+        names = {field.name for field in fields(cls)}
+        own_values = {
             name: value
             for name, value in values.items()
-            if name in own or name not in FOREIGN and not isinstance(value, Mapping)
+            if name in names or name not in OTHER_PARAMETERS and not isinstance(value, Mapping)
         }
-        return build(cls, given, f"parameter {namespace}/", InvalidParameterError)
+        return build(cls, own_values, f"parameter {namespace}/", InvalidParameterError)
 
     @property
     def effective_clock_rate(self) -> float:
-        """The rate of /clock [Hz]: gazebo_ros's pub_clock_frequency where it is given."""
+        """Rate of /clock, Hz; gazebo_ros's pub_clock_frequency has priority over clock_rate."""
         return self.clock_rate if self.pub_clock_frequency < 0 else self.pub_clock_frequency

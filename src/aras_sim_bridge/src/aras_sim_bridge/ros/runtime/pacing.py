@@ -1,6 +1,6 @@
-"""When simulated time may advance: at a multiple of real time, or as fast as it goes.
+"""Pacing of simulated time: at a multiple of real time or as fast as possible.
 
-Reads the wall clock through a function, so that tests can hand in their own.
+The wall clock is read through a function, so that tests can replace it.
 """
 
 from __future__ import annotations
@@ -11,54 +11,58 @@ from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
-BATCH_NS = 4_000_000  # steps are made in groups of this much simulated time: few wake-ups, 250 Hz
-LARGEST_LAG_NS = 200_000_000  # a lag beyond this is given up instead of made good at a gallop
+BATCH_NS = 4_000_000  # simulated time of a group of steps; one wake-up per group, i.e. 250 Hz
+LARGEST_LAG_NS = 200_000_000  # a larger lag behind real time is dropped instead of caught up
 WINDOW = 2.0  # seconds of wall time over which the real-time factor is measured
-WARN_BELOW = 0.95  # of the wanted factor
+WARN_BELOW = 0.95  # fraction of the desired real-time factor
 WARN_PERIOD = 10.0  # seconds of wall time between two warnings
 
 
 class FactorMeter:
-    """Measures simulated over wall time in windows, and warns when it falls short."""
+    """Meter of the real-time factor (simulated time over wall time); warns if it is too low."""
 
     def __init__(self, clock: Callable[[], float]) -> None:
-        """`clock` gives seconds of wall time."""
+        """Create a meter; `clock` returns the wall time, s."""
         self.value = 0.0
         self._clock = clock
-        self._warned = -WARN_PERIOD
+        self._last_warning = -WARN_PERIOD
         self.restart(0)
 
     def restart(self, time_ns: int) -> None:
-        """Begin a new window at this simulated time."""
+        """Start a new measurement window at the simulated time `time_ns`."""
         self._wall = self._clock()
         self._time_ns = time_ns
 
-    def update(self, time_ns: int, wanted: float) -> None:
-        """Take note of the simulated time reached now; `wanted` 0 is content with anything."""
+    def update(self, time_ns: int, desired: float) -> None:
+        """Update the factor with the simulated time reached so far.
+
+        A warning is logged if the factor is below `desired`; 0 disables the warning.
+        """
         now = self._clock()
         elapsed = now - self._wall
         if elapsed < WINDOW:
             return
         self.value = (time_ns - self._time_ns) / 1e9 / elapsed
         self.restart(time_ns)
-        if self.value < WARN_BELOW * wanted and now - self._warned >= WARN_PERIOD:
-            self._warned = now
+        if self.value < WARN_BELOW * desired and now - self._last_warning >= WARN_PERIOD:
+            self._last_warning = now
             log.warning(
                 "cannot keep up: real-time factor %.2f instead of %g; free the processor, lower "
                 "the cameras' rate or size, or set speed_mode to max",
                 self.value,
-                wanted,
+                desired,
             )
 
 
 class Pacer:
-    """Simulated time follows wall time times `factor`; 0 means as fast as it goes.
+    """Pacer that advances simulated time `factor` times as fast as wall time; 0: without limit.
 
-    What is due is reckoned from the last restart, so rounding and late wake-ups do not add up.
+    Due times are computed from the last restart, so that rounding errors and late wake-ups do not
+    accumulate.
     """
 
     def __init__(self, factor: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
-        """`clock` gives seconds of wall time."""
+        """Create a pacer; `clock` returns the wall time, s."""
         self._factor = factor
         self._clock = clock
         self._meter = FactorMeter(clock)
@@ -66,38 +70,41 @@ class Pacer:
 
     @property
     def factor(self) -> float:
-        """Wanted simulated seconds a second; 0: as many as possible."""
+        """Desired real-time factor; 0 for as fast as possible."""
         return self._factor
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated seconds a second, measured over the last window."""
+        """Real-time factor measured over the last window."""
         return self._meter.value
 
     def set_factor(self, factor: float, time_ns: int) -> None:
-        """Change the factor from this simulated time on."""
+        """Change the desired factor from the simulated time `time_ns` on."""
         self._factor = factor
         self.restart(time_ns)
 
     def restart(self, time_ns: int) -> None:
-        """Take this simulated time as being now: after a pause, a reset, a jump."""
+        """Align the simulated time `time_ns` with the current wall time, e.g. after a pause."""
         self._wall = self._clock()
         self._start_ns = time_ns
         self._meter.restart(time_ns)
 
-    def due_until(
+    def find_due_time(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
     ) -> int:
-        """Simulated time [ns] up to which steps are due now, having reached `time_ns`.
+        """Return the simulated time, ns, up to which steps are due now.
 
-        event_ns: when something is to happen that shall not wait for the rest of its group. The
-            step that contains it is due when it has come, so that time is ahead by a part of it.
-        group_ns: simulated time of a group of steps that are made together.
+        Args:
+            time_ns: simulated time reached so far, ns.
+            event_ns: time of an event, e.g. a camera exposure, that must not wait for the end of
+                its group of steps. The step that contains this time is due as soon as the time is
+                reached, so that simulated time may be ahead by less than one step.
+            group_ns: simulated time of a group of steps, ns.
         """
         self._meter.update(time_ns, self._factor)
         if self._factor <= 0.0:
             return (time_ns // group_ns + 1) * group_ns
-        target = self._target()
+        target = self._compute_target()
         lag = target - time_ns
         if lag > LARGEST_LAG_NS:
             self._start_ns -= lag - BATCH_NS
@@ -105,17 +112,17 @@ class Pacer:
         end = target // group_ns * group_ns
         return end if event_ns is None or event_ns > target else max(end, event_ns)
 
-    def wait(
+    def compute_wait(
         self, time_ns: int, event_ns: int | None = None, group_ns: int = BATCH_NS
     ) -> float:
-        """Seconds of wall time until the next steps are due; may be negative."""
+        """Return the wall time, s, until the next steps are due; negative if they are overdue."""
         if self._factor <= 0.0:
             return 0.0
         next_ns = (time_ns // group_ns + 1) * group_ns
         if event_ns is not None and event_ns > time_ns:
             next_ns = min(next_ns, event_ns)
-        return (next_ns - self._target()) / 1e9 / self._factor
+        return (next_ns - self._compute_target()) / 1e9 / self._factor
 
-    def _target(self) -> int:
+    def _compute_target(self) -> int:
         elapsed = self._clock() - self._wall
         return self._start_ns + round(elapsed * 1e9 * self._factor)

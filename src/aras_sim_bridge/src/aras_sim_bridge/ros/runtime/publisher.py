@@ -1,8 +1,8 @@
-"""A publisher that writes into its listeners' sockets itself.
+"""A publisher that writes to the sockets of its subscribers directly and without blocking.
 
-rospy gives every connection a thread, wakes it for every message and copies the message four
-times on the way: at 250 Hz of /clock and a few listeners that is the largest part of what an idle
-simulator uses, and for images it is milliseconds. Here the caller writes, without ever waiting.
+rospy uses one thread per connection, wakes it for every message and copies the message four times.
+With /clock at 250 Hz and a few subscribers, this causes most of the CPU load of an idle simulator,
+and for an image it takes milliseconds.
 """
 
 from __future__ import annotations
@@ -17,38 +17,40 @@ import rospy
 from genpy import Message
 from rospy.impl.tcpros_base import TCPROSTransport
 
-from aras_sim_bridge.ros.runtime.lane import Lane, Parts
+from aras_sim_bridge.ros.runtime.send_queue import MessageParts, SendQueue
 
 _LENGTH = struct.Struct("<I")
 
 
-class Peers(rospy.SubscribeListener):
-    """Tells when the listeners of a topic come and go.
+class SubscriberWatch(rospy.SubscribeListener):
+    """Listener that calls `on_change` when a subscriber connects to or leaves a topic.
 
-    rospy tells so from its own threads, each in its own time: who hears it looks how many there
-    are now (`connections`), and does not reckon with what it was told.
+    rospy calls it from its own threads in any order. Hence `on_change` gets no arguments and has to
+    read the current subscribers with `list_connections`.
     """
 
-    def __init__(self, changed: Callable[[], None]) -> None:
+    def __init__(self, on_change: Callable[[], None]) -> None:
         super().__init__()
-        self._changed = changed
+        self._on_change = on_change
 
     def peer_subscribe(self, *_args: object) -> None:
-        self._changed()
+        self._on_change()
 
     def peer_unsubscribe(self, *_args: object) -> None:
-        self._changed()
+        self._on_change()
 
 
-def connections(publisher: rospy.Publisher | None) -> list[TCPROSTransport]:
-    """The listeners' connections, without the topic's lock, which rospy holds while it tells of
-    them; none while the topic is not, or no longer, advertised."""
+def list_connections(publisher: rospy.Publisher | None) -> list[TCPROSTransport]:
+    """Return the connections to the subscribers of a topic; none if it is not advertised.
+
+    This does not acquire the lock of the topic, which rospy holds while it calls SubscriberWatch.
+    """
     implementation = None if publisher is None else publisher.impl
     return [] if implementation is None else implementation.connections
 
 
-class QuickPublisher:
-    """Publishes from one thread; listeners connect and go as with any rospy.Publisher."""
+class NonBlockingPublisher:
+    """Publisher for use from a single thread; subscribers connect as to any rospy.Publisher."""
 
     def __init__(
         self,
@@ -56,23 +58,26 @@ class QuickPublisher:
         message: type[Message],
         queue_size: int,
         latch: bool = False,
-        changed: Callable[[], None] = lambda: None,
+        on_change: Callable[[], None] = lambda: None,
     ) -> None:
-        """Advertise.
+        """Advertise the topic.
 
         Args:
-            latch: who comes later gets the last message.
-            changed: called, from any thread, when listeners came or went; also before this
-                returns, where somebody waited for the topic.
+            topic: name of the topic.
+            message: message type.
+            queue_size: number of messages that wait for a slow subscriber.
+            latch: whether new subscribers get the last message.
+            on_change: called from any thread when subscribers connect or leave. It may be called
+                before the constructor returns, if a subscriber is already waiting for the topic.
         """
         self._topic = topic
         self._queue_size = queue_size
-        self._changed = changed
+        self._on_change = on_change
         self._lock = threading.Lock()
-        self._lanes: dict[TCPROSTransport, Lane] = {}
-        self._latched: Parts | None = None
+        self._queues: dict[TCPROSTransport, SendQueue] = {}
+        self._latched_message: MessageParts | None = None
         self._sequence = 0
-        # rospy tells listeners of the latch, but never has a message to latch: see _on_peers.
+        # rospy only announces the latch; _update_queues sends the latched message.
         self._latch = latch
         self._publisher: rospy.Publisher | None = None
         self._publisher = rospy.Publisher(
@@ -81,24 +86,27 @@ class QuickPublisher:
             queue_size=queue_size,
             latch=latch,
             tcp_nodelay=True,
-            subscriber_listener=Peers(self._on_peers),
+            subscriber_listener=SubscriberWatch(self._update_queues),
         )
-        self._on_peers()  # of who was quicker than the constructor rospy tells nothing
+        self._update_queues()  # rospy does not report subscribers that connected meanwhile
 
     def publish(self, message: Message) -> None:
-        """Send a message to those who listen; its header gets the next sequence number."""
-        if self._wanted():
-            self.publish_bytes(self._serialised(message))
+        """Send a message to all subscribers; its header gets the next sequence number."""
+        if self._is_needed():
+            self.publish_bytes(self._serialise(message))
 
-    def publish_array(self, message: Message, array: np.ndarray, behind: int = 0) -> None:
-        """Send a message whose empty `data` are to be an array's bytes, which go from there into
-        the sockets and must not change any more; `behind`: bytes of the fields after `data`."""
-        body = self._serialised(message)
-        end = len(body) - behind
+    def publish_array(self, message: Message, array: np.ndarray, trailing_bytes: int = 0) -> None:
+        """Send a message with the bytes of `array` as its field `data`, without copying them.
+
+        `message.data` must be empty, and the array must not change afterwards. `trailing_bytes` is
+        the size of the fields after `data`.
+        """
+        body = self._serialise(message)
+        end = len(body) - trailing_bytes
         head = body[: end - _LENGTH.size] + _LENGTH.pack(array.nbytes)
         self.publish_bytes(head, memoryview(array).cast("B"), body[end:])
 
-    def _serialised(self, message: Message) -> bytes:
+    def _serialise(self, message: Message) -> bytes:
         if message._has_header:
             self._sequence += 1
             message.header.seq = self._sequence
@@ -107,59 +115,59 @@ class QuickPublisher:
         return buffer.getvalue()
 
     def publish_bytes(self, *body: bytes | memoryview) -> None:
-        """Send a message that is serialised already, in parts that must not change any more."""
-        if not self._wanted():
+        """Send a serialised message given in parts, which must not change afterwards."""
+        if not self._is_needed():
             return
         parts = (_LENGTH.pack(sum(map(len, body))), *body)
         with self._lock:
             if self._latch:
-                self._latched = parts
-            for connection in connections(self._publisher):
-                lane = self._lanes.get(connection) or self._open(connection)
-                if lane is not None:
-                    lane.send(parts)
+                self._latched_message = parts
+            for connection in list_connections(self._publisher):
+                queue = self._queues.get(connection) or self._open_queue(connection)
+                if queue is not None:
+                    queue.send(parts)
 
     @property
-    def listeners(self) -> int:
-        """Number of listeners."""
-        return len(connections(self._publisher))
+    def subscriber_count(self) -> int:
+        """Number of subscribers."""
+        return len(list_connections(self._publisher))
 
     def unregister(self) -> None:
-        """Take the topic off the graph."""
+        """Unregister the topic."""
         self._publisher.unregister()
-        self._on_peers()
+        self._update_queues()
 
-    def _wanted(self) -> bool:
-        return self._latch or self.listeners > 0
+    def _is_needed(self) -> bool:
+        return self._latch or self.subscriber_count > 0
 
-    def _open(self, connection: TCPROSTransport) -> Lane | None:
-        """Return the lane of a new connection; None while it is not up."""
+    def _open_queue(self, connection: TCPROSTransport) -> SendQueue | None:
+        """Create the queue of a new connection; return None while it has no socket yet."""
         if connection.socket is None:
             return None
-        lane = self._lanes[connection] = Lane(
+        queue = self._queues[connection] = SendQueue(
             connection.socket,
             self._queue_size,
             lambda: self._close(connection),
-            f"{connection.endpoint_id}, which does not take {self._topic}",
+            f"{connection.endpoint_id} to read {self._topic}",
         )
-        return lane
+        return queue
 
-    def _on_peers(self) -> None:
-        """Send the latched message to whoever has just come; forget what waits for who has gone."""
+    def _update_queues(self) -> None:
+        """Close the queues of subscribers that left; send new ones the latched message."""
         with self._lock:
-            present = connections(self._publisher)
-            for connection in self._lanes.keys() - set(present):
-                self._lanes.pop(connection).close()
-            if self._latched is not None:
+            present = list_connections(self._publisher)
+            for connection in self._queues.keys() - set(present):
+                self._queues.pop(connection).close()
+            if self._latched_message is not None:
                 for connection in present:
-                    if connection in self._lanes:
+                    if connection in self._queues:
                         continue
-                    if (lane := self._open(connection)) is not None:
-                        lane.send(self._latched)
-        self._changed()
+                    if (queue := self._open_queue(connection)) is not None:
+                        queue.send(self._latched_message)
+        self._on_change()
 
     def _close(self, connection: TCPROSTransport) -> None:
-        """Forget a connection that broke; not from here, where its lane is at work."""
+        """Close a broken connection in another thread, because its queue is still in use here."""
         threading.Thread(target=self._drop, args=(connection,), daemon=True).start()
 
     def _drop(self, connection: TCPROSTransport) -> None:

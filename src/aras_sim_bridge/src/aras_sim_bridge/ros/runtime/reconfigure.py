@@ -1,4 +1,4 @@
-"""The reconfigurable parameters of gazebo_ros and control_toolbox; descriptions are theirs."""
+"""Dynamically reconfigurable parameters of gazebo_ros and control_toolbox."""
 
 from aras_visual_servo_ros.reconfigure import Field
 

@@ -1,10 +1,10 @@
-"""Services as functions: what they act on and a request go in, the fields of the answer come out.
+"""Services as plain functions: simulation and request in, fields of the response out.
 
-    @serves(GetLightProperties, "got properties")
+    @service_handler(GetLightProperties, "got properties")
     def get_light_properties(simulation: Simulation, request: GetLightProperties) -> Fields:
 
-is the service get_light_properties of whichever table it is added to. Every fault becomes one
-answer and one log line.
+defines the service `get_light_properties` in every ServiceTable that it is added to. Each error
+results in one response and one log line.
 """
 
 from __future__ import annotations
@@ -24,79 +24,83 @@ from aras_visual_servo_base.names import USER_FAULTS
 
 log = logging.getLogger(__name__)
 
-Fields = dict[str, object] | None  # of an answer that differ from its defaults
+Fields = dict[str, object] | None  # fields of a response that differ from their defaults
 Handler = Callable[[object, Message], Fields]
 
 
 @dataclass(frozen=True)
-class Terms:
-    """How a handler is served; see `serves`."""
+class ServicePolicy:
+    """Options of a service handler; see `service_handler`."""
 
     service: type
-    done: str
-    outside: bool
+    success_text: str
+    in_caller_thread: bool
     call_fails: bool
 
     @property
-    def kind(self) -> str:
-        """The type's name without its package: gazebo_ros begins its texts with it."""
+    def type_name(self) -> str:
+        """Name of the service type without its package; gazebo_ros's texts start with it."""
         return self.service._type.rpartition("/")[2]
 
-    def answer(self, fields: Fields) -> Message:
-        """The answer of a call that went well."""
+    def make_response(self, fields: Fields) -> Message:
+        """Return the response of a successful call."""
         response = self.service._response_class
-        text = f"{self.kind}: {self.done}" if self.done else ""
-        well = {"success": True, "ok": True, "status_message": text}
-        given = {name: well[name] for name in well if name in response.__slots__}
-        return response(**{**given, **(fields or {})})
+        text = f"{self.type_name}: {self.success_text}" if self.success_text else ""
+        success = {"success": True, "ok": True, "status_message": text}
+        defaults = {name: success[name] for name in success if name in response.__slots__}
+        return response(**{**defaults, **(fields or {})})
 
 
-def serves(
-    service: type, done: str = "", outside: bool = False, call_fails: bool = False
+def service_handler(
+    service: type, success_text: str = "", in_caller_thread: bool = False, call_fails: bool = False
 ) -> Callable[[Handler], Handler]:
-    """Decorator: a function, or method, that serves `service` under its own name.
+    """Mark a function or method as the handler of the service of the same name.
 
-    It takes the simulation, between two steps in the simulation's thread, so it neither waits nor
-    speaks to the master. It raises SimError for what a client did wrong or the simulation cannot
-    do. Its answer's `success` or `ok` is true unless it says otherwise.
+    The handler is called with the simulation and the request, in the simulation thread between two
+    steps. Therefore it must neither block nor call the ROS master. It returns the fields of the
+    response; `success` and `ok` default to true. It raises SimError if the request is invalid or
+    cannot be fulfilled.
 
     Args:
-        done: the answer's status message, behind the service type's name.
-        outside: call it with the SimulationThread instead, in rospy's thread, where it may wait.
-        call_fails: let the client of a fault see a failed call (ServiceException) instead of a
-            response with success false and the reason.
+        service: service type.
+        success_text: status message of a successful call, without the name of the service type.
+        in_caller_thread: call the handler with the SimulationThread instead of the simulation, in
+            rospy's thread, where it may block.
+        call_fails: report an error to the client as a failed call (ServiceException) instead of a
+            response with `success` false and the reason.
     """
 
     def mark(handler: Handler) -> Handler:
-        handler.terms = Terms(service, done, outside, call_fails)
+        handler.policy = ServicePolicy(service, success_text, in_caller_thread, call_fails)
         return handler
 
     return mark
 
 
-def handlers_in(*places: object) -> list[Handler]:
-    """The handlers that modules and objects have."""
+def find_handlers(*places: object) -> list[Handler]:
+    """Return all service handlers among the attributes of modules and objects."""
     found = (getattr(place, name) for place in places for name in dir(place))
-    return [member for member in found if isinstance(getattr(member, "terms", None), Terms)]
+    return [item for item in found if isinstance(getattr(item, "policy", None), ServicePolicy)]
 
 
 class ServiceTable:
-    """Services of one namespace that come up and go down together."""
+    """Services of one namespace that are advertised and shut down together."""
 
     def __init__(
         self,
         namespace: str,
         thread: SimulationThread,
         *handlers: Handler,
-        turn: contextlib.AbstractContextManager | None = None,
+        call_lock: contextlib.AbstractContextManager | None = None,
     ) -> None:
-        """Serve below `namespace`, an absolute name.
+        """Advertise the services of `handlers` below `namespace`, an absolute name.
 
-        turn: held during a call, so that one at a time is answered; None: any number.
+        call_lock: lock that is held during a call, so that calls are served one at a time; None
+            allows concurrent calls.
         """
         self._namespace = namespace.rstrip("/")
         self._thread = thread
-        self._turn = turn or contextlib.nullcontext()
+        self._call_lock = call_lock or contextlib.nullcontext()
         self._services: list[rospy.Service] = []
         try:
             for handler in handlers:
@@ -107,50 +111,53 @@ class ServiceTable:
 
     def _advertise(self, handler: Handler) -> None:
         name = f"{self._namespace}/{handler.__name__}"
-        terms: Terms = handler.terms
+        policy: ServicePolicy = handler.policy
 
         def serve(request: Message) -> Message:
-            with self._turn:
-                return answered(handler, request, name, self._thread)
+            with self._call_lock:
+                return call_handler(handler, request, name, self._thread)
 
-        self._services.append(rospy.Service(name, terms.service, serve))
+        self._services.append(rospy.Service(name, policy.service, serve))
 
     def shutdown(self) -> None:
-        """Take all of them off the graph."""
+        """Shut down all services of the table."""
         for service in self._services:
             service.shutdown("no longer served")
         self._services.clear()
 
 
-def answered(
+def call_handler(
     handler: Handler, request: Message, name: str, thread: SimulationThread
 ) -> Message:
-    """Return a handler's answer, or that of its fault; `name` is the service's, for the log.
+    """Call a handler and return its response, or the response that reports its error.
+
+    `name` is the name of the service, for log messages.
 
     Raises:
-        rospy.ServiceException: where the call itself shall fail.
+        rospy.ServiceException: the handler failed and its policy is `call_fails`.
     """
-    terms: Terms = handler.terms
+    policy: ServicePolicy = handler.policy
     try:
-        if terms.outside:
+        if policy.in_caller_thread:
             fields = handler(thread, request)
         else:
             fields = thread.call(lambda: handler(thread.simulation, request))
-        return terms.answer(fields)
+        return policy.make_response(fields)
     except SimError as error:
-        text = f"{terms.kind}: {error}"
-        # Who ends at the same Ctrl-C, as spawners do, asks in vain: that is no fault.
-        tell = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
-        tell("%s: %s", name, error)
+        text = f"{policy.type_name}: {error}"
+        # A call that arrives during shutdown is no error: after Ctrl-C, spawners still unload their
+        # controllers.
+        write_log = rospy.logdebug if str(error) == SHUTTING_DOWN else rospy.logerr
+        write_log("%s: %s", name, error)
     except rospy.ServiceException:
         raise
     except USER_FAULTS as error:
-        text = f"{terms.kind}: internal error, {type(error).__name__}: {error}"
+        text = f"{policy.type_name}: internal error, {type(error).__name__}: {error}"
         rospy.logerr("%s: %s (please report it)", name, text)
         log.debug("%s", traceback.format_exc())
-    if terms.call_fails:
+    if policy.call_fails:
         raise rospy.ServiceException(text)
-    response = terms.service._response_class()
+    response = policy.service._response_class()
     if hasattr(response, "status_message"):
         response.status_message = text
     return response

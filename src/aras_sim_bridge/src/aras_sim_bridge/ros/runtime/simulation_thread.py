@@ -1,9 +1,10 @@
-"""The one thread that owns the simulation: it steps, paces and runs everybody's jobs in between.
+"""The thread that owns the simulation: it makes and paces the steps, and runs jobs between them.
 
-Services and topics live on rospy's threads. They never touch the simulation; they hand a function
-to `SimulationThread.call`, which runs it between two steps (also while paused) and brings back its
-result or exception. So no lock is needed below, and no client can see half a step. Commands do not
-even come by other threads: the simulation's own reads their sockets before each step (see inbox).
+Services and topics run in rospy's threads and never access the simulation directly. They pass a
+function (a job) to `SimulationThread.call`, which runs it between two steps, also while paused, and
+returns its result or raises its exception. Therefore the simulation needs no locks, and no client
+observes an unfinished step. The simulation thread reads the sockets of command topics itself before
+each step (see message_receiver.py).
 """
 
 from __future__ import annotations
@@ -18,8 +19,8 @@ from concurrent.futures import TimeoutError as FutureTimeoutError
 from typing import TypeVar
 
 from aras_sim_bridge.errors import SimError
-from aras_sim_bridge.ros.runtime.inbox import Inbox
 from aras_sim_bridge.ros.runtime.lockstep import Lockstep
+from aras_sim_bridge.ros.runtime.message_receiver import MessageReceiver
 from aras_sim_bridge.ros.runtime.pacing import BATCH_NS, Pacer
 from aras_sim_bridge.simulation import Simulation
 
@@ -27,20 +28,20 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 SHUTTING_DOWN = "the simulator is shutting down"
-JOBS_BUDGET = 0.002  # seconds of wall time for jobs before time goes on: a flood must not stop it
-STREAM_NS = 5_000_000  # so long after a command steps are made one by one, each when it is due
-FLOOD = 3  # messages passed over a step by one connection: steps are not made one by one for it
-PAUSED_PERIOD = 0.004  # seconds of wall time from one look at commands to the next, paused
-LOCKSTEP_BACKLOG = 8  # commands of one connection that may wait for their steps in lockstep
-STALL = 0.05  # seconds of wall time of one job (a spawn) that simulated time does not make good
+JOBS_BUDGET = 0.002  # s of wall time for jobs between two groups of steps
+STREAM_NS = 5_000_000  # simulated time after a command in which each step is made when it is due
+FLOOD = 3  # skipped messages per step and connection from which steps are made in groups again
+PAUSED_PERIOD = 0.004  # s of wall time between two reads of commands while paused
+LOCKSTEP_BACKLOG = 8  # commands of one connection that may wait for their steps in lockstep mode
+STALL = 0.05  # s of wall time; simulated time does not catch up after a longer job, e.g. a spawn
 
 
 class SimulationBusyError(SimError):
-    """The simulation did not come round to a job in time, or has ended."""
+    """The simulation did not run a job within its timeout or has ended."""
 
 
 class SimulationThread:
-    """Runs a simulation; every public method may be called from any thread."""
+    """Thread that runs a simulation; every public method may be called from any thread."""
 
     def __init__(
         self,
@@ -50,17 +51,18 @@ class SimulationThread:
         after_batch: Callable[[int], None] = lambda time_ns: None,
         on_fault: Callable[[BaseException], None] = lambda error: None,
         paused: bool = False,
-        inbox: Inbox | None = None,
+        receiver: MessageReceiver | None = None,
     ) -> None:
-        """Prepare; nothing runs before `start`.
+        """Create the thread without starting it; see `start`.
 
         Args:
-            build: makes the simulation, called in the thread (an OpenGL context is bound to it).
-            pacer: says which steps are due.
-            after_step: called with the simulated time after every step.
-            after_batch: called after each group of steps that were due together.
-            on_fault: called once with an exception that ended the thread.
-            inbox: where commands come in, and the thread waits; tests hand in their own.
+            build: creates the simulation; called in the new thread.
+            pacer: determines which steps are due.
+            after_step: called with the simulated time, ns, after every step.
+            after_batch: called with the simulated time, ns, after each group of steps.
+            on_fault: called once with the exception that ended the thread.
+            paused: whether simulated time is paused at the start.
+            receiver: receiver of commands and wake-ups; tests replace it.
         """
         self._build = build
         self._pacer = pacer
@@ -69,78 +71,78 @@ class SimulationThread:
         self._on_fault = on_fault
         self._paused = paused
         self._jobs: collections.deque[tuple[Callable[[], object], Future]] = collections.deque()
-        self._inbox = inbox or Inbox()
+        self._receiver = receiver or MessageReceiver()
         self._stream_until_ns = 0
-        self._flooded = False
+        self._is_flooded = False
         self._now_ns = 0
-        self._stopping = False
+        self._is_stopping = False
         self._ready: Future = Future()
         self._thread = threading.Thread(target=self._run, name="simulation", daemon=True)
         self.simulation: Simulation | None = None  # None before `start`
-        # Called with the time that the coming step ends at; to be set in the simulation's thread.
+        # Called with the end time, ns, of the next step; set it in the simulation thread only.
         self.before_step: Callable[[int], None] | None = None
-        # Holds simulated time back while it runs; to be set before `start`. step() ignores it.
-        self.gate: Lockstep | None = None
+        # Gate that stops simulated time while closed; set it before `start`. step() ignores it.
+        self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
-        """Build the simulation in the thread and begin.
+        """Start the thread and wait until the simulation is built.
 
         Raises:
-            SimError: what went wrong while building.
+            SimError: the simulation cannot be built.
         """
         self._thread.start()
         self._ready.result(timeout)
 
     @property
     def paused(self) -> bool:
-        """Whether simulated time stands still."""
+        """Whether simulated time is paused."""
         return self._paused
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated over wall time of the last seconds; 0 while paused."""
+        """Simulated time over wall time during the last seconds; 0 while paused."""
         return 0.0 if self._paused else self._pacer.real_time_factor
 
     @property
-    def held(self) -> bool:
-        """Whether no step will come by itself: paused, or a gate is closed."""
-        return self._paused or (self.gate is not None and self.gate.closed)
+    def is_time_stopped(self) -> bool:
+        """Whether the thread makes no steps, because it is paused or lockstep waits."""
+        return self._paused or (self.lockstep is not None and self.lockstep.is_closed)
 
     @property
-    def stopping(self) -> bool:
-        """Whether the thread is told to end."""
-        return self._stopping
+    def is_stopping(self) -> bool:
+        """Whether the thread has been requested to end."""
+        return self._is_stopping
 
     def wake(self) -> None:
-        """Let the thread look again whether there is something to do; from any thread."""
-        self._inbox.ring()
+        """Wake the thread so that it checks for work."""
+        self._receiver.wake()
 
     @property
-    def inbox(self) -> Inbox:
-        """The streams of commands; for jobs only."""
-        return self._inbox
+    def receiver(self) -> MessageReceiver:
+        """Receiver of commands; may only be used in jobs."""
+        return self._receiver
 
     def now_ns(self) -> int:
-        """Simulated time [ns] after the last step or job; from any thread, without waiting."""
+        """Return the simulated time, ns, after the last step or job, without waiting."""
         return self._now_ns
 
     @property
     def pacer(self) -> Pacer:
-        """The pacer in use."""
+        """Pacer of simulated time."""
         return self._pacer
 
     def call(self, job: Callable[[], T], timeout: float = 10.0) -> T:
-        """Run job between two steps and return what it returns; its exceptions come through.
+        """Run `job` between two steps and return its result; its exceptions are raised here.
 
         Raises:
-            SimulationBusyError: when it was not run within timeout [s of wall time].
+            SimulationBusyError: the job did not start within `timeout`, s of wall time.
         """
         if threading.current_thread() is self._thread:
             return job()
         future: Future = Future()
         self._jobs.append((job, future))
-        self._inbox.ring()
-        if self._stopping:  # it runs no jobs any more, even where it still closes the simulation
+        self._receiver.wake()
+        if self._is_stopping:  # the thread no longer runs jobs, even if it is still alive
             self._cancel_jobs()
         try:
             return future.result(timeout)
@@ -149,17 +151,17 @@ class SimulationThread:
                 raise SimulationBusyError(
                     f"the simulation did not answer within {timeout:g} s; is the machine busy?"
                 ) from None
-            return future.result()  # it began just now; it is short
+            return future.result()  # the job has just started; jobs are short
 
     def post(self, job: Callable[[], None]) -> None:
-        """Run job between two steps without waiting; an exception of it is logged."""
+        """Run `job` between two steps without waiting for it; its exceptions are logged."""
         future: Future = Future()
         future.add_done_callback(_log_fault)
         self._jobs.append((job, future))
-        self._inbox.ring()
+        self._receiver.wake()
 
     def pause(self) -> None:
-        """Let simulated time stand still; when this returns no step is under way."""
+        """Pause simulated time; no step is in progress when this returns."""
 
         def job() -> None:
             self._paused = True
@@ -167,63 +169,67 @@ class SimulationThread:
         self.call(job)
 
     def unpause(self) -> None:
-        """Let simulated time run on from where it stands."""
+        """Resume simulated time."""
 
         def job() -> None:
             if self._paused:
                 self._paused = False
-                if self.gate is not None:
-                    self.gate.clear()  # what step() closed holds for step() only
+                if self.lockstep is not None:
+                    self.lockstep.end_round()  # a round started by step() must not stop time now
                 self._pacer.restart(self.simulation.time_ns)
 
         self.call(job)
 
     def step(self, count: int, timeout: float) -> int:
-        """Advance a paused simulation by count steps; returns the simulated time [ns] after them.
+        """Advance a paused simulation by `count` steps and return the simulated time, ns.
 
         Raises:
-            SimulationBusyError: when timeout [s of wall time] is over; the steps done stay done.
+            SimulationBusyError: the steps are not finished within `timeout`, s of wall time; those
+                already made are not undone.
         """
         deadline = time.monotonic() + timeout
         done = 0
         while done < count:
-            chunk = min(count - done, 100)  # short jobs, so that others get their turn
+            chunk = min(count - done, 100)  # short jobs, so that other jobs can run in between
             self.call(lambda n=chunk: self._advance(n), max(deadline - time.monotonic(), 0.1))
             done += chunk
             if time.monotonic() > deadline and done < count:
                 raise SimulationBusyError(
-                    f"{done} of {count} steps were done within {timeout:g} s; ask for fewer"
+                    f"{done} of {count} steps were done within {timeout:g} s; request fewer steps"
                 )
         return self.call(lambda: self.simulation.time_ns)
 
     def stop(self, timeout: float = 5.0) -> None:
-        """End the thread and close the simulation; waiting callers get an exception."""
-        self._stopping = True
-        self._inbox.ring()
+        """End the thread and close the simulation; pending jobs raise SimulationBusyError."""
+        self._is_stopping = True
+        self._receiver.wake()
         if self._thread.is_alive() and threading.current_thread() is not self._thread:
             self._thread.join(timeout)
         self._cancel_jobs()
 
     def _advance(self, count: int) -> None:
         for _ in range(count):
-            if self._stopping:
+            if self._is_stopping:
                 raise SimulationBusyError(SHUTTING_DOWN)
             self._step(0)
         self._after_batch(self.simulation.time_ns)
 
     def _step(self, backlog: int) -> None:
         simulation = self.simulation
-        self._take(backlog)
+        self._deliver_commands(backlog)
         if self.before_step is not None:
             self.before_step(simulation.time_ns + simulation.step_ns)
         simulation.step()
         self._now_ns = simulation.time_ns
         self._after_step(simulation.time_ns)
 
-    def _take(self, backlog: int) -> bool:
-        """Let the commands act that came; `backlog`: how many of a topic may wait for theirs."""
+    def _deliver_commands(self, backlog: int) -> bool:
+        """Apply the commands that have arrived and return whether there was one.
+
+        backlog: number of commands per connection that may wait for later steps.
+        """
         time_ns = self.simulation.time_ns
-        if not self._inbox.take(time_ns, backlog):
+        if not self._receiver.deliver(time_ns, backlog):
             return False
         self._stream_until_ns = time_ns + STREAM_NS
         return True
@@ -242,91 +248,96 @@ class SimulationThread:
         except BaseException as error:
             self._on_fault(error)
         finally:
-            self._stopping = True
+            self._is_stopping = True
             self._cancel_jobs()
-            self._inbox.close()
+            self._receiver.close()
             self.simulation.close()
 
     def _loop(self) -> None:
-        inbox, jobs, pacer, simulation, gate = (
-            self._inbox, self._jobs, self._pacer, self.simulation, self.gate
+        receiver, jobs, pacer, simulation, gate = (
+            self._receiver, self._jobs, self._pacer, self.simulation, self.lockstep
         )  # fmt: skip
         while True:
-            inbox.quiet()
-            if self._stopping:  # looked at after the quiet, or a stop in between would be lost
+            receiver.clear_wake()
+            if self._is_stopping:  # checked after clear_wake, so that no stop request is lost
                 return
             if jobs:
                 self._run_jobs()
             if self._paused:
-                came = self._take(0)
+                has_command = self._deliver_commands(0)
                 if not jobs:
-                    inbox.wait(PAUSED_PERIOD if came else None, commands=not came)
+                    receiver.wait(PAUSED_PERIOD if has_command else None, commands=not has_command)
                 continue
-            if gate is not None and gate.closed:
-                self._take(LOCKSTEP_BACKLOG)
-                if (left := gate.remaining()) is not None:
+            if gate is not None and gate.is_closed:
+                self._deliver_commands(LOCKSTEP_BACKLOG)
+                if (remaining := gate.compute_remaining()) is not None:
                     if not jobs:
-                        inbox.wait(left)
+                        receiver.wait(remaining)
                     continue
-            event_ns = simulation.next_picture_ns()
-            end = pacer.due_until(simulation.time_ns, event_ns, self._group_ns())
+            event_ns = simulation.next_image_ns()
+            end = pacer.find_due_time(simulation.time_ns, event_ns, self._compute_group_ns())
             if simulation.time_ns < end:
                 self._make_steps(end)
-            streaming = self._streaming
-            delay = pacer.wait(
-                simulation.time_ns, simulation.next_picture_ns(), self._group_ns()
+            is_streaming = self._is_streaming
+            delay = pacer.compute_wait(
+                simulation.time_ns, simulation.next_image_ns(), self._compute_group_ns()
             )
-            if delay > 0.0 and not jobs and inbox.wait(delay, commands=not streaming):
+            if delay > 0.0 and not jobs and receiver.wait(delay, commands=not is_streaming):
                 self._stream_until_ns = simulation.time_ns + STREAM_NS
 
     def _make_steps(self, end_ns: int) -> None:
-        """Make the steps that are due until `end_ns`, fewer where something is to come between."""
-        simulation, gate, jobs = self.simulation, self.gate, self._jobs
-        begin_ns = simulation.time_ns
-        while simulation.time_ns < end_ns and not (gate is not None and gate.closed):
+        """Make the steps up to `end_ns`; stop early for a job, a pause or a closed gate."""
+        simulation, gate, jobs = self.simulation, self.lockstep, self._jobs
+        start_ns = simulation.time_ns
+        while simulation.time_ns < end_ns and not (gate is not None and gate.is_closed):
             try:
-                self._step(self._backlog(end_ns))
-            except SimError as error:  # it diverged: whoever is there may reset it
+                self._step(self._compute_backlog(end_ns))
+            except SimError as error:  # e.g. the physics diverged; a client can reset it
                 self._paused = True
-                log.error("simulated time stands still: %s", error)
+                log.error("simulated time is paused: %s", error)
             if jobs or self._paused:
                 break
-        made = max((simulation.time_ns - begin_ns) // simulation.step_ns, 1)
-        self._flooded = self._inbox.most_passed_over() >= FLOOD * made
+        made = max((simulation.time_ns - start_ns) // simulation.step_ns, 1)
+        self._is_flooded = self._receiver.take_skipped_count() >= FLOOD * made
         self._after_batch(simulation.time_ns)
 
-    def _backlog(self, end_ns: int) -> int:
-        """How many commands of a topic may wait for the steps after the coming one.
+    def _compute_backlog(self, end_ns: int) -> int:
+        """Return how many commands of a connection may wait for the steps after the next one.
 
-        In real time one for each step that is due, and one more: of a stream as fast as the steps
-        two may come between two of them, and none before the next. As fast as it goes, none.
+        In real-time mode this is the number of due steps, including the next one. Thus no command
+        is skipped if a client sends them at the rate of the steps and two arrive between two steps.
+        In the mode `max` it is 0, in lockstep mode LOCKSTEP_BACKLOG.
         """
         if self._pacer.factor > 0.0:
             return -((self.simulation.time_ns - end_ns) // self.simulation.step_ns)
-        return 0 if self.gate is None else LOCKSTEP_BACKLOG
+        return 0 if self.lockstep is None else LOCKSTEP_BACKLOG
 
     @property
-    def _streaming(self) -> bool:
-        # Beyond it lies what was set before a reset of time.
+    def _is_streaming(self) -> bool:
+        # A difference above STREAM_NS dates from before a reset of simulated time.
         return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
 
-    def _group_ns(self) -> int:
-        """Simulated time of the steps that are made together: few wake-ups, unless commands come
-        that shall not wait for their step. Of a flood each step has a newer one in any case."""
-        one_by_one = self._streaming and not self._flooded
-        return self.simulation.step_ns if one_by_one else BATCH_NS
+    def _compute_group_ns(self) -> int:
+        """Return the simulated time, ns, of a group of steps that are made together.
+
+        Groups reduce the number of wake-ups. While commands arrive, each step is made when it is
+        due, so that no command waits; at very high rates this is not needed, because every step has
+        a newer command anyway.
+        """
+        is_single = self._is_streaming and not self._is_flooded
+        return self.simulation.step_ns if is_single else BATCH_NS
 
     def _run_jobs(self) -> None:
-        """Run what has been asked for, for a while; at least one job, so that none is left."""
+        """Run pending jobs for JOBS_BUDGET; at least one, so that every job is run eventually."""
         jobs = self._jobs
-        begin = time.monotonic()
-        while jobs and not self._stopping:
+        start = time.monotonic()
+        while jobs and not self._is_stopping:
             self._run_job(*jobs.popleft())
             self._now_ns = self.simulation.time_ns
             now = time.monotonic()
-            if now - begin > STALL:
+            if now - start > STALL:
                 self._pacer.restart(self.simulation.time_ns)
-            if now - begin > JOBS_BUDGET:
+            if now - start > JOBS_BUDGET:
                 return
 
     @staticmethod
@@ -344,7 +355,7 @@ class SimulationThread:
         while True:
             try:
                 _, future = self._jobs.popleft()
-            except IndexError:  # none is left, or another thread took it
+            except IndexError:  # empty, or another thread has taken the last job
                 return
             if future.set_running_or_notify_cancel():
                 future.set_exception(SimulationBusyError(SHUTTING_DOWN))
@@ -353,5 +364,5 @@ class SimulationThread:
 def _log_fault(future: Future) -> None:
     if future.cancelled() or (error := future.exception()) is None:
         return
-    if not isinstance(error, SimulationBusyError):  # it ends, and with it what was to be done
+    if not isinstance(error, SimulationBusyError):  # at shutdown a job is dropped without a message
         log.error("%s: %s", type(error).__name__, error)

@@ -1,4 +1,4 @@
-"""Targets by name. `SHAPES` has those that a file of this folder declares."""
+"""Named target shapes: each file of this folder registers its shapes in `SHAPES`."""
 
 from .base import SHAPES, FlatShape, OutlineShape, SolidShape, TargetShape
 

@@ -1,4 +1,4 @@
-"""The target of the demo."""
+"""The two plates that are the target of the demo."""
 
 from ..geometry import ARAS, Target
 from .base import SHAPES, TargetShape
@@ -6,7 +6,7 @@ from .base import SHAPES, TargetShape
 
 @SHAPES.register("aras")
 class Plates(TargetShape):
-    """The two plates of the demo, of their own size."""
+    """The two plates of the demo, of fixed size."""
 
     def make(self) -> Target:
         """Return the plates."""

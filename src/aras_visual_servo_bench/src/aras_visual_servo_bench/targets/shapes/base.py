@@ -1,4 +1,4 @@
-"""What the shape of a target is, also one of a user's own."""
+"""Base classes of the shapes of targets, also for shapes of users."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import numpy as np
 from aras_sim_bridge.description.types import Geometry
 from aras_visual_servo_base.registry import Registry
 from aras_visual_servo_base.settings import check, parameter
-from aras_visual_servo_controller.parameters import MODEL, OUTLINE
+from aras_visual_servo_controller.parameters import MODEL_TRACKER, OUTLINE_TRACKER
 
 from ...errors import ExperimentError
 from ..geometry import PolygonTarget, Target
@@ -21,23 +21,23 @@ Corners = tuple[tuple[float, float], ...]
 
 @dataclass(frozen=True)
 class TargetShape(ABC):
-    """Makes the geometry of a target from its parameters.
+    """Base class of shapes, which make the geometry of a target from its parameters.
 
-    Parameters are annotated attributes, with unit, bounds and help by `settings.parameter`: every
-    shape is a dataclass. `size` and `marker` get their values from the target's settings.
+    Every shape is a dataclass whose parameters are annotated attributes; `settings.parameter`
+    gives their unit, bounds and help. The target settings set the parameters `size` and `marker`.
 
     Attributes:
         name: short name, for messages.
-        tracker: name of the tracker that finds its points in images.
-        is_solid: whether it makes a SolidTarget.
+        tracker: name of the tracker that detects the target's points in images.
+        is_solid: whether `make` returns a SolidTarget.
     """
 
     name: ClassVar[str] = ""
-    tracker: ClassVar[str] = OUTLINE
+    tracker: ClassVar[str] = OUTLINE_TRACKER
     is_solid: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make a dataclass of every shape, and name it after its class unless it is registered."""
+        """Make every subclass a dataclass, named after its class until it is registered."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)
@@ -51,58 +51,62 @@ class TargetShape(ABC):
 
 
 class FlatShape(TargetShape):
-    """A flat shape within a rectangle."""
+    """Flat shape inside a rectangle."""
 
     size: tuple[float, float] = parameter(
-        (0.2, 0.2), "m", above=0.0, wanted="two lengths, along x and y, m", help="along x and y, m"
+        (0.2, 0.2),
+        "m",
+        above=0.0,
+        expected="two lengths, along x and y, m",
+        help="along x and y, m",
     )
 
 
 class OutlineShape(FlatShape):
-    """A polygon.
+    """Flat polygon.
 
     Attributes:
-        corners: (x, y) within a square of side 1 about the origin; the size scales them.
+        corners: (x, y) inside a square of side 1 around the origin; the size scales them.
     """
 
     corners: ClassVar[Corners] = ()
 
     def make(self) -> Target:
         """Return the polygon."""
-        return PolygonTarget(self.scaled_corners())
+        return PolygonTarget(self.scale_corners())
 
-    def scaled_corners(self) -> Corners:
+    def scale_corners(self) -> Corners:
         """Return the corners (x, y), m."""
         return tuple((x * self.size[0], y * self.size[1]) for x, y in self.corners)
 
 
 class SolidShape(TargetShape):
-    """A solid about the origin of its frame.
+    """Solid around the origin of its frame.
 
     Attributes:
-        unit: the solid of size 1 along x, y and z.
+        unit: geometry of the solid with size 1 along x, y and z.
     """
 
-    tracker = MODEL
+    tracker = MODEL_TRACKER
     is_solid = True
     unit: ClassVar[Geometry]
 
     size: tuple[float, float, float] = parameter(
-        (0.2, 0.2, 0.2), "m", above=0.0, wanted="three lengths, along x, y and z, m",
+        (0.2, 0.2, 0.2), "m", above=0.0, expected="three lengths, along x, y and z, m",
         help="along x, y and z, m",
     )  # fmt: skip
 
     def make(self) -> Target:
         """Return the solid."""
-        from ..solids import scaled_solid
+        from ..solids import make_scaled_solid
 
-        return scaled_solid(self.unit, self.size, self.name)
+        return make_scaled_solid(self.unit, self.size, self.name)
 
 
 SHAPES = Registry("target shape", __package__, (TargetShape,), ExperimentError)
 
 
-def ring(count: int) -> Corners:
-    """Return corners (x, y) of a regular polygon in a circle of diameter 1."""
-    around = 2.0 * np.pi * np.arange(count) / count
-    return tuple(zip((0.5 * np.cos(around)).tolist(), (0.5 * np.sin(around)).tolist(), strict=True))
+def make_ring(count: int) -> Corners:
+    """Return the corners (x, y) of a regular polygon in a circle of diameter 1."""
+    angles = 2.0 * np.pi * np.arange(count) / count
+    return tuple(zip((0.5 * np.cos(angles)).tolist(), (0.5 * np.sin(angles)).tolist(), strict=True))

@@ -1,7 +1,7 @@
 """A disc."""
 
 from ..geometry import RoundTarget, Target
-from .base import SHAPES, OutlineShape, ring
+from .base import SHAPES, OutlineShape, make_ring
 
 EDGES = 180
 
@@ -10,8 +10,8 @@ EDGES = 180
 class Circle(OutlineShape):
     """A disc, which has no corners."""
 
-    corners = ring(EDGES)
+    corners = make_ring(EDGES)
 
     def make(self) -> Target:
         """Return the disc."""
-        return RoundTarget(self.scaled_corners())
+        return RoundTarget(self.scale_corners())

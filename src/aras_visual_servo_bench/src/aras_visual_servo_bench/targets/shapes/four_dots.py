@@ -4,31 +4,32 @@ from __future__ import annotations
 
 import numpy as np
 
-from ..geometry import FLIPPED, Target
+from ..geometry import IMAGE_FLIP, Target
 from .base import SHAPES, FlatShape
 
 
 @SHAPES.register("four_dots")
 class FourDots(FlatShape):
-    """Four black dots on white at a quarter from the rim, a tenth of the width across."""
+    """Four black dots on white, a quarter of the size from the border, a tenth of the width wide.
+    """
 
     tracker = "dots"
 
     def make(self) -> Target:
-        """Return the rectangle with the dots, whose middles are known."""
-        from ..textures import TexturedTarget, blank
+        """Return the rectangle with the dots, whose centres are its points."""
+        from ..textures import TexturedTarget, make_blank_image
 
         w, h = size = self.size
-        middles = 0.25 * np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
-        pixels, per = blank(size)
-        for x, y in middles:
-            centre = ((x + 0.5 * w) * per - 0.5, (y + 0.5 * h) * per - 0.5)
-            _disc(pixels, centre, 0.05 * w * per)
-        return TexturedTarget(pixels, size, middles * FLIPPED)
+        centres = 0.25 * np.array([[-w, -h], [w, -h], [w, h], [-w, h]])
+        pixels, per_metre = make_blank_image(size)
+        for x, y in centres:
+            centre = ((x + 0.5 * w) * per_metre - 0.5, (y + 0.5 * h) * per_metre - 0.5)
+            _draw_disc(pixels, centre, 0.05 * w * per_metre)
+        return TexturedTarget(pixels, size, centres * IMAGE_FLIP)
 
 
-def _disc(pixels: np.ndarray, centre: tuple[float, float], radius: float) -> None:
-    """A black disc with smooth edges, px."""
+def _draw_disc(pixels: np.ndarray, centre: tuple[float, float], radius: float) -> None:
+    """Draw a black disc with smooth edges; `centre` (column, row) and `radius` in px."""
     left, top = (max(int(middle - radius) - 1, 0) for middle in centre)
     right, bottom = (int(middle + radius) + 3 for middle in centre)
     part = pixels[top:bottom, left:right]

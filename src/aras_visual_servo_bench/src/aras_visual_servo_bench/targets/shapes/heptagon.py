@@ -1,10 +1,10 @@
 """A regular heptagon."""
 
-from .base import SHAPES, OutlineShape, ring
+from .base import SHAPES, OutlineShape, make_ring
 
 
 @SHAPES.register("heptagon")
 class Heptagon(OutlineShape):
     """A regular heptagon."""
 
-    corners = ring(7)
+    corners = make_ring(7)

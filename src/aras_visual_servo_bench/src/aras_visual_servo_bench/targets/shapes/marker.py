@@ -1,4 +1,4 @@
-"""A marker."""
+"""An ArUco or AprilTag marker."""
 
 from __future__ import annotations
 
@@ -7,30 +7,32 @@ import numpy as np
 from aras_visual_servo_base.settings import parameter
 from aras_visual_servo_camera.markers import MarkerChoice
 
-from ..geometry import FLIPPED, Target
+from ..geometry import IMAGE_FLIP, Target
 from .base import SHAPES, FlatShape
 
 
 @SHAPES.register("marker")
 class Marker(FlatShape):
-    """An ArUco or AprilTag marker with a white rim."""
+    """An ArUco or AprilTag marker with a white border."""
 
     tracker = "marker"
 
-    marker: str = parameter("", help="number, as 5 or DICT_5X5_100:5; '': AprilTag 36h11, number 0")
+    marker: str = parameter(
+        "", help="number, such as 5 or DICT_5X5_100:5; '': AprilTag 36h11, number 0"
+    )
 
     def make(self) -> Target:
-        """Return the rectangle with the marker, whose corners are known."""
-        from ..textures import TexturedTarget, blank
+        """Return the rectangle with the marker, whose corners are its points."""
+        from ..textures import TexturedTarget, make_blank_image
 
         choice = MarkerChoice.read(self.marker, "target.marker")
-        pixels, _ = blank(self.size)
-        cells = choice.cells + 2  # one of white on either side
+        pixels, _ = make_blank_image(self.size)
+        cells = choice.cells + 2  # one white cell on each side
         side = min(pixels.shape) // cells * choice.cells
-        tag = choice.image(side)
+        tag = choice.draw_marker(side)
         top, left = ((n - side) // 2 for n in pixels.shape)
         pixels[top : top + side, left : left + side] = tag
-        per = pixels.shape[1] / self.size[0]
+        per_metre = pixels.shape[1] / self.size[0]
         corners = np.array([[0, 0], [side, 0], [side, side], [0, side]], float) + (left, top)
-        known = (corners / per - 0.5 * np.asarray(self.size)) * FLIPPED
-        return TexturedTarget(pixels, self.size, known)
+        points = (corners / per_metre - 0.5 * np.asarray(self.size)) * IMAGE_FLIP
+        return TexturedTarget(pixels, self.size, points)

@@ -1,4 +1,4 @@
-"""A picture for feature points."""
+"""A textured poster for feature points and photometric visual servoing."""
 
 from __future__ import annotations
 
@@ -12,26 +12,26 @@ SEED = 41
 
 @SHAPES.register("poster")
 class Poster(FlatShape):
-    """Shapes and grains of all sizes, for feature points and grey levels."""
+    """Poster with random shapes and noise of all scales, for feature points and grey levels."""
 
     def make(self) -> Target:
-        """Return the rectangle with the picture, which is the same every time."""
+        """Return the rectangle with the texture, which has a fixed seed."""
         import cv2
 
-        from ..textures import TexturedTarget, blank
+        from ..textures import TexturedTarget, make_blank_image
 
         random = np.random.default_rng(SEED)
-        pixels, _ = blank(self.size)
+        pixels, _ = make_blank_image(self.size)
         rows, columns = pixels.shape
-        cloud = np.zeros((rows, columns), np.float32)
+        noise = np.zeros((rows, columns), np.float32)
         for cells in (4, 8, 16, 32, 64):
-            grains = random.normal(size=(cells, cells)).astype(np.float32)
-            cloud += cv2.resize(grains, (columns, rows), interpolation=cv2.INTER_CUBIC) / cells**0.5
-        pixels[:] = np.clip(128.0 + 50.0 * cloud, 30, 225)
+            coarse = random.normal(size=(cells, cells)).astype(np.float32)
+            noise += cv2.resize(coarse, (columns, rows), interpolation=cv2.INTER_CUBIC) / cells**0.5
+        pixels[:] = np.clip(128.0 + 50.0 * noise, 30, 225)
         for _ in range(160):
             u, v = random.uniform(0, columns), random.uniform(0, rows)
-            reach = columns * random.choice([0.01, 0.02, 0.04, 0.08])
+            radius = columns * random.choice([0.01, 0.02, 0.04, 0.08])
             level = int(random.integers(0, 256))
-            corners = random.uniform(-1.0, 1.0, (random.integers(3, 7), 2)) * reach + (u, v)
+            corners = random.uniform(-1.0, 1.0, (random.integers(3, 7), 2)) * radius + (u, v)
             cv2.fillPoly(pixels, [cv2.convexHull(corners.astype(np.int32))], level, cv2.LINE_AA)
         return TexturedTarget(pixels, self.size)

@@ -1,1 +1,1 @@
-"""The results browser: the runs of many studies in a page, to be filtered, plotted and opened."""
+"""The results browser: a page to filter, plot and open the runs of many studies."""

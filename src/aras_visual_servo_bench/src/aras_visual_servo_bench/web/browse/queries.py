@@ -1,6 +1,6 @@
-"""What the page asks of the studies, and the answers: rows, groups, a map, points, one run.
+"""Queries of the results browser: rows, groups, success map, points and single runs.
 
-Answers are plain values for JSON, where null is what is not known.
+The answers can be encoded as JSON; unknown values are null.
 """
 
 from __future__ import annotations
@@ -15,28 +15,32 @@ import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.settings import parameter
 
 from ...errors import StudyError
-from ...numbers.metrics import success
-from ...numbers.statistics import proportion
+from ...metrics.metrics import success
+from ...metrics.statistics import proportion
 from .studies import END, STUDY, Snapshot
 
 OPERATORS = ("=", "≠", "<", "≤", ">", "≥", "contains", "is known", "is not known")
-MOST_ROWS, MOST_GROUPS = 200, 200  # of one answer
-LISTED = 60  # values of a column that are offered to choose from
-CELLS = 24  # different values that make as many rows of a map
-BINS = 12  # rows of a map, of a number that takes more values
-SHADES = 7  # classes of points; what is beyond them is one more
-EXACT = 2**53  # greatest whole number that a script's numbers hold
-WIDE = 100.0  # greatest over least number, from which on bins grow by a factor
+MAX_ROWS, MAX_GROUPS = 200, 200  # limits of one answer
+MAX_LISTED_VALUES = 60  # the page lists the values of columns with at most this many
+MAX_CELLS = 24  # up to this many distinct values, each value has its own cell
+BINS = 12  # cells of a numeric column with more distinct values
+MAX_SHADES = 7  # colour classes of points; all other values form one more class
+MAX_EXACT_INTEGER = 2**53  # larger integers are not exact in JavaScript
+WIDE_RATIO = 100.0  # ratio of maximum and minimum above which bins are logarithmic
 
 
 @dataclass(frozen=True)
 class Filter:
-    """A condition on a column. value: a number or a text, as the column has."""
+    """A condition on a column.
+
+    Attributes:
+        value: number, text or truth value, depending on the type of the column.
+    """
 
     column: str
     operator: str = parameter("=", choices=OPERATORS)
@@ -44,34 +48,47 @@ class Filter:
 
 
 @dataclass(frozen=True)
-class Chosen:
-    """Which runs: those of the studies that meet all filters. studies: names; empty: all."""
+class RunSelection:
+    """Selection of the runs that satisfy all filters.
+
+    Attributes:
+        studies: names of studies; empty selects all studies.
+    """
 
     studies: tuple[str, ...] = ()
     filters: tuple[Filter, ...] = ()
 
 
 @dataclass(frozen=True)
-class RowsAsked(Chosen):
-    """Runs in order of a column, `count` of them from `first` on."""
+class RowQuery(RunSelection):
+    """Query of `count` runs from index `first` on, sorted by a column."""
 
     sort: str = ""
     descending: bool = False
     first: int = parameter(0, least=0)
-    count: int = parameter(50, least=1, most=MOST_ROWS)
+    count: int = parameter(50, least=1, most=MAX_ROWS)
 
 
 @dataclass(frozen=True)
-class GroupsAsked(Chosen):
-    """Success and medians by each combination of the values of some columns."""
+class GroupQuery(RunSelection):
+    """Query of groups of runs.
+
+    Attributes:
+        by: columns; each combination of their values is a group.
+        values: columns of which the median in each group is computed.
+    """
 
     by: tuple[str, ...] = ()
     values: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
-class MapAsked(Chosen):
-    """A field of cells. value: column whose median, of success its rate, is in each."""
+class MapQuery(RunSelection):
+    """Query of a map with cells over two columns.
+
+    Attributes:
+        value: column whose median is shown in each cell; of `success` the rate.
+    """
 
     x: str = ""
     y: str = ""
@@ -79,138 +96,164 @@ class MapAsked(Chosen):
 
 
 @dataclass(frozen=True)
-class PointsAsked(Chosen):
-    """A point a run. shade: column by which they are coloured, '' for none."""
+class PointQuery(RunSelection):
+    """Query of a scatter plot with a point for each run.
+
+    Attributes:
+        colour_by: column that determines the colours, or ''.
+    """
 
     x: str = ""
     y: str = ""
-    shade: str = ""
+    colour_by: str = ""
 
 
-def plain(value: Any) -> Any:
-    """As JSON may hold it."""
+def to_json_value(value: Any) -> Any:
+    """Convert a value for JSON: NaN to null, infinity and integers beyond 2^53 to text."""
     if isinstance(value, float) and not math.isfinite(value):
         return None if math.isnan(value) else str(value)
-    if isinstance(value, int) and abs(value) > EXACT:
+    if isinstance(value, int) and abs(value) > MAX_EXACT_INTEGER:
         return str(value)
     return value
 
 
-def chosen_rows(look: Snapshot, asked: Chosen) -> np.ndarray:
-    """(n,) rows of the table, in order.
+def select_rows(snapshot: Snapshot, query: RunSelection) -> np.ndarray:
+    """Return the indices (n,) of the selected rows, in ascending order.
 
     Raises:
-        StudyError: a filter that cannot be.
+        StudyError: a filter or a study's name is invalid.
     """
-    table = look.table
+    table = snapshot.table
     mask = np.ones(table.num_rows, bool)
-    if asked.studies and STUDY in table.column_names:
-        for name in asked.studies:
-            look.study(name)
-        mask &= _mask(pc.is_in(table[STUDY], pa.array(asked.studies, pa.string())))
-    for one in asked.filters:
-        mask &= _met(column_of(look, one.column), one)
+    if query.studies and STUDY in table.column_names:
+        for name in query.studies:
+            snapshot.find_study(name)
+        mask &= _to_mask(pc.is_in(table[STUDY], pa.array(query.studies, pa.string())))
+    for one in query.filters:
+        mask &= _apply_filter(find_column(snapshot, one.column), one)
     return np.flatnonzero(mask)
 
 
-def column_of(look: Snapshot, name: str) -> pa.ChunkedArray:
-    """A column; StudyError with the nearest name where there is none."""
-    if name not in look.table.column_names:
-        raise StudyError(f"no column {said(name)}: {nearest(name, look.table.column_names)}")
-    return look.table[name]
+def find_column(snapshot: Snapshot, name: str) -> pa.ChunkedArray:
+    """Return a column.
+
+    Raises:
+        StudyError: the column does not exist; the message suggests the nearest name.
+    """
+    if name not in snapshot.table.column_names:
+        raise StudyError(
+            f"no column {format_value(name)}: {suggest(name, snapshot.table.column_names)}"
+        )
+    return snapshot.table[name]
 
 
-def _mask(found: pa.ChunkedArray) -> np.ndarray:
-    return pc.fill_null(found, False).to_numpy().astype(bool)
+def _to_mask(values: pa.ChunkedArray) -> np.ndarray:
+    return pc.fill_null(values, False).to_numpy().astype(bool)
 
 
-def _met(column: pa.ChunkedArray, one: Filter) -> np.ndarray:
-    if one.operator == "contains":
-        return _mask(pc.match_substring(_words(column), str(one.value), ignore_case=True))
-    if one.operator.startswith("is"):
-        known = _mask(pc.is_valid(column))
+def _apply_filter(column: pa.ChunkedArray, condition: Filter) -> np.ndarray:
+    if condition.operator == "contains":
+        return _to_mask(
+            pc.match_substring(_to_text(column), str(condition.value), ignore_case=True)
+        )
+    if condition.operator.startswith("is"):
+        is_known = _to_mask(pc.is_valid(column))
         if pa.types.is_floating(column.type):
-            known &= ~_mask(pc.is_nan(column))
+            is_known &= ~_to_mask(pc.is_nan(column))
         if pa.types.is_string(column.type):
-            known &= _mask(pc.not_equal(column, ""))
-        return known if one.operator == "is known" else ~known
+            is_known &= _to_mask(pc.not_equal(column, ""))
+        return is_known if condition.operator == "is known" else ~is_known
     if pa.types.is_string(column.type):
-        value: Any = one.value if isinstance(one.value, str) else str(one.value)
+        value: Any = condition.value if isinstance(condition.value, str) else str(condition.value)
     elif pa.types.is_boolean(column.type):
-        value = one.value in (True, 1.0, "true", "True")
-        if one.operator not in ("=", "≠"):
-            raise StudyError(f"{one.column} is true or false: write = or ≠")
+        value = condition.value in (True, 1.0, "true", "True")
+        if condition.operator not in ("=", "≠"):
+            raise StudyError(f"{condition.column} is true or false: use = or ≠")
     else:
         try:
-            value = float(one.value)
+            value = float(condition.value)
         except (TypeError, ValueError):
-            raise StudyError(f"{one.column} holds numbers, and {said(one.value)} is none") from None
+            raise StudyError(
+                f"{condition.column} contains numbers, and {format_value(condition.value)} is not "
+                "a number"
+            ) from None
     compare = {"=": pc.equal, "≠": pc.not_equal, "<": pc.less, "≤": pc.less_equal,
-               ">": pc.greater, "≥": pc.greater_equal}[one.operator]  # fmt: skip
-    return _mask(compare(column, pa.scalar(value)))
+               ">": pc.greater, "≥": pc.greater_equal}[condition.operator]  # fmt: skip
+    return _to_mask(compare(column, pa.scalar(value)))
 
 
-def _words(column: pa.ChunkedArray) -> pa.ChunkedArray:
+def _to_text(column: pa.ChunkedArray) -> pa.ChunkedArray:
     return column if pa.types.is_string(column.type) else column.cast(pa.string())
 
 
 def is_number(column: pa.ChunkedArray) -> bool:
-    """Whether a column has an order and a size."""
+    """Return whether a column contains numbers."""
     return pa.types.is_integer(column.type) or pa.types.is_floating(column.type)
 
 
 # -- columns, rows, one run -----------------------------------------------------------------------
 
 
-def columns(look: Snapshot) -> list[dict[str, Any]]:
-    """What there is: name, unit, role, kind, how many values and how many rows have one; and the
-    values of those that take few."""
+def describe_columns(snapshot: Snapshot) -> list[dict[str, Any]]:
+    """Return name, unit, role, kind, number of distinct and of known values of each column.
+
+    `values` lists the distinct values, if they are few.
+    """
     found = []
-    for name in look.table.column_names:
-        column = look.table[name]
+    for name in snapshot.table.column_names:
+        column = snapshot.table[name]
         values = pc.unique(column)
-        few = len(values) <= LISTED
+        few = len(values) <= MAX_LISTED_VALUES
         kind = "number" if is_number(column) else "word"
-        listed = [plain(v) for v in values.to_pylist() if plain(v) is not None] if few else []
+        listed = (
+            [to_json_value(v) for v in values.to_pylist() if to_json_value(v) is not None]
+            if few
+            else []
+        )
         found.append({
-            "name": name, "unit": look.units.get(name, ""), "role": look.roles.get(name, ""),
+            "name": name, "unit": snapshot.units.get(name, ""),
+            "role": snapshot.roles.get(name, ""),
             "kind": kind, "count": len(values),
-            "known": len(column) - column.null_count,
+            "known_count": len(column) - column.null_count,
             "values": sorted(listed, key=lambda v: (isinstance(v, str), v)),
         })  # fmt: skip
     return found
 
 
-def some_rows(look: Snapshot, asked: RowsAsked) -> dict[str, Any]:
-    """How many are chosen, how many of them succeeded, and some of them with all columns."""
-    at = chosen_rows(look, asked)
+def list_rows(snapshot: Snapshot, query: RowQuery) -> dict[str, Any]:
+    """Return the numbers of selected and successful runs, and one page of rows."""
+    at = select_rows(snapshot, query)
     total = len(at)
     if total == 0:
-        return {"total": 0, "succeeded": 0, "rows": []}
-    succeeded = int(np.nansum(look.table[success.name].to_numpy()[at]))
-    if asked.sort:
-        order = "descending" if asked.descending else "ascending"
-        keys = pa.table({"key": column_of(look, asked.sort).take(pa.array(at))})
+        return {"total": 0, "success_count": 0, "rows": []}
+    success_count = int(np.nansum(snapshot.table[success.name].to_numpy()[at]))
+    if query.sort:
+        order = "descending" if query.descending else "ascending"
+        keys = pa.table({"key": find_column(snapshot, query.sort).take(pa.array(at))})
         at = at[pc.sort_indices(keys, sort_keys=[("key", order)]).to_numpy()]
-    part = look.table.take(pa.array(at[asked.first : asked.first + asked.count]))
-    return {"total": total, "succeeded": succeeded, "rows": _listed(part)}
+    part = snapshot.table.take(pa.array(at[query.first : query.first + query.count]))
+    return {"total": total, "success_count": success_count, "rows": _to_lists(part)}
 
 
-def _listed(table: pa.Table) -> list[list[Any]]:
-    return [[plain(v) for v in row.values()] for row in table.to_pylist()]
+def _to_lists(table: pa.Table) -> list[list[Any]]:
+    return [[to_json_value(v) for v in row.values()] for row in table.to_pylist()]
 
 
-def run_row(look: Snapshot, study: str, run: int) -> dict[str, Any]:
-    """All that was kept of a run, by column; StudyError where it was not run."""
-    seen = look.study(study)
-    table = look.table
-    if seen.results is not None:
+def find_run_row(snapshot: Snapshot, study: str, run: int) -> dict[str, Any]:
+    """Return all stored values of a run, by column.
+
+    Raises:
+        StudyError: the study or the run does not exist.
+    """
+    entry = snapshot.find_study(study)
+    table = snapshot.table
+    if entry.results is not None:
         mask = pc.and_(pc.equal(table[STUDY], study), pc.equal(table["run"], run))
-        kept = table.filter(mask).slice(0, 1).to_pylist()
-        if kept:
-            own = {STUDY, END, success.name, *seen.results.table.column_names}
-            return {name: plain(value) for name, value in kept[0].items() if name in own}
-    raise StudyError(f"{study} has no run {run} yet")
+        found = table.filter(mask).slice(0, 1).to_pylist()
+        if found:
+            own = {STUDY, END, success.name, *entry.results.table.column_names}
+            return {name: to_json_value(value) for name, value in found[0].items() if name in own}
+    raise StudyError(f"{study} has not stored run {run} yet")
 
 
 # -- groups and maps ------------------------------------------------------------------------------
@@ -218,10 +261,12 @@ def run_row(look: Snapshot, study: str, run: int) -> dict[str, Any]:
 
 @dataclass(frozen=True)
 class Cells:
-    """A column cut into cells.
+    """A column divided into cells.
 
-    labels: of each. bounds: of each, filters that choose its runs. at: (n,) cell of each row, -1
-    for none. left: rows in no cell.
+    Attributes:
+        labels: value, or lower and upper bound, of each cell.
+        bounds: conditions (operator, value) that select the runs of each cell.
+        at: (n,) cell of each row; -1 outside all cells.
     """
 
     labels: list[Any]
@@ -229,30 +274,35 @@ class Cells:
     at: np.ndarray
 
     @property
-    def left(self) -> int:
-        """Rows in no cell."""
+    def uncounted_rows(self) -> int:
+        """Number of rows outside all cells."""
         return int((self.at < 0).sum())
 
 
-def cells(column: pa.ChunkedArray, most: int = CELLS, bins: int = BINS) -> Cells:
-    """A cell for each value, or of a number with many values for each range."""
+def divide_into_cells(
+    column: pa.ChunkedArray, max_cells: int = MAX_CELLS, bins: int = BINS
+) -> Cells:
+    """Divide a column into one cell per value, or into ranges if a number has many values.
+
+    Of a text column with too many values, only the most frequent ones have a cell.
+    """
     encoded = column.combine_chunks().dictionary_encode()
     codes = encoded.indices.fill_null(-1).to_numpy(zero_copy_only=False).astype(int)
     values = encoded.dictionary.to_pylist()
-    known = [i for i, v in enumerate(values) if plain(v) is not None]
-    if len(known) <= most or not is_number(column):
-        if len(known) > most:  # the commonest of many words
+    known = [i for i, v in enumerate(values) if to_json_value(v) is not None]
+    if len(known) <= max_cells or not is_number(column):
+        if len(known) > max_cells:  # select the most frequent values
             counts = np.bincount(codes[codes >= 0], minlength=len(values))
-            known = sorted(known, key=lambda i: -counts[i])[:most]
+            known = sorted(known, key=lambda i: -counts[i])[:max_cells]
         known.sort(key=lambda i: values[i])
-        place = np.full(len(values) + 1, -1)  # the last for those that are null
-        place[known] = np.arange(len(known))
-        labels = [plain(values[i]) for i in known]
-        return Cells(labels, [[("=", label)] for label in labels], place[codes])
+        cell_of_value = np.full(len(values) + 1, -1)  # index -1, the last entry, is for null
+        cell_of_value[known] = np.arange(len(known))
+        labels = [to_json_value(values[i]) for i in known]
+        return Cells(labels, [[("=", label)] for label in labels], cell_of_value[codes])
     numbers = column.cast(pa.float64()).to_numpy()
     finite = np.isfinite(numbers)
     low, high = numbers[finite].min(), numbers[finite].max()
-    if low > 0.0 and high / low > WIDE:
+    if low > 0.0 and high / low > WIDE_RATIO:
         edges = np.geomspace(low, high, bins + 1)
     else:
         edges = np.linspace(low, high, bins + 1)
@@ -265,74 +315,90 @@ def cells(column: pa.ChunkedArray, most: int = CELLS, bins: int = BINS) -> Cells
     return Cells([list(pair) for pair in ranges], bounds, at)
 
 
-def medians(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
-    """(count,) of the finite values of each group; NaN where there is none."""
-    known = np.isfinite(values) & (group >= 0)
-    values, group = values[known], group[known]
+def compute_medians(values: np.ndarray, group: np.ndarray, count: int) -> np.ndarray:
+    """Return the median (count,) of the finite values of each group; NaN for an empty group."""
+    is_valid = np.isfinite(values) & (group >= 0)
+    values, group = values[is_valid], group[is_valid]
     order = np.lexsort((values, group))
     values = values[order]
     sizes = np.bincount(group, minlength=count)
     first = np.cumsum(sizes) - sizes
-    found = np.full(count, np.nan)
-    there = sizes > 0
-    low = first[there] + (sizes[there] - 1) // 2
-    high = first[there] + sizes[there] // 2
-    found[there] = 0.5 * (values[low] + values[high])
-    return found
+    medians = np.full(count, np.nan)
+    has_values = sizes > 0
+    low = first[has_values] + (sizes[has_values] - 1) // 2
+    high = first[has_values] + sizes[has_values] // 2
+    medians[has_values] = 0.5 * (values[low] + values[high])
+    return medians
 
 
-def numbers(look: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
-    """(n,) of a column that holds numbers; StudyError where it holds words."""
-    column = column_of(look, name)
+def read_numbers(snapshot: Snapshot, name: str, at: np.ndarray) -> np.ndarray:
+    """Return the values (n,) of a numeric column at some rows.
+
+    Raises:
+        StudyError: the column contains text.
+    """
+    column = find_column(snapshot, name)
     if pa.types.is_string(column.type):
-        raise StudyError(f"{name} holds words, not numbers")
+        raise StudyError(f"{name} contains text, not numbers")
     return column.cast(pa.float64()).to_numpy()[at]
 
 
-def groups(look: Snapshot, asked: GroupsAsked) -> dict[str, Any]:
-    """Of each group: its values, runs, success with Wilson's interval, medians, commonest failure.
+def compute_groups(snapshot: Snapshot, query: GroupQuery) -> dict[str, Any]:
+    """Return values, run count, success rate, medians and most frequent failure of each group.
 
-    The largest are listed, as many as fit; `count` says how many there are.
+    The success rate has Wilson's interval. At most MAX_GROUPS groups are listed; `count` is the
+    number of all groups.
     """
-    at = chosen_rows(look, asked)
-    cut = [cells(column_of(look, key).take(pa.array(at)), MOST_GROUPS) for key in asked.by]
+    at = select_rows(snapshot, query)
+    cut = [
+        divide_into_cells(find_column(snapshot, key).take(pa.array(at)), MAX_GROUPS)
+        for key in query.by
+    ]
     group = np.zeros(len(at), int)
     for one in cut:
         group = np.where((group < 0) | (one.at < 0), -1, group * max(len(one.labels), 1) + one.at)
-    there, inside = np.unique(group, return_inverse=True)
-    inside = np.where(group < 0, -1, inside)
-    sizes = np.bincount(inside[inside >= 0], minlength=len(there))
-    good = np.nan_to_num(numbers(look, success.name, at)) if len(at) else np.zeros(0)
-    hits = np.bincount(inside[inside >= 0], good[inside >= 0], minlength=len(there))
-    middle = [medians(numbers(look, name, at), inside, len(there)) for name in asked.values]
-    failures = _failures(look, at, inside, good)
+    group_ids, index = np.unique(group, return_inverse=True)
+    index = np.where(group < 0, -1, index)
+    sizes = np.bincount(index[index >= 0], minlength=len(group_ids))
+    successes = np.nan_to_num(read_numbers(snapshot, success.name, at)) if len(at) else np.zeros(0)
+    hits = np.bincount(index[index >= 0], successes[index >= 0], minlength=len(group_ids))
+    medians = [
+        compute_medians(read_numbers(snapshot, name, at), index, len(group_ids))
+        for name in query.values
+    ]
+    failures = _find_failures(snapshot, at, index, successes)
     listed = []
-    shown = [i for i in range(len(there)) if sizes[i]][:MOST_GROUPS]
+    shown = [i for i in range(len(group_ids)) if sizes[i]][:MAX_GROUPS]
     for i in shown:
-        rest, places = int(there[i]), []
+        rest, cells = int(group_ids[i]), []
         for one in reversed(cut):
-            rest, place = divmod(rest, max(len(one.labels), 1))
-            places.append(place)
-        places.reverse()
+            rest, cell = divmod(rest, max(len(one.labels), 1))
+            cells.append(cell)
+        cells.reverse()
         rate = proportion(int(hits[i]), int(sizes[i]))
         listed.append({
-            "values": [one.labels[p] for one, p in zip(cut, places, strict=True)],
-            "bounds": [[key, *bound] for key, one, p in zip(asked.by, cut, places, strict=True)
+            "values": [one.labels[p] for one, p in zip(cut, cells, strict=True)],
+            "bounds": [[key, *bound] for key, one, p in zip(query.by, cut, cells, strict=True)
                        for bound in one.bounds[p]],
-            "runs": int(sizes[i]), "rate": [plain(v) for v in (rate.value, rate.low, rate.high)],
-            "medians": [plain(float(m[i])) for m in middle], "failure": failures.get(i, ""),
+            "runs": int(sizes[i]), "rate": [to_json_value(v)
+                for v in (rate.value, rate.low, rate.high)],
+            "medians": [to_json_value(float(m[i])) for m in medians],
+            "failure": failures.get(i, ""),
         })  # fmt: skip
     return {"count": int((sizes > 0).sum()), "groups": listed}
 
 
-def _failures(
-    look: Snapshot, at: np.ndarray, group: np.ndarray, good: np.ndarray
+def _find_failures(
+    snapshot: Snapshot, at: np.ndarray, group: np.ndarray, successes: np.ndarray
 ) -> dict[int, str]:
-    """By group, how most of its runs without success ended, and how many; -1: in no group."""
-    failed = good != 1.0
+    """Return the most frequent outcome of the failed runs, and its count, of each group.
+
+    Rows with group -1 belong to no group.
+    """
+    failed = successes != 1.0
     if not failed.any():
         return {}
-    ends = look.table[END].take(pa.array(at[failed]))
+    ends = snapshot.table[END].take(pa.array(at[failed]))
     counted = pa.table({"group": group[failed], "end": ends}).group_by(["group", "end"]).aggregate(
         [("end", "count")]
     )
@@ -343,64 +409,75 @@ def _failures(
     return {key: f"{count} × {end}" for key, (count, end) in found.items()}
 
 
-def success_map(look: Snapshot, asked: MapAsked) -> dict[str, Any]:
-    """Cells by row and column: how many runs, and the rate of success or the median."""
-    at = chosen_rows(look, asked)
-    x, y = (cells(column_of(look, name).take(pa.array(at))) for name in (asked.x, asked.y))
+def compute_success_map(snapshot: Snapshot, query: MapQuery) -> dict[str, Any]:
+    """Return the run count and the success rate or median of each cell of the map."""
+    at = select_rows(snapshot, query)
+    x, y = (
+        divide_into_cells(find_column(snapshot, name).take(pa.array(at)))
+        for name in (query.x, query.y)
+    )
     width, height = len(x.labels), len(y.labels)
     group = np.where((x.at < 0) | (y.at < 0), -1, y.at * width + x.at)
     count = width * height
     sizes = np.bincount(group[group >= 0], minlength=count)
-    if asked.value == success.name:
-        good = np.nan_to_num(numbers(look, success.name, at))
+    if query.value == success.name:
+        good = np.nan_to_num(read_numbers(snapshot, success.name, at))
         hits = np.bincount(group[group >= 0], good[group >= 0], minlength=count)
         values = np.divide(hits, sizes, out=np.full(count, np.nan), where=sizes > 0)
     else:
-        values = medians(numbers(look, asked.value, at), group, count)
+        values = compute_medians(read_numbers(snapshot, query.value, at), group, count)
     return {
         "x": {"labels": x.labels, "bounds": x.bounds},
         "y": {"labels": y.labels, "bounds": y.bounds},
         "runs": sizes.reshape(height, width).tolist(),
-        "values": [[plain(v) for v in row] for row in values.reshape(height, width).tolist()],
-        "left": int((group < 0).sum()),
+        "values": [[to_json_value(v) for v in row]
+            for row in values.reshape(height, width).tolist()],
+        "uncounted": int((group < 0).sum()),
     }  # fmt: skip
 
 
 # -- points ---------------------------------------------------------------------------------------
 
 
-def points(look: Snapshot, asked: PointsAsked) -> dict[str, Any]:
-    """Places of all runs that have both numbers, their classes of colour, and which runs they are.
+def find_points(snapshot: Snapshot, query: PointQuery) -> dict[str, Any]:
+    """Return coordinates, colour class, study and number of each run that has both coordinates.
 
-    Words have a place each, in the order of `labels`.
+    The coordinate of a text value is its index in `labels`.
     """
-    at = chosen_rows(look, asked)
-    axes = [_axis(column_of(look, name).take(pa.array(at))) for name in (asked.x, asked.y)]
-    known = np.isfinite(axes[0][0]) & np.isfinite(axes[1][0])
-    at = at[known]
-    shades, classes = np.zeros(len(at), np.uint8), []
-    if asked.shade:
-        cut = cells(column_of(look, asked.shade).take(pa.array(at)), SHADES, SHADES)
-        shades = np.where(cut.at < 0, len(cut.labels), cut.at).astype(np.uint8)
+    at = select_rows(snapshot, query)
+    axes = [
+        _make_axis(find_column(snapshot, name).take(pa.array(at))) for name in (query.x, query.y)
+    ]
+    has_both = np.isfinite(axes[0][0]) & np.isfinite(axes[1][0])
+    at = at[has_both]
+    colours, classes = np.zeros(len(at), np.uint8), []
+    if query.colour_by:
+        cut = divide_into_cells(
+            find_column(snapshot, query.colour_by).take(pa.array(at)), MAX_SHADES, MAX_SHADES
+        )
+        colours = np.where(cut.at < 0, len(cut.labels), cut.at).astype(np.uint8)
         classes = cut.labels
-    studies = [seen.name for seen in look.studies]
-    named = pc.index_in(look.table[STUDY].take(pa.array(at)), pa.array(studies, pa.string()))
+    studies = [entry.name for entry in snapshot.studies]
+    names = snapshot.table[STUDY].take(pa.array(at))
+    study_index = pc.index_in(names, pa.array(studies, pa.string()))
     return {
-        "count": len(at), "left": int((~known).sum()), "classes": classes, "studies": studies,
-        **{axis: {"values": _base64(values[known], "<f4"), "labels": labels}
+        "count": len(at), "uncounted": int((~has_both).sum()),
+        "classes": classes, "studies": studies,
+        **{axis: {"values": _encode_base64(values[has_both], "<f4"), "labels": labels}
            for axis, (values, labels) in zip("xy", axes, strict=True)},
-        "shades": _base64(shades, "u1"), "study": _base64(named.to_numpy(), "<i4"),
-        "run": _base64(look.table["run"].to_numpy()[at], "<i4"),
+        "colours": _encode_base64(colours, "u1"),
+        "study": _encode_base64(study_index.to_numpy(), "<i4"),
+        "run": _encode_base64(snapshot.table["run"].to_numpy()[at], "<i4"),
     }  # fmt: skip
 
 
-def _axis(column: pa.ChunkedArray) -> tuple[np.ndarray, Sequence[Any]]:
-    """(n,) numbers; of words the number of each, and the words."""
+def _make_axis(column: pa.ChunkedArray) -> tuple[np.ndarray, Sequence[Any]]:
+    """Return the coordinates (n,) of an axis, and the labels of a text column."""
     if is_number(column):
         return column.cast(pa.float64()).to_numpy(), []
-    cut = cells(column, LISTED)
+    cut = divide_into_cells(column, MAX_LISTED_VALUES)
     return np.where(cut.at < 0, np.nan, cut.at).astype(float), cut.labels
 
 
-def _base64(values: np.ndarray, kind: str) -> str:
+def _encode_base64(values: np.ndarray, kind: str) -> str:
     return base64.b64encode(np.ascontiguousarray(values, kind).tobytes()).decode()

@@ -1,8 +1,9 @@
-"""Reports of runs, computed when they are asked for, each by a process of its own, and kept.
+"""Reports of single runs, computed on request and stored.
 
-The process is `bench analyze DIR:RUN`, so a run that hangs or ends its process harms nobody here.
-The report stays in the study's folder, where `bench show` puts its own: show-RUN/report.html; of
-a folder that cannot be written, or leads elsewhere by a link, among the temporary files.
+Each report is computed by a separate process, `bench analyze DIR:RUN`, so that a run that hangs or
+crashes does not affect the server. The report is stored in the study's folder, where `bench show`
+also writes its report: show-RUN/report.html. If this folder is not writable, or a link leads
+outside it, the report is stored in a temporary folder.
 """
 
 from __future__ import annotations
@@ -19,11 +20,11 @@ from pathlib import Path
 from typing import IO
 
 from ...errors import StudyError
-from .studies import FoundStudy
+from .studies import StudyEntry
 
-TOGETHER = 2  # reports that are computed at a time
-BEYOND = 120.0  # s that a report may take, beside the study's limit of a run
-PAGE = "report.html"
+MAX_JOBS = 2  # reports computed at the same time
+EXTRA_TIME = 120.0  # s for a report in addition to the study's time limit of a run
+PAGE_FILE = "report.html"
 
 
 @dataclass
@@ -31,111 +32,118 @@ class Job:
     """A report that is being computed."""
 
     process: subprocess.Popen
-    words: IO[bytes]
+    error_output: IO[bytes]
     out: Path
     limit: float
-    began: float = field(default_factory=time.monotonic)
+    start_time: float = field(default_factory=time.monotonic)
 
     @property
     def seconds(self) -> float:
-        """Since it was begun."""
-        return time.monotonic() - self.began
+        """Elapsed time in s."""
+        return time.monotonic() - self.start_time
 
 
 class Reports:
-    """Reports that are there, and that are on their way.
+    """Stored reports, and reports that are being computed.
 
     Attributes:
-        jobs: those that are being computed, by the study's path and the run's number.
+        jobs: reports being computed, by path of the study and number of the run.
     """
 
     def __init__(self) -> None:
         self.jobs: dict[tuple[Path, int], Job] = {}
-        self._kept: dict[tuple[Path, int], Path] = {}
+        self._pages: dict[tuple[Path, int], Path] = {}
         self._lock = threading.Lock()
-        self._elsewhere: tempfile.TemporaryDirectory | None = None
+        self._temporary_folder: tempfile.TemporaryDirectory | None = None
 
-    def ask(self, seen: FoundStudy, run: int) -> Path | float:
-        """The report's page, or for how long (s) it has been computed.
+    def find_or_start(self, entry: StudyEntry, run: int) -> Path | float:
+        """Return the path of a report, or the time (s) for which it has been computed.
 
         Raises:
-            StudyError: there is no such run, it cannot be computed, or others are first.
+            StudyError: the run does not exist, its report failed, or too many others are being
+                computed.
         """
-        if seen.folder is None or not 0 <= run < seen.of:
-            raise StudyError(f"{seen.name} has no run {run}")
-        key = (seen.path, run)
+        if entry.folder is None or not 0 <= run < entry.run_count:
+            raise StudyError(f"{entry.name} has no run {run}")
+        key = (entry.path, run)
         with self._lock:
             job = self.jobs.get(key)
             if job is not None:
-                return self._looked_at(key, job)
-            page = self._kept.get(key, seen.path / f"show-{run}" / PAGE)
-            part = seen.folder.part(run // seen.folder.study.chunk_size)
-            if _newer(page, part) and (key in self._kept or _within(page, seen.path)):
+                return self._poll_job(key, job)
+            page = self._pages.get(key, entry.path / f"show-{run}" / PAGE_FILE)
+            part = entry.folder.find_part(run // entry.folder.study.chunk_size)
+            if _is_current(page, part) and (key in self._pages or _is_within(page, entry.path)):
                 return page
-            if len(self.jobs) >= TOGETHER:
+            if len(self.jobs) >= MAX_JOBS:
                 for other in list(self.jobs):
                     with contextlib.suppress(StudyError):
-                        self._looked_at(other, self.jobs[other])
-            if len(self.jobs) >= TOGETHER:
-                raise StudyError(f"{TOGETHER} reports are being computed: wait for one of them")
-            self.jobs[key] = self.begun(seen, run)
+                        self._poll_job(other, self.jobs[other])
+            if len(self.jobs) >= MAX_JOBS:
+                raise StudyError(f"{MAX_JOBS} reports are being computed: wait for one of them")
+            self.jobs[key] = self.start_job(entry, run)
             return 0.0
 
     def close(self) -> None:
-        """End what is on its way."""
+        """Kill the running jobs, and delete the temporary folder."""
         with self._lock:
             for job in self.jobs.values():
                 job.process.kill()
                 job.process.wait()
             self.jobs.clear()
-            if self._elsewhere is not None:
-                self._elsewhere.cleanup()
+            if self._temporary_folder is not None:
+                self._temporary_folder.cleanup()
 
-    def begun(self, seen: FoundStudy, run: int) -> Job:
-        """Begin one beside the study, or elsewhere where nothing can be written there."""
-        out = seen.path / f"show-{run}"
-        if not (os.access(seen.path, os.W_OK) and _within(out, seen.path)):
-            self._elsewhere = self._elsewhere or tempfile.TemporaryDirectory(prefix="reports")
-            out = Path(tempfile.mkdtemp(dir=self._elsewhere.name))
-        words = tempfile.TemporaryFile()  # noqa: SIM115, closed when the job is over
+    def start_job(self, entry: StudyEntry, run: int) -> Job:
+        """Start the job of a run; it writes into the study's folder if possible."""
+        out = entry.path / f"show-{run}"
+        if not (os.access(entry.path, os.W_OK) and _is_within(out, entry.path)):
+            self._temporary_folder = self._temporary_folder or tempfile.TemporaryDirectory(
+                prefix="reports"
+            )
+            out = Path(tempfile.mkdtemp(dir=self._temporary_folder.name))
+        error_output = tempfile.TemporaryFile()  # noqa: SIM115, closed at the end of the job
         process = subprocess.Popen(
-            [sys.executable, "-m", "aras_visual_servo_bench", "analyze", f"{seen.path}:{run}",
+            [sys.executable, "-m", "aras_visual_servo_bench", "analyze", f"{entry.path}:{run}",
              "--out", str(out), "--formats", ""],
-            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=words,
+            stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=error_output,
             env={**os.environ, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))},
         )  # fmt: skip
-        return Job(process, words, out, seen.folder.study.limit + BEYOND)
+        return Job(process, error_output, out, entry.folder.study.limit + EXTRA_TIME)
 
-    def _looked_at(self, key: tuple[Path, int], job: Job) -> Path | float:
-        """What has become of it."""
+    def _poll_job(self, key: tuple[Path, int], job: Job) -> Path | float:
+        """Return the page of a finished job, or the elapsed time (s) of a running one.
+
+        Raises:
+            StudyError: the job failed or exceeded its time limit.
+        """
         status = job.process.poll()
         if status is None and job.seconds < job.limit:
             return job.seconds
         del self.jobs[key]
-        with job.words:
+        with job.error_output:
             if status is None:
                 job.process.kill()
                 job.process.wait()
-                raise StudyError(f"the report was not there after {job.limit:.0f} s")
-            job.words.seek(0)
-            lines = job.words.read().decode(errors="replace").strip().splitlines()
-        page = job.out / PAGE
+                raise StudyError(f"the report was not finished after {job.limit:.0f} s")
+            job.error_output.seek(0)
+            lines = job.error_output.read().decode(errors="replace").strip().splitlines()
+        page = job.out / PAGE_FILE
         if status != 0 or not page.is_file():
             why = lines[-1].removeprefix("bench: ") if lines else f"its process ended with {status}"
             raise StudyError(f"no report of run {key[1]}: {why}")
-        self._kept[key] = page
+        self._pages[key] = page
         return page
 
 
-def _newer(page: Path, part: Path) -> bool:
-    """Whether the page is there and was made after the run's row was written."""
+def _is_current(page: Path, part: Path) -> bool:
+    """Return whether a page exists and is newer than the file with the run's row."""
     try:
-        made = page.stat().st_mtime
-        return not part.exists() or made >= part.stat().st_mtime
+        modified = page.stat().st_mtime
+        return not part.exists() or modified >= part.stat().st_mtime
     except OSError:
         return False
 
 
-def _within(page: Path, folder: Path) -> bool:
-    """Whether no link leads out of the folder."""
+def _is_within(page: Path, folder: Path) -> bool:
+    """Return whether a path, with all links resolved, is inside a folder."""
     return page.resolve().is_relative_to(folder)

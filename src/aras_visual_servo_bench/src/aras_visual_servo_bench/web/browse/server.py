@@ -1,4 +1,4 @@
-"""The results browser's server: the page, its questions, and the reports of runs."""
+"""Web server of the results browser: the page, its queries, and the reports of runs."""
 
 from __future__ import annotations
 
@@ -16,15 +16,15 @@ import tornado.ioloop
 from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import BenchError, RefusedError, StudyError
-from ...pictures.palette import REPORT, REPORT_DARK, css
-from ...study import compare
+from ...plots.palette import REPORT, REPORT_DARK, make_css
+from ...studies import compare
 from .. import SHARED
 from ..access import Access
 from ..messages import read_message
-from ..server import Guarded, WebServer, begin, is_local
-from ..uplot import SCRIPT, STYLE, uplot
+from ..server import AuthorizedHandler, WebServer, is_local, start_server
+from ..uplot import SCRIPT, STYLE, read_uplot
 from . import queries
-from .queries import GroupsAsked, MapAsked, PointsAsked, RowsAsked
+from .queries import GroupQuery, MapQuery, PointQuery, RowQuery
 from .reports import Reports
 from .studies import Snapshot, Studies
 
@@ -32,16 +32,20 @@ FILES = Path(__file__).parent / "page"
 
 
 @dataclass(frozen=True)
-class RunAsked:
-    """A run of a study."""
+class RunQuery:
+    """Query of one run of a study."""
 
     study: str
     run: int = parameter(least=0)
 
 
 @dataclass(frozen=True)
-class CompareAsked:
-    """Two studies. by: columns that make groups; empty: the settings that both have."""
+class ComparisonQuery:
+    """Query of the differences of two studies.
+
+    Attributes:
+        by: columns that define the groups; empty for the settings that both studies have.
+    """
 
     first: str
     second: str
@@ -49,159 +53,177 @@ class CompareAsked:
 
 
 @dataclass(frozen=True)
-class StudiesAsked:
-    """All studies. now: look at the folders at once."""
+class StudiesQuery:
+    """Query of the list of studies.
 
-    now: bool = False
+    Attributes:
+        force: read the folders even if they were read less than a second ago.
+    """
+
+    force: bool = False
 
 
 REQUESTS: Mapping[str, type] = {
-    "studies": StudiesAsked, "rows": RowsAsked, "groups": GroupsAsked, "map": MapAsked,
-    "points": PointsAsked, "run": RunAsked, "compare": CompareAsked,
+    "studies": StudiesQuery, "rows": RowQuery, "groups": GroupQuery, "map": MapQuery,
+    "points": PointQuery, "run": RunQuery, "compare": ComparisonQuery,
 }  # fmt: skip
 
 
 class BrowseServer(WebServer):
-    """The results browser's."""
+    """Web server of the results browser."""
 
     index = FILES / "index.html"
-    compress = False  # megabytes of points, to this machine most often
+    is_compressed = False  # compressing megabytes of points costs more than a local transfer
 
     def __init__(
         self, studies: Studies, access: Access, sockets: list[socket.socket]
     ) -> None:
-        """See WebServer; BenchError where the library that draws is not there."""
+        """Create the server of some studies.
+
+        Raises:
+            BenchError: the plotting library uPlot is not installed.
+        """
         super().__init__(access, sockets)
         self.studies, self.reports = studies, Reports()
         self._files = {
-            "uplot.js": uplot(SCRIPT),
-            "style.css": css(REPORT) + css(REPORT_DARK, "[data-theme=dark]") + uplot(STYLE)
+            "uplot.js": read_uplot(SCRIPT),
+            "style.css": make_css(REPORT) + make_css(REPORT_DARK,
+                "[data-theme=dark]") + read_uplot(STYLE)
             + (SHARED / "style.css").read_text(encoding="utf-8"),
             **{path.name: path.read_text(encoding="utf-8")
                for path in (*FILES.glob("*.js"), SHARED / "charts.js")},
         }  # fmt: skip
 
-    def routes(self) -> list[tuple[str, type[Guarded]]]:
-        """See WebServer."""
-        return [(r"/ask", Questions), (r"/run", RunPage)]
+    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
+        """Return the routes of the queries and the reports."""
+        return [(r"/ask", QueryHandler), (r"/run", RunReportHandler)]
 
-    def page_file(self, name: str) -> str | None:
-        """See WebServer."""
+    def find_page_file(self, name: str) -> str | None:
+        """Return the text of a script or of the style sheet, or None if it does not exist."""
         return self._files.get(name)
 
-    def ended(self) -> None:
-        """See WebServer."""
+    def on_stop(self) -> None:
+        """Stop the computation of reports."""
         self.reports.close()
 
-    def answer(self, text: str) -> dict[str, Any]:
-        """To a question of the page; BenchError where it cannot be answered."""
-        do, fields = read_message(text, REQUESTS, self.largest)
-        asked = build(REQUESTS[do], fields, f"{do}: ", RefusedError)
-        look = self.studies.look(isinstance(asked, StudiesAsked) and asked.now)
-        return {"version": look.version, **_ANSWERS[do](look, asked)}
+    def answer_query(self, text: str) -> dict[str, Any]:
+        """Answer a query of the page, a JSON text.
+
+        Raises:
+            BenchError: the query is invalid or cannot be answered.
+        """
+        do, fields = read_message(text, REQUESTS, self.max_message_bytes)
+        query = build(REQUESTS[do], fields, f"{do}: ", RefusedError)
+        snapshot = self.studies.read_snapshot(isinstance(query, StudiesQuery) and query.force)
+        return {"version": snapshot.version, **_QUERY_FUNCTIONS[do](snapshot, query)}
 
 
-def _studies(look: Snapshot, asked: StudiesAsked) -> dict[str, Any]:
+def _list_studies(snapshot: Snapshot, query: StudiesQuery) -> dict[str, Any]:
     return {
-        "studies": [{"name": seen.name, "path": str(seen.path), "runs": seen.runs, "of": seen.of,
-                     "note": seen.note} for seen in look.studies],
-        "note": look.note,
-        "columns": queries.columns(look),
+        "studies": [{"name": entry.name, "path": str(entry.path), "runs": entry.stored_run_count,
+                     "run_count": entry.run_count, "note": entry.note}
+                    for entry in snapshot.studies],
+        "note": snapshot.note,
+        "columns": queries.describe_columns(snapshot),
         "operators": queries.OPERATORS,
     }  # fmt: skip
 
 
-def _compared(look: Snapshot, asked: CompareAsked) -> dict[str, Any]:
-    """Differences of two studies, the surest first."""
-    first, second = (look.study(name) for name in (asked.first, asked.second))
-    for seen in (first, second):
-        if seen.results is None:
-            raise StudyError(f"{seen.name} has no rows yet")
-    found = compare.differences(first.results, second.results, asked.by)
+def _compare_studies(snapshot: Snapshot, query: ComparisonQuery) -> dict[str, Any]:
+    """Return the differences of two studies, significant ones first, then by p-value."""
+    first, second = (snapshot.find_study(name) for name in (query.first, query.second))
+    for entry in (first, second):
+        if entry.results is None:
+            raise StudyError(f"{entry.name} has no results yet")
+    found = compare.find_differences(first.results, second.results, query.by)
     return {
-        "level": compare.LEVEL,
+        "level": compare.SIGNIFICANCE_LEVEL,
         "differences": [
-            {"group": d.group, "metric": d.metric, "verdict": d.verdict, "p": queries.plain(d.p),
-             "before": queries.plain(d.found.before), "after": queries.plain(d.found.after),
-             "count": d.found.count, "paired": d.found.paired}
+            {"group": d.group, "metric": d.metric, "verdict": d.verdict,
+                "p": queries.to_json_value(d.p),
+             "before": queries.to_json_value(d.comparison.before),
+             "after": queries.to_json_value(d.comparison.after),
+             "count": d.comparison.count, "paired": d.comparison.paired}
             for d in sorted(found, key=lambda d: (d.verdict == compare.CHANCE, d.p))
         ],
     }  # fmt: skip
 
 
-_ANSWERS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
-    "studies": _studies, "rows": queries.some_rows, "groups": queries.groups,
-    "map": queries.success_map, "points": queries.points, "compare": _compared,
-    "run": lambda look, asked: {"row": queries.run_row(look, asked.study, asked.run)},
+_QUERY_FUNCTIONS: Mapping[str, Callable[[Snapshot, Any], dict[str, Any]]] = {
+    "studies": _list_studies, "rows": queries.list_rows, "groups": queries.compute_groups,
+    "map": queries.compute_success_map, "points": queries.find_points, "compare": _compare_studies,
+    "run": lambda snapshot, query: {"row": queries.find_run_row(snapshot, query.study, query.run)},
 }  # fmt: skip
 
 
-class Questions(Guarded):
-    """What the page asks, each a JSON object by POST."""
+class QueryHandler(AuthorizedHandler):
+    """Handler of the queries, JSON objects sent by POST."""
 
     async def post(self) -> None:
         loop, server = tornado.ioloop.IOLoop.current(), self.server
         text = self.request.body.decode(errors="replace")
         self.set_header("Content-Type", "application/json")
         try:
-            answer = await loop.run_in_executor(server.workers, server.answer, text)
+            answer = await loop.run_in_executor(server.workers, server.answer_query, text)
         except BenchError as error:
             self.set_status(400)
             answer = {"error": str(error)}
-        except Exception as error:  # a fault of ours must not close the page
+        except Exception as error:  # a programming error must not break the page
             logging.getLogger(__name__).exception("%s", text[:200])
             self.set_status(500)
             answer = {"error": f"{type(error).__name__}: {error}"}
         self.finish(json.dumps(answer, separators=(",", ":")))
 
 
-WAITING = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>
+WAITING_PAGE = """<!doctype html><html lang="en"><head><meta charset="utf-8"><title>{title}</title>
 <meta name="viewport" content="width=device-width, initial-scale=1">
 <link rel="stylesheet" href="/style.css"></head><body><header><h1>{title}</h1></header>
 <main><section><p id="waiting">{text}</p></section></main></body></html>"""
 
 
-class RunPage(Guarded):
-    """The report of a run; a page that asks again each second until it is computed."""
+class RunReportHandler(AuthorizedHandler):
+    """Handler of the report of a run; until it is computed, a page that reloads every second."""
 
     async def get(self) -> None:
         loop, server = tornado.ioloop.IOLoop.current(), self.server
         name, run = self.get_query_argument("study", ""), self.get_query_argument("run", "")
-        title, again = f"Run {run[:20]} of {name[:200]}", False
+        title, is_waiting = f"Run {run[:20]} of {name[:200]}", False
         try:
             if not run.isascii() or not run.isdigit() or len(run) > 9:
-                raise StudyError(f"run is {run[:60]!r}, must be a number")
-            seen = server.studies.look().study(name)
+                raise StudyError(f"run is {run[:60]!r}, must be a number of at most 9 digits")
+            entry = server.studies.read_snapshot().find_study(name)
             found = await loop.run_in_executor(
-                server.workers, server.reports.ask, seen, int(run)
+                server.workers, server.reports.find_or_start, entry, int(run)
             )
             if isinstance(found, Path):
-                self.give_report(found)
+                self.send_report(found)
                 return
-            text, again = (f"Carried out once more, with its pictures, for the report: "
-                           f"{found:.0f} s …"), True  # fmt: skip
+            text, is_waiting = f"Repeating the run with images for its report: {found:.0f} s", True
         except BenchError as error:
             self.set_status(400)
             text = str(error)
-        if again:
+        if is_waiting:
             self.set_header("Refresh", "1")
-        self.finish(WAITING.format(title=html.escape(title), text=html.escape(text)))
+        self.finish(WAITING_PAGE.format(title=html.escape(title), text=html.escape(text)))
 
 
 def serve(
     folders: Sequence[Path], address: str, port: int, token: str = "",
     say: Callable[[str], None] = print,
 ) -> BrowseServer:  # fmt: skip
-    """Serve the page on an address; says where it is.
+    """Serve the results browser, and report its address by `say`.
+
+    Args:
+        folders: folders of studies, or folders that contain such folders.
 
     Raises:
-        BenchError: a folder that is none, no free port, or the library that draws is missing.
+        BenchError: a folder does not exist, no port is free, or uPlot is not installed.
     """
     studies = Studies(folders)
-    studies.look()
-    server = begin(lambda access, sockets: BrowseServer(studies, access, sockets),
+    studies.read_snapshot()
+    server = start_server(lambda access, sockets: BrowseServer(studies, access, sockets),
                    "the results browser", address, port, token, say)  # fmt: skip
     if not is_local(address):
-        say(f"it listens on {address}: whoever reads its address on the network sees the results; "
-            "what is sent is not encrypted")  # fmt: skip
+        say(f"the results browser listens on {address}: anyone who intercepts its address can "
+            "read the results; the connection is not encrypted")  # fmt: skip
     return server

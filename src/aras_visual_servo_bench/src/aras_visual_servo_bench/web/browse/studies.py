@@ -1,9 +1,9 @@
-"""The studies below some folders, as they stand now: their rows in one table, kept in memory.
+"""All studies below some folders, with their rows in one table in memory.
 
-Rows stay where the studies wrote them, in Parquet; a part is read once, and again where it has
-changed. 100 000 runs of 28 columns take 24 MB and 3.5 s, once. Arrow answers what the page asks of
-them in 1 to 20 ms, as DuckDB does (filter 17 and 14 ms, sort 6 and 6, groups 8 and 6), which would
-be 68 MB more to install.
+The rows are read from the Parquet files of the studies, and read again after a file has changed.
+100 000 runs of 28 columns need 24 MB and take 3.5 s to read. Arrow answers the queries of the page
+in 1 to 20 ms, about as fast as DuckDB (filter 17 and 14 ms, sort 6 and 6, groups 8 and 6), which
+would add 68 MB to the installation.
 """
 
 from __future__ import annotations
@@ -17,41 +17,42 @@ from pathlib import Path
 
 import pyarrow as pa
 
-from ...asked.experiment_keys import unit_of
 from ...errors import StudyError
-from ...numbers import metrics
-from ...numbers.printing import legible
-from ...study import rows
-from ...study.folder import MANIFEST, PARTS, TIMES, Folder
-from ...study.results import Results
+from ...experiment.experiment_keys import find_unit
+from ...metrics import metrics
+from ...metrics.formatting import make_printable
+from ...studies import rows
+from ...studies.results import Results
+from ...studies.study_folder import MANIFEST, PARTS, TIMES, StudyFolder
 
-EVERY = 1.0  # s, at least, between two looks at the folders
-DEEPEST = 4  # folders below one that is given, in which studies are looked for
-MOST = 200  # studies
-STUDY, END = "study", "end"  # columns beside those of the rows
+READ_PERIOD = 1.0  # s, shortest time between two readings of the folders
+MAX_FOLDER_DEPTH = 4  # levels below a given folder that are searched for studies
+MAX_STUDIES = 200
+STUDY, END = "study", "end"  # names of the additional columns
 SETTING, METRIC, OTHER = "setting", "metric", "run"
 
 
 @dataclass
-class FoundStudy:
-    """A study that was found.
+class StudyEntry:
+    """A study in one of the folders.
 
     Attributes:
-        name: that no other has. path: its folder. of: how many runs it is to have.
-        note: what is wrong with it, '' for nothing. results: None: no row could be read yet.
+        name: unique name. path: folder of the study. run_count: planned number of runs.
+        note: problem with the study, or ''. results: None before any row could be read.
+        fingerprint: modification times and sizes of its files.
     """
 
     name: str
     path: Path
-    of: int = 0
+    run_count: int = 0
     note: str = ""
     results: Results | None = None
-    folder: Folder | None = None
-    mark: tuple = ()
+    folder: StudyFolder | None = None
+    fingerprint: tuple = ()
 
     @property
-    def runs(self) -> int:
-        """Rows that are there."""
+    def stored_run_count(self) -> int:
+        """Number of runs with stored results."""
         return 0 if self.results is None else self.results.table.num_rows
 
 
@@ -60,113 +61,121 @@ class Snapshot:
     """All studies at one time.
 
     Attributes:
-        version: another one where anything is another.
-        note: what is not shown, '' for nothing.
-        table: rows of all, each with its study's name and how it ended.
-        units, roles: of its columns, by name; a role is 'setting', 'metric' or 'run'.
+        version: number that increases with every change.
+        note: message about studies that are not shown, or ''.
+        table: rows of all studies, with the study's name and the outcome of each run.
+        units, roles: unit and role ('setting', 'metric' or 'run') of each column, by name.
     """
 
     version: int
-    studies: tuple[FoundStudy, ...]
+    studies: tuple[StudyEntry, ...]
     table: pa.Table
     units: dict[str, str] = field(default_factory=dict)
     roles: dict[str, str] = field(default_factory=dict)
     note: str = ""
 
-    def study(self, name: str) -> FoundStudy:
-        """That of a name; StudyError where there is none."""
-        for seen in self.studies:
-            if seen.name == name:
-                return seen
+    def find_study(self, name: str) -> StudyEntry:
+        """Return the study with a name.
+
+        Raises:
+            StudyError: there is no such study.
+        """
+        for entry in self.studies:
+            if entry.name == name:
+                return entry
         raise StudyError(f"there is no study {name[:60]!r} here")
 
 
 class Studies:
-    """Looks at folders, from any thread."""
+    """Reader of the studies in some folders; safe to call from any thread."""
 
-    def __init__(self, given: Sequence[Path]) -> None:
-        """`given`: folders of studies, or of folders of studies.
+    def __init__(self, folders: Sequence[Path]) -> None:
+        """Create a reader.
+
+        Args:
+            folders: folders of studies, or folders that contain such folders.
 
         Raises:
-            StudyError: one of them is none.
+            StudyError: a folder does not exist.
         """
-        for path in given:
+        for path in folders:
             if not path.is_dir():
                 raise StudyError(f"there is no folder {path}")
-        self._given = [path.resolve() for path in given]
-        self._known: dict[Path, FoundStudy] = {}
-        self._lock, self._when = threading.Lock(), float("-inf")
-        self._last = Snapshot(0, (), pa.table({}))
+        self._folders = [path.resolve() for path in folders]
+        self._entries: dict[Path, StudyEntry] = {}
+        self._lock, self._read_time = threading.Lock(), float("-inf")
+        self._snapshot = Snapshot(0, (), pa.table({}))
 
-    def look(self, now: bool = False) -> Snapshot:
-        """How they stand; read anew at most once a second, unless `now`."""
+    def read_snapshot(self, is_forced: bool = False) -> Snapshot:
+        """Return the studies; their files are read at most once a second unless `is_forced`."""
         with self._lock:
-            if now or time.monotonic() - self._when > EVERY:
-                self._look()
-                self._when = time.monotonic()
-            return self._last
+            if is_forced or time.monotonic() - self._read_time > READ_PERIOD:
+                self._update()
+                self._read_time = time.monotonic()
+            return self._snapshot
 
-    def _look(self) -> None:
-        found = list(self._found())
+    def _update(self) -> None:
+        found = list(self._find_folders())
         note = ""
-        if len(found) > MOST:
-            note = f"only the first {MOST} studies are shown: name folders that hold fewer"
-        changed = note != self._last.note
-        for path in found[:MOST]:
-            if path not in self._known:
-                self._known[path] = FoundStudy(self._name(path), path)
+        if len(found) > MAX_STUDIES:
+            note = f"only the first {MAX_STUDIES} studies are shown: give folders with fewer"
+        changed = note != self._snapshot.note
+        for path in found[:MAX_STUDIES]:
+            if path not in self._entries:
+                self._entries[path] = StudyEntry(self._choose_name(path), path)
                 changed = True
-        for seen in self._known.values():
-            changed |= _read(seen)
+        for entry in self._entries.values():
+            changed |= _update_entry(entry)
         if changed:
-            studies = tuple(self._known.values())
-            table, units, roles = _joined(studies)
-            self._last = Snapshot(self._last.version + 1, studies, table, units, roles, note)
+            studies = tuple(self._entries.values())
+            table, units, roles = _join_tables(studies)
+            self._snapshot = Snapshot(
+                self._snapshot.version + 1, studies, table, units, roles, note
+            )
 
-    def _found(self) -> Iterator[Path]:
-        """Folders with a manifest, none of them by a link that leads elsewhere; one more than the
-        most that are shown."""
+    def _find_folders(self) -> Iterator[Path]:
+        """Yield the folders with a manifest, at most MAX_STUDIES + 1; links are not followed."""
         count = 0
-        for given in self._given:
-            for at, folders, files in os.walk(given):
+        for root in self._folders:
+            for path, folders, files in os.walk(root):
                 if MANIFEST in files:
-                    yield Path(at)
+                    yield Path(path)
                     count += 1
-                deep = len(Path(at).relative_to(given).parts) >= DEEPEST
-                folders[:] = [] if MANIFEST in files or deep else sorted(folders)
-                if count > MOST:
+                is_deepest = len(Path(path).relative_to(root).parts) >= MAX_FOLDER_DEPTH
+                folders[:] = [] if MANIFEST in files or is_deepest else sorted(folders)
+                if count > MAX_STUDIES:
                     return
 
-    def _name(self, path: Path) -> str:
-        """The folder's, with as many of those above as tell it from the others."""
-        taken = {seen.name for seen in self._known.values()}
+    def _choose_name(self, path: Path) -> str:
+        """Return a unique name: the folder's name, preceded by parent folders if necessary."""
+        taken = {entry.name for entry in self._entries.values()}
         for parts in range(1, len(path.parts) + 1):
-            name = legible("/".join(path.parts[-parts:]))
+            name = make_printable("/".join(path.parts[-parts:]))
             if name not in taken:
                 return name
-        return f"{legible(path)} ({len(taken) + 1})"
+        return f"{make_printable(path)} ({len(taken) + 1})"
 
 
-def _read(seen: FoundStudy) -> bool:
-    """Read what has changed of a study; whether anything has."""
-    mark = _mark(seen.path)
-    if mark == seen.mark:
+def _update_entry(entry: StudyEntry) -> bool:
+    """Read the changed files of a study, and return whether anything has changed."""
+    fingerprint = _compute_fingerprint(entry.path)
+    if fingerprint == entry.fingerprint:
         return False
-    before, seen.mark, seen.note = seen.mark, mark, ""
+    before, entry.fingerprint, entry.note = entry.fingerprint, fingerprint, ""
     try:
-        if seen.folder is None or before[:1] != mark[:1]:  # another manifest
-            seen.folder = Folder.open(seen.path)
-            seen.of = seen.folder.study.runs
-        seen.results = Results.of(seen.folder)
-    except StudyError as error:  # the rows that were there before are shown on
-        seen.note = str(error)
-        if not mark[0]:
-            seen.results, seen.folder, seen.note = None, None, f"{seen.path} is gone"
+        if entry.folder is None or before[:1] != fingerprint[:1]:  # the manifest has changed
+            entry.folder = StudyFolder.open(entry.path)
+            entry.run_count = entry.folder.study.run_count
+        entry.results = Results.from_folder(entry.folder)
+    except StudyError as error:  # the previous results remain visible
+        entry.note = str(error)
+        if not fingerprint[0]:
+            entry.results, entry.folder, entry.note = None, None, f"{entry.path} was removed"
     return True
 
 
-def _mark(path: Path) -> tuple:
-    """What changes where the folder changes: of its manifest, and of each part."""
+def _compute_fingerprint(path: Path) -> tuple:
+    """Return modification times and sizes of the manifest and the Parquet files of a study."""
     try:
         manifest = (path / MANIFEST).stat()
     except OSError:
@@ -184,57 +193,57 @@ def _mark(path: Path) -> tuple:
     return ((manifest.st_mtime_ns, manifest.st_size), *sorted(parts))
 
 
-def _joined(studies: Sequence[FoundStudy]) -> tuple[pa.Table, dict[str, str], dict[str, str]]:
-    """One table of all rows; and of its columns the units, and what they are."""
+def _join_tables(studies: Sequence[StudyEntry]) -> tuple[pa.Table, dict[str, str], dict[str, str]]:
+    """Return one table with the rows of all studies, and the units and roles of its columns."""
     tables, units, roles = [], {}, {}
-    for seen in studies:
-        if seen.results is None:
+    for entry in studies:
+        if entry.results is None:
             continue
-        results = seen.results
+        results = entry.results
         table = results.table.drop_columns(
-            [name for name in rows.LABELS if name in results.table.column_names]
+            [name for name in rows.LABEL_COLUMNS if name in results.table.column_names]
         )
-        success = pa.array(results.successes(), pa.float64())
+        success = pa.array(results.compute_successes(), pa.float64())
         if metrics.success.name in table.column_names:
             table = table.drop_columns([metrics.success.name])
         columns = {
-            STUDY: pa.repeat(seen.name, table.num_rows),
+            STUDY: pa.repeat(entry.name, table.num_rows),
             **dict(zip(table.column_names, table.columns, strict=True)),
-            END: results.end_column(), metrics.success.name: success,
+            END: results.make_end_column(), metrics.success.name: success,
         }  # fmt: skip
         tables.append(pa.table(columns))
         roles |= {key: SETTING for key in results.study.keys if key in columns}
-        units |= {key: unit_of(key) for key in results.study.keys}
+        units |= {key: find_unit(key) for key in results.study.keys}
         roles |= {one.name: METRIC for one in results.metrics}
         units |= {one.name: one.unit for one in results.metrics}
         roles[metrics.success.name] = METRIC
     units |= {"simulated": "s"}
-    joined = _of_one_type(tables)
+    joined = _unify_types(tables)
     return joined, units, {name: roles.get(name, OTHER) for name in joined.column_names}
 
 
-def _of_one_type(tables: Sequence[pa.Table]) -> pa.Table:
-    """The tables below each other; what is a number here and a word there is a word."""
+def _unify_types(tables: Sequence[pa.Table]) -> pa.Table:
+    """Concatenate tables; a column with numbers in one and text in another becomes text."""
     if not tables:
         return pa.table({})
     kinds: dict[str, set[pa.DataType]] = {}
     for table in tables:
         for column in table.schema:
             kinds.setdefault(column.name, set()).add(column.type)
-    wanted = {}
+    column_types = {}
     for name, types in kinds.items():
         types.discard(pa.null())
         if len(types) == 1:
-            wanted[name] = types.pop()
+            column_types[name] = types.pop()
         elif all(pa.types.is_integer(kind) or pa.types.is_floating(kind) for kind in types):
-            wanted[name] = pa.float64()
+            column_types[name] = pa.float64()
         else:
-            wanted[name] = pa.string()
-    even = []
+            column_types[name] = pa.string()
+    unified = []
     for table in tables:
         columns = {
             name: table[name].cast(kind) if name in table.column_names
-            else pa.nulls(table.num_rows, kind) for name, kind in wanted.items()
+            else pa.nulls(table.num_rows, kind) for name, kind in column_types.items()
         }  # fmt: skip
-        even.append(pa.table(columns))
-    return pa.concat_tables(even).combine_chunks()
+        unified.append(pa.table(columns))
+    return pa.concat_tables(unified).combine_chunks()

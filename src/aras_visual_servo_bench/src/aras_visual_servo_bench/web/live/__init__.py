@@ -1,1 +1,1 @@
-"""What is to be seen of a running graph: its geometry, its page. No ROS."""
+"""The live page of a running graph: its server, its messages and its robot model, without ROS."""

@@ -1,7 +1,8 @@
-"""What one viewer is still to be told: the next when it has seen the last, in between one of all.
+"""Flow control of the messages to one viewer.
 
-A browser that draws slowly would else show what was long ago, and what is told once would be lost
-to it as soon as something had to be left out.
+At most MAX_UNACKNOWLEDGED messages are in flight. Later updates are merged into one pending update,
+and only the newest image is stored. So a slow browser shows the current state, and no update, which
+contains only changes, is lost.
 """
 
 from __future__ import annotations
@@ -10,14 +11,14 @@ import json
 from collections.abc import Callable
 from typing import Any
 
-from .page import KEPT
+from .page import MAX_SAMPLES
 
-AHEAD = 3  # messages that are sent before the first of them has been seen
-SEEN = "seen"  # what a viewer says of each news and each picture
+MAX_UNACKNOWLEDGED = 3  # messages in flight
+ACKNOWLEDGED = "ack"  # the text with which a viewer acknowledges an update or image
 
 
-def merged(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
-    """One news that tells what the two tell one after the other."""
+def merge_updates(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
+    """Return one update that has the same effect as two updates in sequence."""
     both = {**older, **newer}
     if "shapes" in older and "shapes" in newer:
         both["shapes"] = {**older["shapes"], **newer["shapes"]}
@@ -25,50 +26,53 @@ def merged(older: dict[str, Any], newer: dict[str, Any]) -> dict[str, Any]:
         rows = older["samples"] + newer["samples"]
         clears = [i for i, row in enumerate(rows) if row[0] == "clear"]
         both["samples"] = rows[clears[-1]:] if clears else rows
-        if len(both["samples"]) > KEPT:
-            both["samples"] = [["clear"], *both["samples"][-KEPT:]]
-    both["kind"] = older["kind"]  # everything, and then some news, is everything
+        if len(both["samples"]) > MAX_SAMPLES:
+            both["samples"] = [["clear"], *both["samples"][-MAX_SAMPLES:]]
+    both["kind"] = older["kind"]  # a full message stays full when an update is added
     return both
 
 
-def text_of(message: dict[str, Any]) -> str:
-    """As it is sent."""
+def to_json(message: dict[str, Any]) -> str:
+    """Return a message as compact JSON."""
     return json.dumps(message, separators=(",", ":"))
 
 
 class Outbox:
-    """News and pictures on their way to one viewer."""
+    """Updates and images to one viewer, in flight or pending."""
 
     def __init__(self, send: Callable[[str | bytes], None]) -> None:
         self._send = send
-        self._unseen = 0
-        self._news: dict[str, Any] | None = None
-        self._picture: bytes | None = None
+        self._unacknowledged = 0
+        self._update: dict[str, Any] | None = None
+        self._image: bytes | None = None
 
-    def news(self, message: dict[str, Any], text: str = "") -> None:
-        """Tell it, now or with what follows; `text` is the same, where it is there already."""
-        if self._unseen >= AHEAD:
-            self._news = message if self._news is None else merged(self._news, message)
+    def send_update(self, message: dict[str, Any], text: str = "") -> None:
+        """Send an update now, or merge it into the pending update.
+
+        `text`: the message as JSON, if the caller has already encoded it.
+        """
+        if self._unacknowledged >= MAX_UNACKNOWLEDGED:
+            self._update = message if self._update is None else merge_updates(self._update, message)
             return
-        self._pass(text or text_of(message))
+        self._send_now(text or to_json(message))
 
-    def picture(self, picture: bytes) -> None:
-        """Show it, now or, if no newer one comes before, later."""
-        if self._unseen >= AHEAD:
-            self._picture = picture
+    def send_image(self, image: bytes) -> None:
+        """Send an image now, or store it as the pending image and drop an older one."""
+        if self._unacknowledged >= MAX_UNACKNOWLEDGED:
+            self._image = image
             return
-        self._pass(picture)
+        self._send_now(image)
 
-    def seen(self) -> None:
-        """The viewer has seen one of those that were sent."""
-        self._unseen = max(0, self._unseen - 1)
-        if self._news is not None:
-            news, self._news = self._news, None
-            self._pass(text_of(news))
-        if self._picture is not None and self._unseen < AHEAD:
-            picture, self._picture = self._picture, None
-            self._pass(picture)
+    def acknowledge(self) -> None:
+        """Handle an acknowledgement of the viewer: send the pending update and image."""
+        self._unacknowledged = max(0, self._unacknowledged - 1)
+        if self._update is not None:
+            update, self._update = self._update, None
+            self._send_now(to_json(update))
+        if self._image is not None and self._unacknowledged < MAX_UNACKNOWLEDGED:
+            image, self._image = self._image, None
+            self._send_now(image)
 
-    def _pass(self, message: str | bytes) -> None:
-        self._unseen += 1
+    def _send_now(self, message: str | bytes) -> None:
+        self._unacknowledged += 1
         self._send(message)

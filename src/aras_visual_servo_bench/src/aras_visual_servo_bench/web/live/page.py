@@ -1,6 +1,6 @@
-"""What the live page is told: from a story to messages, each thing once.
+"""State of the live page, and its messages to the viewers.
 
-A viewer that comes gets everything; after that all viewers get what has changed.
+A new viewer gets one full message; afterwards all viewers get updates with the changed parts.
 """
 
 from __future__ import annotations
@@ -14,25 +14,25 @@ import numpy as np
 
 from aras_visual_servo_controller.records.state import ServoState
 
+from ...drawing.feature_units import find_feature_units
+from ...drawing.run_trace import RunTrace
 from ...drawing.shapes import DIGITS, TEXT, Shape
-from ...drawing.story import Story
-from ...drawing.units import feature_units
 
-KEPT = 900  # samples: half a minute at 30 images/s
-NEW_RUN = -1.0  # s; a stamp that much older than the last begins anew
+MAX_SAMPLES = 900  # 30 s at 30 images/s
+CLOCK_RESET = -1.0  # s; a larger step back of the stamp restarts the plots
 
 
-def finite(values: Sequence[float], digits: int = 6) -> list[float | None]:
-    """Numbers as JSON may hold them; null for what is none."""
+def to_json_numbers(values: Sequence[float], digits: int = 6) -> list[float | None]:
+    """Round numbers for JSON; infinite ones and NaN become null."""
     return [round(float(v), digits) if math.isfinite(v) else None for v in values]
 
 
 class Page:
-    """The page's contents.
+    """State of the live page.
 
     Attributes:
-        choices: what may be chosen, by kind: lists of names.
-        state: further words and numbers for the page, plain for JSON; sent when they change.
+        choices: names for each selection list of the page.
+        state: further values for the page, encodable as JSON; sent when they change.
     """
 
     def __init__(self) -> None:
@@ -40,103 +40,111 @@ class Page:
         self.state: dict[str, Any] = {}
         self._limits: dict[str, Any] = {}
         self._names: tuple[str, ...] = ()
-        self._samples: deque[list[Any]] = deque(maxlen=KEPT)
-        self._fresh: list[list[Any]] = []
-        self._sent: dict[str, str | bytes] = {}
-        self._told: dict[str, Any] = {}
+        self._samples: deque[list[Any]] = deque(maxlen=MAX_SAMPLES)
+        self._new_samples: list[list[Any]] = []
+        self._sent_values: dict[str, str | bytes] = {}
+        self._controller_state: dict[str, Any] = {}
         self._shapes: dict[str, dict[str, Any]] = {}
 
-    # -- what it is told -------------------------------------------------------------------
+    # -- input -----------------------------------------------------------------------------
 
-    def robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
+    def set_robot(self, names: Sequence[str], lower: Sequence[float], upper: Sequence[float],
               velocity: Sequence[float], prismatic: Sequence[bool]) -> None:  # fmt: skip
-        """The joints (n,) and their limits; infinite ones are null."""
+        """Set the n joints and their limits in m or rad (velocity: m/s or rad/s)."""
         self._limits = {
-            "names": list(names), "lower": finite(lower), "upper": finite(upper),
-            "velocity": finite(velocity), "prismatic": [bool(p) for p in prismatic],
+            "names": list(names), "lower": to_json_numbers(lower), "upper": to_json_numbers(upper),
+            "velocity": to_json_numbers(velocity), "prismatic": [bool(p) for p in prismatic],
         }  # fmt: skip
 
-    def sample(self, told: ServoState, joints: Sequence[float]) -> None:
-        """One state of the controller, for the plots."""
+    def add_sample(self, state: ServoState, joints: Sequence[float]) -> None:
+        """Add one controller state to the plots."""
         if self._samples and (
-            told.names != self._names or told.stamp - self._samples[-1][0] < NEW_RUN
+            state.names != self._names or state.stamp - self._samples[-1][0] < CLOCK_RESET
         ):
             self._samples.clear()
-            self._fresh = [["clear"]]
-        self._names = told.names
-        error = () if told.error is None else told.error
+            self._new_samples = [["clear"]]
+        self._names = state.names
+        error = () if state.error is None else state.error
         row = [
-            round(told.stamp, 4), finite(error), finite(told.twist), finite(told.achieved),
-            finite(joints),
+            round(state.stamp, 4), to_json_numbers(error), to_json_numbers(state.desired_twist),
+            to_json_numbers(state.achieved_twist),
+            to_json_numbers(joints),
         ]  # fmt: skip
         self._samples.append(row)
-        self._fresh.append(row)
-        if len(self._fresh) > KEPT:  # nobody looks
-            self._fresh = []
+        self._new_samples.append(row)
+        if len(self._new_samples) > MAX_SAMPLES:  # without viewers no update empties the list
+            self._new_samples = []
 
-    # -- what it answers -------------------------------------------------------------------
+    # -- messages --------------------------------------------------------------------------
 
-    def whole(self) -> dict[str, Any]:
-        """Everything, for a viewer that has just come."""
+    def make_full_message(self) -> dict[str, Any]:
+        """Return the full message for a new viewer."""
         return {
-            "kind": "whole",
+            "kind": "full",
             "limits": self._limits,
             "choices": self.choices,
             "state": self.state,
-            "told": self._told,
+            "controller": self._controller_state,
             "names": list(self._names),
             "samples": list(self._samples),
             "shapes": self._shapes,
         }
 
-    def news(
-        self, story: Story | None, joints: Sequence[float], velocities: Sequence[float],
+    def make_update(
+        self, run_trace: RunTrace | None, joints: Sequence[float], velocities: Sequence[float],
         stamp: float,
     ) -> dict[str, Any]:  # fmt: skip
-        """What has changed since the last call, for those who are there."""
-        message: dict[str, Any] = {"kind": "news", "stamp": round(stamp, 3)}
-        if story is not None:
-            told = story.told
-            message["joints"], message["speeds"] = finite(joints), finite(velocities, 4)
-            message["factor"] = None if story.factor is None else round(story.factor, 3)
-            self._told = {
-                "scheme": told.scheme, "phase": told.phase, "outcome": told.outcome,
-                "reason": told.reason, "remedy": told.remedy,
-                "units": list(feature_units(told.scheme, len(told.names))),
+        """Return an update with everything that has changed since the last call.
+
+        `run_trace`: None without a robot. `joints`, `velocities`: of the robot. `stamp`: in s.
+        """
+        message: dict[str, Any] = {"kind": "update", "stamp": round(stamp, 3)}
+        if run_trace is not None:
+            state = run_trace.state
+            message["joints"], message["velocities"] = (
+                to_json_numbers(joints),
+                to_json_numbers(velocities, 4),
+            )
+            factor = run_trace.factor
+            message["real_time_factor"] = None if factor is None else round(factor, 3)
+            self._controller_state = {
+                "scheme": state.scheme, "phase": state.phase, "outcome": state.outcome,
+                "reason": state.reason, "remedy": state.remedy,
+                "units": list(find_feature_units(state.scheme, len(state.names))),
             }  # fmt: skip
-            self._changed(message, "told", self._told)
-            shapes = self._changed_shapes(story.shapes())
+            self._add_if_changed(message, "controller", self._controller_state)
+            shapes = self._find_changed_shapes(run_trace.make_shapes())
             if shapes:
                 message["shapes"] = shapes
-        self._changed(message, "limits", self._limits)
-        self._changed(message, "choices", self.choices)
-        self._changed(message, "state", self.state)
-        if self._fresh:
-            message["samples"], self._fresh = self._fresh, []
+        self._add_if_changed(message, "limits", self._limits)
+        self._add_if_changed(message, "choices", self.choices)
+        self._add_if_changed(message, "state", self.state)
+        if self._new_samples:
+            message["samples"], self._new_samples = self._new_samples, []
             message["names"] = list(self._names)
         return message
 
-    def _changed(self, message: dict[str, Any], key: str, value: Mapping[str, Any]) -> None:
-        mark = repr(value)
-        if self._sent.get(key) != mark:
-            self._sent[key] = mark
+    def _add_if_changed(self, message: dict[str, Any], key: str, value: Mapping[str, Any]) -> None:
+        fingerprint = repr(value)
+        if self._sent_values.get(key) != fingerprint:
+            self._sent_values[key] = fingerprint
             message[key] = value
 
-    def _changed_shapes(self, shapes: Sequence[Shape]) -> dict[str, dict[str, Any] | None]:
-        """By name; null for what is no more."""
+    def _find_changed_shapes(self, shapes: Sequence[Shape]) -> dict[str, dict[str, Any] | None]:
+        """Return new and changed shapes by name, and null for removed ones."""
         changed: dict[str, dict[str, Any] | None] = {}
         names = set()
         for shape in shapes:
             if shape.kind == TEXT:
-                continue  # the page says it in its own place
+                continue  # the page displays the texts in its header
             names.add(shape.name)
-            mark = np.round(shape.points, DIGITS).tobytes()
-            if self._sent.get(f"shape {shape.name}") == mark:
+            fingerprint = np.round(shape.points, DIGITS).tobytes()
+            if self._sent_values.get(f"shape {shape.name}") == fingerprint:
                 continue
-            self._sent[f"shape {shape.name}"] = mark
-            changed[shape.name] = self._shapes[shape.name] = shape.plain()
+            self._sent_values[f"shape {shape.name}"] = fingerprint
+            changed[shape.name] = self._shapes[shape.name] = shape.to_json()
         for name in set(self._shapes) - names:
             del self._shapes[name]
-            del self._sent[f"shape {name}"]
+            del self._sent_values[f"shape {name}"]
             changed[name] = None
         return changed

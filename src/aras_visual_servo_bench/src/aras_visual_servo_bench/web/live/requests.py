@@ -1,4 +1,4 @@
-"""What a page may ask for: each request checked, one line for what is refused."""
+"""Requests of the live page, their fields and limits; an invalid one gets a one-line error."""
 
 from __future__ import annotations
 
@@ -8,58 +8,60 @@ from collections.abc import Collection, Mapping
 from dataclasses import dataclass, make_dataclass
 from typing import Any
 
-from aras_visual_servo_base.names import nearest
-from aras_visual_servo_base.setting_values import said
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.setting_values import format_value
 from aras_visual_servo_base.settings import build, parameter
 
 from ...errors import RefusedError
 
-STEPS = 10_000  # physics steps of one request: 10 s of simulated time
-OFFSET, TURN = 0.3, math.pi  # greatest shift (m) and turn (rad) of a goal by the page
-SPEED, TURN_RATE = 0.25, 1.0  # m/s and rad/s of a camera that is driven by hand
-NAME = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
+MAX_STEPS = 10_000  # physics steps of one request; 10 s with steps of 1 ms
+MAX_OFFSET, MAX_TURN = 0.3, math.pi  # m, rad: limits of the goal offset
+MAX_SPEED, MAX_TURN_RATE = 0.25, 1.0  # m/s, rad/s: limits of the camera twist when jogging
+NAME_PATTERN = re.compile(r"[A-Za-z0-9][A-Za-z0-9_-]{0,39}")
 
 
 @dataclass(frozen=True)
-class Taught:
-    """The name of a goal, which becomes a file's."""
+class GoalName:
+    """The name of a taught goal; also the name of its file."""
 
     name: str
 
     def __post_init__(self) -> None:
-        if not NAME.fullmatch(self.name):
-            raise RefusedError(f"teach: name is {said(self.name)}, must be letters, digits, - and "
-                               "_, 40 at most")  # fmt: skip
+        if not NAME_PATTERN.fullmatch(self.name):
+            raise RefusedError(f"teach: name is {format_value(self.name)}, must be 1 to 40 "
+                               "letters, digits, - or _, the first a letter or digit")  # fmt: skip
 
 
-def _asked(**fields: type | tuple[type, Any]) -> type:
-    """A dataclass: each field's kind of value, with its rules where it has some."""
+def _make_request_type(**fields: type | tuple[type, Any]) -> type:
+    """Create a dataclass from the type of each field, or its type and constraints."""
     found = [(name, *(kind if isinstance(kind, tuple) else (kind,)))
              for name, kind in fields.items()]  # fmt: skip
-    return make_dataclass("Asked", found)
+    return make_dataclass("RequestFields", found)
 
 
-def _up_to(most: float) -> tuple[type, Any]:
+def _limit_magnitude(most: float) -> tuple[type, Any]:
     return float, parameter(0.0, least=-most, most=most)
 
 
-# What may be asked for, and with what.
+# The requests and their fields.
 REQUESTS: dict[str, type] = {
     **dict.fromkeys(("start", "stop", "hold", "reset", "pause", "resume", "record", "stop_record",
-                     "report"), _asked()),
-    "step": _asked(steps=(int, parameter(least=1, most=STEPS))),
-    "gain": _asked(name=str, value=(float, parameter(least=1e-3, most=100.0))),
-    "servo": _asked(scheme=str, law=str, start=str, goal=str),
-    "goal": _asked(x=_up_to(OFFSET), y=_up_to(OFFSET), z=_up_to(OFFSET), turn=_up_to(TURN)),
-    "camera": _asked(preset=str),
-    "target": _asked(name=str),
-    "teach": Taught,
-    "jog": _asked(vx=_up_to(SPEED), vy=_up_to(SPEED), vz=_up_to(SPEED), wx=_up_to(TURN_RATE),
-                  wy=_up_to(TURN_RATE), wz=_up_to(TURN_RATE)),
-    "jog_joint": _asked(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
+                     "report"), _make_request_type()),
+    "step": _make_request_type(steps=(int, parameter(least=1, most=MAX_STEPS))),
+    "gain": _make_request_type(name=str, value=(float, parameter(least=1e-3, most=100.0))),
+    "servo": _make_request_type(scheme=str, law=str, start=str, goal=str),
+    "goal": _make_request_type(x=_limit_magnitude(MAX_OFFSET), y=_limit_magnitude(MAX_OFFSET),
+        z=_limit_magnitude(MAX_OFFSET), turn=_limit_magnitude(MAX_TURN)),
+    "camera": _make_request_type(preset=str),
+    "target": _make_request_type(name=str),
+    "teach": GoalName,
+    "jog": _make_request_type(vx=_limit_magnitude(MAX_SPEED), vy=_limit_magnitude(MAX_SPEED),
+        vz=_limit_magnitude(MAX_SPEED), wx=_limit_magnitude(MAX_TURN_RATE),
+                  wy=_limit_magnitude(MAX_TURN_RATE), wz=_limit_magnitude(MAX_TURN_RATE)),
+    "jog_joint": _make_request_type(joint=str, speed=(float, parameter(least=-1.0, most=1.0))),
 }  # fmt: skip
-# Fields that hold one of the page's choices, and the kind of those.
-CHOSEN = {
+# Fields whose value must be in a selection list of the page, with the key of this list.
+CHOICE_FIELDS = {
     "gain": {"name": "gains"}, "camera": {"preset": "cameras"}, "target": {"name": "targets"},
     "servo": {"scheme": "schemes", "law": "laws", "start": "starts", "goal": "goals"},
     "jog_joint": {"joint": "joints"},
@@ -68,24 +70,28 @@ CHOSEN = {
 
 @dataclass(frozen=True)
 class Request:
-    """A checked request: what is to be done, and with what."""
+    """A valid request: its name and its fields."""
 
     do: str
-    given: Mapping[str, Any]
+    arguments: Mapping[str, Any]
 
 
 def read_request(
     do: str, fields: Mapping[str, Any], choices: Mapping[str, Collection[str]]
 ) -> Request:
-    """A request that there is, of its fields.
+    """Check the fields of a request.
+
+    Args:
+        do: name of a request in REQUESTS.
+        choices: names in each selection list of the page.
 
     Raises:
-        RefusedError: one of the fields is missing, unknown or wrong.
+        RefusedError: a field is missing, unknown or invalid.
     """
-    given = vars(build(REQUESTS[do], fields, f"{do}: ", RefusedError))
-    for name, kind in CHOSEN.get(do, {}).items():
-        known = choices.get(kind, ())
-        if given[name] not in known:
-            raise RefusedError(f"{do}: {name} is {said(given[name])}: "
-                               f"{nearest(given[name], known)}")  # fmt: skip
-    return Request(do, given)
+    values = vars(build(REQUESTS[do], fields, f"{do}: ", RefusedError))
+    for name, kind in CHOICE_FIELDS.get(do, {}).items():
+        names = choices.get(kind, ())
+        if values[name] not in names:
+            raise RefusedError(f"{do}: {name} is {format_value(values[name])}: "
+                               f"{suggest(values[name], names)}")  # fmt: skip
+    return Request(do, values)

@@ -1,4 +1,4 @@
-"""A robot as a browser draws it: its tree of joints, and triangles in colours."""
+"""The robot model of the live page: its joint tree and coloured triangle meshes."""
 
 from __future__ import annotations
 
@@ -8,42 +8,44 @@ from typing import Any
 import numpy as np
 
 from aras_sim_bridge.description import parse_urdf
-from aras_sim_bridge.description.packages import ResolvePackage, find
+from aras_sim_bridge.description.packages import ResolvePackage, find_package
 from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.meshes.mesh import Mesh
-from aras_visual_servo_base.poses import transform
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
 
-from ...drawing.parts import parts
+from ...drawing.robot_visuals import collect_visuals
 
-LARGEST = 400_000  # triangles; a browser without a graphics card draws no more at a useful rate
+MAX_TRIANGLES = 400_000  # a browser without a graphics card draws more triangles too slowly
 
 
-def robot_model(urdf: str, resolve: ResolvePackage = find) -> dict[str, Any]:
-    """Plain numbers for JSON.
+def make_robot_model(urdf: str, resolve: ResolvePackage = find_package) -> dict[str, Any]:
+    """Convert a robot description to a JSON object.
 
     Returns:
-        {"name", "joints": [{name, kind, parent, child, origin: 16 numbers row by row, axis}],
-        "links": {name: [{colour, corners}]}}; corners: base64 of float32, position (m, in the
-        link) and normal of each corner of each triangle.
+        {"name", "root", "joints": [{name, kind, parent, child, origin, axis}],
+        "links": {name: [{colour, corners}]}}. origin: 4x4 matrix, row-major. corners: base64 of
+        float32; for each corner of each triangle its position (m, in the link frame) and normal.
 
     Raises:
-        DescriptionError: the description, or one of its meshes, cannot be used.
+        DescriptionError: the description or one of its meshes is invalid, or it has too many
+            triangles.
     """
     robot = parse_urdf(urdf, resolve)
     links: dict[str, list[dict[str, Any]]] = {}
     count = 0
-    for link, colour, mesh in parts(robot, urdf):
+    for link, colour, mesh in collect_visuals(robot, urdf):
         count += len(mesh.triangles)
-        links.setdefault(link, []).append({"colour": list(colour), "corners": _encoded(mesh)})
-    if count > LARGEST:
-        raise DescriptionError(f"{robot.name} has {count} triangles; a page draws {LARGEST}")
+        links.setdefault(link, []).append({"colour": list(colour), "corners": _encode_mesh(mesh)})
+    if count > MAX_TRIANGLES:
+        raise DescriptionError(f"{robot.name} has {count} triangles; the page draws at most "
+                               f"{MAX_TRIANGLES}")
     joints = [
         {
             "name": joint.name,
             "kind": joint.kind,
             "parent": joint.parent,
             "child": joint.child,
-            "origin": transform(joint.origin_xyz, joint.origin_rpy).ravel().tolist(),
+            "origin": matrix_from_xyz_rpy(joint.origin_xyz, joint.origin_rpy).ravel().tolist(),
             "axis": list(joint.axis),
         }
         for joint in robot.joints.values()
@@ -51,6 +53,6 @@ def robot_model(urdf: str, resolve: ResolvePackage = find) -> dict[str, Any]:
     return {"name": robot.name, "root": robot.root, "joints": joints, "links": links}
 
 
-def _encoded(mesh: Mesh) -> str:
+def _encode_mesh(mesh: Mesh) -> str:
     corners = np.concatenate([mesh.positions, mesh.normals], axis=1)[mesh.triangles.ravel()]
     return base64.b64encode(corners.astype("<f4").tobytes()).decode("ascii")

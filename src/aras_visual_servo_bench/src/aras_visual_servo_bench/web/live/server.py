@@ -1,6 +1,6 @@
-"""The live page's server: one page, its files, one WebSocket for each viewer.
+"""Web server of the live page, with one WebSocket for each viewer.
 
-`tick`s, requests and pictures come from its host, which need not be ROS.
+Its host supplies updates and images and executes requests. The server itself does not use ROS.
 """
 
 from __future__ import annotations
@@ -16,221 +16,236 @@ import tornado.ioloop
 import tornado.websocket
 
 from ...errors import RefusedError
-from ...pictures.palette import LIVE, css
+from ...plots.palette import LIVE, make_css
 from .. import SHARED
 from ..access import Access
-from ..messages import LARGEST, read_message
-from ..server import Guarded, WebServer, begin, is_local
-from ..uplot import SCRIPT, STYLE, uplot
-from .outbox import SEEN, Outbox, text_of
+from ..messages import MAX_BYTES, read_message
+from ..server import AuthorizedHandler, WebServer, is_local, start_server
+from ..uplot import SCRIPT, STYLE, read_uplot
+from .outbox import ACKNOWLEDGED, Outbox, to_json
 from .page import Page
 from .requests import REQUESTS, Request, read_request
 
 FILES = Path(__file__).parent / "page"
-RATE = 15.0  # messages a second to each viewer
-PICTURE_RATE = 10.0
-VIEWERS = 8  # at most; each costs its part of a core
-ASKED = 8  # requests of one viewer at a time
-UNREAD = 2_000_000  # bytes of answers that a viewer may leave unread before it hears no more
+UPDATE_RATE = 15.0  # Hz, updates to each viewer
+IMAGE_RATE = 10.0  # Hz, images to each viewer
+MAX_VIEWERS = 8  # limits the load: each viewer costs processor time
+MAX_REQUESTS = 8  # requests of one viewer in progress
+# Unread bytes in the send buffer of a viewer above which further messages to it are dropped.
+MAX_UNREAD_BYTES = 2_000_000
 
 
-class Host(Protocol):
-    """What the page is about; `news` and `picture` are called by the server's thread alone."""
+class PageHost(Protocol):
+    """Interface between the server and the robot that the page shows.
+
+    Only the server's thread calls `make_update` and `take_image`.
+    """
 
     page: Page
 
-    def news(self) -> dict[str, Any]:
-        """What has changed since the last call."""
+    def make_update(self) -> dict[str, Any]:
+        """Return what has changed since the last call."""
 
-    def robot(self) -> dict[str, Any] | None:
-        """The robot's model, None where there is none yet."""
+    def make_robot_model(self) -> dict[str, Any] | None:
+        """Return the robot model, or None without a robot."""
 
-    def picture(self) -> bytes | None:
-        """A new JPEG, None where there is none since the last call."""
+    def take_image(self) -> bytes | None:
+        """Return the newest image as JPEG, or None without a new one since the last call."""
 
-    def watched(self, viewers: int) -> None:
-        """So many look on now."""
+    def set_viewer_count(self, viewers: int) -> None:
+        """Report the number of open pages to the host."""
 
-    def do(self, request: Request) -> str:
-        """Carry out a request, in a thread of its own; what to say. RefusedError: why not."""
+    def execute(self, request: Request) -> str:
+        """Execute a request in a worker thread, and return the answer.
 
-    def file(self, path: str) -> Path | None:
-        """A file of a report that the page links to; None: there is none of that name."""
+        Raises:
+            RefusedError: the request cannot be executed.
+        """
+
+    def find_file(self, path: str) -> Path | None:
+        """Return the path of a report file, or None if it does not exist."""
 
 
-class Server(WebServer):
-    """The live page's."""
+class LiveServer(WebServer):
+    """Web server of the live page."""
 
     index = FILES / "index.html"
-    largest = 2 * LARGEST
+    max_message_bytes = 2 * MAX_BYTES
 
-    def __init__(self, host: Host, access: Access, sockets: list[socket.socket]) -> None:
-        """See WebServer; BenchError where the library that draws curves is not there."""
+    def __init__(self, host: PageHost, access: Access, sockets: list[socket.socket]) -> None:
+        """Create the server of a host's page.
+
+        Raises:
+            BenchError: the plotting library uPlot is not installed.
+        """
         super().__init__(access, sockets)
-        uplot(SCRIPT)  # said before the page is opened, if it is missing
+        read_uplot(SCRIPT)  # report a missing library before a page is opened
         self.host = host
         self.viewers: set[Viewer] = set()
 
-    def routes(self) -> list[tuple[str, type[Guarded]]]:
-        """See WebServer."""
-        return [(r"/live", Viewer), (r"/robot", RobotFile),
-                (r"/report/(.*)", ReportFile)]  # fmt: skip
+    def list_routes(self) -> list[tuple[str, type[AuthorizedHandler]]]:
+        """Return the routes of the WebSocket, the robot model and the reports."""
+        return [(r"/live", Viewer), (r"/robot", RobotModelHandler),
+                (r"/report/(.*)", ReportHandler)]  # fmt: skip
 
-    def page_file(self, name: str) -> str | None:
-        """See WebServer."""
+    def find_page_file(self, name: str) -> str | None:
+        """Return the text of a script or of the style sheet, or None if it does not exist."""
         if name == "uplot.js":
-            return uplot(SCRIPT)
+            return read_uplot(SCRIPT)
         path = SHARED / name if name == "scene.js" else FILES / name
         if not path.is_file():
             return None
-        before = css(LIVE) + uplot(STYLE) if name == "style.css" else ""
+        before = make_css(LIVE) + read_uplot(STYLE) if name == "style.css" else ""
         return before + path.read_bytes().decode()
 
-    def begun(self) -> None:
-        """See WebServer."""
-        self._tick = tornado.ioloop.PeriodicCallback(self.tick, 1e3 / RATE)
-        self._pictures = tornado.ioloop.PeriodicCallback(self.show, 1e3 / PICTURE_RATE)
+    def on_start(self) -> None:
+        """Create the timers of updates and images."""
+        self._update_timer = tornado.ioloop.PeriodicCallback(self.send_update, 1e3 / UPDATE_RATE)
+        self._image_timer = tornado.ioloop.PeriodicCallback(self.send_image, 1e3 / IMAGE_RATE)
 
-    def ended(self) -> None:
-        """See WebServer."""
+    def on_stop(self) -> None:
+        """Close the connections to all viewers."""
         for viewer in list(self.viewers):
             viewer.close(1001, "the simulator has ended")
 
-    def came(self, viewer: Viewer) -> None:
-        """A viewer more."""
+    def add_viewer(self, viewer: Viewer) -> None:
+        """Add a viewer, and start the timers for the first one."""
         self.viewers.add(viewer)
         if len(self.viewers) == 1:
-            self._tick.start()
-            self._pictures.start()
-        self.host.watched(len(self.viewers))
+            self._update_timer.start()
+            self._image_timer.start()
+        self.host.set_viewer_count(len(self.viewers))
 
-    def went(self, viewer: Viewer) -> None:
-        """A viewer less; without any, nothing is worked out."""
+    def remove_viewer(self, viewer: Viewer) -> None:
+        """Remove a viewer, and stop the timers after the last one."""
         self.viewers.discard(viewer)
         if not self.viewers:
-            self._tick.stop()
-            self._pictures.stop()
-        self.host.watched(len(self.viewers))
+            self._update_timer.stop()
+            self._image_timer.stop()
+        self.host.set_viewer_count(len(self.viewers))
 
-    def tick(self) -> None:
-        """Tell all viewers what is new."""
-        news = self.host.news()
-        text = text_of(news)
+    def send_update(self) -> None:
+        """Send an update to all viewers."""
+        update = self.host.make_update()
+        text = to_json(update)
         for viewer in list(self.viewers):
-            viewer.outbox.news(news, text)
+            viewer.outbox.send_update(update, text)
 
-    def show(self) -> None:
-        """Show all viewers the new picture."""
-        picture = self.host.picture()
-        if picture is not None:
+    def send_image(self) -> None:
+        """Send a new image to all viewers."""
+        image = self.host.take_image()
+        if image is not None:
             for viewer in list(self.viewers):
-                viewer.outbox.picture(picture)
+                viewer.outbox.send_image(image)
 
 
-class RobotFile(Guarded):
-    """The robot's model."""
+class RobotModelHandler(AuthorizedHandler):
+    """Handler that sends the robot model as JSON."""
 
     async def get(self) -> None:
         loop = tornado.ioloop.IOLoop.current()
-        model = await loop.run_in_executor(self.server.workers, self.server.host.robot)
+        model = await loop.run_in_executor(self.server.workers, self.server.host.make_robot_model)
         if model is None:
-            self.nothing("There is no robot yet.")
+            self.send_not_found("There is no robot yet.")
             return
         self.set_header("Content-Type", "application/json")
         self.finish(json.dumps(model))
 
 
-class ReportFile(Guarded):
-    """A file of the last run's report; a report is a page of its own, with its pictures inside."""
+class ReportHandler(AuthorizedHandler):
+    """Handler that sends a report, a self-contained page."""
 
     def get(self, name: str) -> None:
-        path = self.server.host.file(name)
+        path = self.server.host.find_file(name)
         if path is None:
-            self.nothing("There is no report of that name.")
+            self.send_not_found("There is no report of that name.")
             return
-        self.give_report(path)
+        self.send_report(path)
 
 
-class Viewer(Guarded, tornado.websocket.WebSocketHandler):
-    """One open page."""
+class Viewer(AuthorizedHandler, tornado.websocket.WebSocketHandler):
+    """WebSocket connection to one open page."""
 
-    def initialize(self, server: Server) -> None:
+    def initialize(self, server: LiveServer) -> None:
         super().initialize(server)
-        self.outbox = Outbox(self.tell)
-        self._busy = 0
+        self.outbox = Outbox(self.send)
+        self._request_count = 0
 
     def check_origin(self, origin: str) -> bool:
-        """Refusals are said in `prepare`, which knows the reason."""
+        """Accept any origin here; `prepare` checks it and refuses with a reason."""
         return True
 
-    def refusal(self) -> str:
-        """See Guarded.refusal; there may be as many as are open already."""
-        why = super().refusal()
-        if not why and len(self.server.viewers) >= VIEWERS:
-            why = f"{VIEWERS} pages are open already"
+    def refusal_reason(self) -> str:
+        """Return why this connection is refused, also for too many pages; '' if allowed."""
+        why = super().refusal_reason()
+        if not why and len(self.server.viewers) >= MAX_VIEWERS:
+            why = f"{MAX_VIEWERS} pages are open already"
         return why
 
     def open(self, *_: str) -> None:
         self.set_nodelay(True)
-        self.server.came(self)
-        self.outbox.news(self.server.host.page.whole())
+        self.server.add_viewer(self)
+        self.outbox.send_update(self.server.host.page.make_full_message())
 
     def on_close(self) -> None:
-        self.server.went(self)
+        self.server.remove_viewer(self)
 
-    def tell(self, message: str | bytes) -> None:
-        """Send; a viewer that asks and never reads is left out until it does."""
+    def send(self, message: str | bytes) -> None:
+        """Send a message, unless the viewer has too many unread bytes."""
         stream = self.ws_connection.stream if self.ws_connection else None
-        if stream is None or len(stream._write_buffer) > UNREAD:
+        if stream is None or len(stream._write_buffer) > MAX_UNREAD_BYTES:
             return
         try:
             self.write_message(message, binary=isinstance(message, bytes))
         except tornado.websocket.WebSocketClosedError:
-            self.server.went(self)
+            self.server.remove_viewer(self)
 
     def on_message(self, message: str | bytes) -> None:
-        """Have a request carried out; meanwhile the socket goes on being read, pongs included."""
-        if message == SEEN:
-            self.outbox.seen()
+        """Handle an acknowledgement, or start a request without blocking the socket."""
+        if message == ACKNOWLEDGED:
+            self.outbox.acknowledge()
             return
-        if self._busy >= ASKED:
-            text = f"{ASKED} requests are being carried out: wait for them"
-            self.tell(json.dumps({"kind": "answer", "do": None, "done": False, "text": text}))
+        if self._request_count >= MAX_REQUESTS:
+            text = f"{MAX_REQUESTS} requests are in progress: wait for their answers"
+            self.send(json.dumps({"kind": "answer", "do": None, "ok": False, "text": text}))
             return
-        self._busy += 1
+        self._request_count += 1
         tornado.ioloop.IOLoop.current().spawn_callback(self._carry_out, message)
 
     async def _carry_out(self, message: str | bytes) -> None:
-        """Carry out a request, and say how that went."""
+        """Execute a request, and send the answer."""
         loop, host = tornado.ioloop.IOLoop.current(), self.server.host
         do: str | None = None
         try:
             do, fields = read_message(message, REQUESTS)
             request = read_request(do, fields, host.page.choices)
-            text = await loop.run_in_executor(self.server.workers, host.do, request)
-            answer = {"kind": "answer", "do": do, "done": True, "text": text}
+            text = await loop.run_in_executor(self.server.workers, host.execute, request)
+            answer = {"kind": "answer", "do": do, "ok": True, "text": text}
         except RefusedError as error:
-            answer = {"kind": "answer", "do": do, "done": False, "text": str(error)}
-        except Exception as error:  # a fault of ours must not close the page
+            answer = {"kind": "answer", "do": do, "ok": False, "text": str(error)}
+        except Exception as error:  # a programming error must not close the connection
             logging.getLogger(__name__).exception("%s", do)
             text = f"{do} failed: {type(error).__name__}: {error}"
-            answer = {"kind": "answer", "do": do, "done": False, "text": text}
-        self._busy -= 1
-        self.tell(json.dumps(answer))
+            answer = {"kind": "answer", "do": do, "ok": False, "text": text}
+        self._request_count -= 1
+        self.send(json.dumps(answer))
 
 
 def serve(
-    host: Host, address: str, port: int, token: str = "",
+    host: PageHost, address: str, port: int, token: str = "",
     say: Callable[[str], None] = print,
-) -> Server:  # fmt: skip
-    """Serve a host's page on an address; says where it is.
+) -> LiveServer:  # fmt: skip
+    """Serve the live page of a host, and report its address by `say`.
 
     Raises:
         PortTakenError: no port is free.
+        BenchError: the plotting library uPlot is not installed.
     """
-    server = begin(lambda access, sockets: Server(host, access, sockets), "the live page", address,
-                   port, token, say)  # fmt: skip
+    server = start_server(
+        lambda access, sockets: LiveServer(host, access, sockets), "the live page", address, port,
+        token, say,
+    )  # fmt: skip
     if not is_local(address):
-        say(f"the live page listens on {address}: whoever reads its address on the network may "
-            "move the robot; what is sent is not encrypted")  # fmt: skip
+        say(f"the live page listens on {address}: anyone who intercepts its address can move the "
+            "robot; the connection is not encrypted")  # fmt: skip
     return server

@@ -1,13 +1,14 @@
-// Curves over time by uPlot: one cursor and one range of time for all of them.
+// Time plots drawn by uPlot, with one cursor and one time range for all of them.
 
-const GAP = 0.04;  // part of a level's axis that stays free above and below
-const near = (times, t) => {  // index of the entry next to t
+const GAP = 0.04;  // margin above and below the curves, as a fraction of their range
+const nearestIndex = (times, t) => {  // index of the time nearest to t, by bisection
   let low = 0, high = times.length - 1;
   while (high - low > 1) { const m = (low + high) >> 1; if (times[m] <= t) low = m; else high = m; }
   return Math.abs(times[high] - t) < Math.abs(times[low] - t) ? high : low;
 };
 
-export function told(v) {
+/** A number with three to five significant digits. */
+export function formatNumber(v) {
   if (!Number.isFinite(v)) return "–";
   const size = Math.abs(v);
   if (size === 0) return "0";
@@ -16,9 +17,9 @@ export function told(v) {
 }
 
 export class Chart {
-  /** `box`: where it goes; `panel`: of the contents; `page`: time, range, colours and runs for all. */
+  /** `box`: parent element; `panel`: its data in the contents; `page`: the state that all charts share. */
   constructor(box, panel, page) {
-    Object.assign(this, { box, panel, page, hidden: new Set(), seen: false });
+    Object.assign(this, { box, panel, page, hidden: new Set(), isVisible: false });
     this.curves = panel.curves.map((c) => ({ ...c, time: page.array(c.x), values: page.array(c.y) }));
     const title = document.createElement("h3");
     title.textContent = panel.title;
@@ -27,22 +28,22 @@ export class Chart {
     this.legend = document.createElement("div");
     this.legend.className = "legend";
     box.append(title, this.plotBox, this.legend);
-    if (panel.left_out) {
+    if (panel.omitted_curves) {
       const note = document.createElement("p");
-      note.className = "left-out";
-      note.textContent = `${this.curves.length} curves of ${this.curves.length + panel.left_out}: those `
-        + "that change most. All of them are in the tables beside this page, in data/.";
+      note.className = "omitted";
+      note.textContent = `Shows the ${this.curves.length} curves of ${this.curves.length + panel.omitted_curves} that `
+        + "vary most; the tables in data/, next to this page, contain all of them.";
       box.append(note);
     }
-    this.entries = this.curves.map((curve, i) => this._entry(curve, i));
+    this.entries = this.curves.map((curve, i) => this._makeEntry(curve, i));
     this.legend.append(...this.entries.map((entry) => entry.button));
   }
 
-  _entry(curve, i) {
+  _makeEntry(curve, i) {
     const button = document.createElement("button"), mark = document.createElement("i");
     const name = document.createElement("span"), value = document.createElement("output");
-    mark.className = curve.dashed ? "dashed" : curve.pale ? "pale" : "";
-    mark.style.setProperty("--shade", `var(--curve-${curve.shade % 8})`);
+    mark.className = curve.dashed ? "dashed" : curve.is_pale ? "pale" : "";
+    mark.style.setProperty("--shade", `var(--curve-${curve.colour_index % 8})`);
     name.textContent = name.title = curve.name;
     button.append(mark, name, value);
     button.setAttribute("aria-pressed", "true");
@@ -54,29 +55,29 @@ export class Chart {
     return { button, value };
   }
 
-  shown(i) { return !this.hidden.has(i) && !this.page.off.has(this.curves[i].run); }
+  isShown(i) { return !this.hidden.has(i) && !this.page.hiddenRuns.has(this.curves[i].run); }
 
   _showCurves() {
     this.curves.forEach((curve, i) => {
-      this.entries[i].button.hidden = this.page.off.has(curve.run);
-      if (this.plot && this.plot.series[i + 1].show !== this.shown(i)) this.plot.setSeries(i + 1, { show: this.shown(i) });
+      this.entries[i].button.hidden = this.page.hiddenRuns.has(curve.run);
+      if (this.plot && this.plot.series[i + 1].show !== this.isShown(i)) this.plot.setSeries(i + 1, { show: this.isShown(i) });
     });
   }
 
-  /** Draw it, now that somebody sees it; anew with other colours. */
+  /** Create the plot; again after a change of the colours. */
   draw() {
     if (this.plot) this.plot.destroy();
     const { page, panel } = this, ink = page.colour("soft"), grid = { stroke: page.colour("line"), width: 1 };
     const join = uPlot.join(this.curves.map((c) => [c.time, Array.from(c.values, (v) => Number.isFinite(v) ? v : null)]));
-    const tens = (u, splits) => splits.map((v) => !panel.log || Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null);
+    const tens = (u, splits) => splits.map((v) => !panel.is_logarithmic || Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null);
     const font = '11px system-ui, "DejaVu Sans", sans-serif';
-    const [low, high] = this._levels();
+    const [low, high] = this._findLevels();
     this.plot = new uPlot({
       width: Math.max(this.plotBox.clientWidth, 120), height: this.plotBox.clientHeight,
       legend: { show: false },
       scales: {
         x: { time: false, range: () => page.range },
-        y: panel.log ? { distr: 3 } : { range: (u, least, most) => this._range(least, most, low, high) },
+        y: panel.is_logarithmic ? { distr: 3 } : { range: (u, lower, upper) => this._computeRange(lower, upper, low, high) },
       },
       axes: [
         { stroke: ink, grid, ticks: grid, font, size: 28, values: (u, at) => at.map((v) => `${+v.toPrecision(6)} s`) },
@@ -84,58 +85,58 @@ export class Chart {
           values: (u, at) => at.map((v) => v === null ? null : Math.abs(v) >= 1e5 || (v && Math.abs(v) < 1e-3) ? v.toExponential(0) : String(+v.toPrecision(6))) },
       ],
       series: [{}, ...this.curves.map((c, i) => ({
-        label: c.name, show: this.shown(i), stroke: page.colour(`curve-${c.shade % 8}`), alpha: c.pale ? 0.45 : 1,
-        width: c.dashed || c.pale ? 1.2 : 1.8, dash: c.dashed ? [5, 4] : undefined, spanGaps: false, points: { show: c.time.length < 3 },
+        label: c.name, show: this.isShown(i), stroke: page.colour(`curve-${c.colour_index % 8}`), alpha: c.is_pale ? 0.45 : 1,
+        width: c.dashed || c.is_pale ? 1.2 : 1.8, dash: c.dashed ? [5, 4] : undefined, spanGaps: false, points: { show: c.time.length < 3 },
       }))],
       cursor: {
         drag: { x: true, y: false, setScale: false }, points: { size: 6 },
         bind: { dblclick: () => () => page.setRange(), mouseleave: () => null },
-        dataIdx: (u, series) => { const c = this.curves[series - 1]; return c ? this._joined(join[0], c, page.time) : u.posToIdx(u.cursor.left); },
+        dataIdx: (u, series) => { const c = this.curves[series - 1]; return c ? this._joinedIndex(join[0], c, page.time) : u.posToIdx(u.cursor.left); },
       },
       hooks: {
-        setCursor: [(u) => { if (!this.moving && u.cursor.left >= 0) page.setTime(u.posToVal(u.cursor.left, "x"), this); }],
+        setCursor: [(u) => { if (!this.isSettingCursor && u.cursor.left >= 0) page.setTime(u.posToVal(u.cursor.left, "x"), this); }],
         setSelect: [(u) => { const { left, width } = u.select; if (width > 3) {
           page.setRange(u.posToVal(left, "x"), u.posToVal(left + width, "x")); }
           u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false); }],
-        drawAxes: [(u) => this._behind(u)],
+        drawAxes: [(u) => this._drawBackground(u)],
       },
     }, join, this.plotBox);
     const over = this.plot.over;
-    over.addEventListener("pointermove", (e) => { if (e.pointerType === "touch") this._touched(e); });
-    over.addEventListener("pointerdown", (e) => { if (e.pointerType === "touch") this._touched(e); });
+    over.addEventListener("pointermove", (e) => { if (e.pointerType === "touch") this._onTouch(e); });
+    over.addEventListener("pointerdown", (e) => { if (e.pointerType === "touch") this._onTouch(e); });
     requestAnimationFrame(() => this.setTime(page.time));
   }
 
-  _touched(e) {
+  _onTouch(e) {
     const box = this.plot.over.getBoundingClientRect();
     this.page.setTime(this.plot.posToVal(e.clientX - box.left, "x"), null);
   }
 
-  _joined(times, curve, t) {
+  _joinedIndex(times, curve, t) {
     if (!curve.time.length) return null;
-    const wanted = curve.time[near(curve.time, t)];
-    return near(times, wanted);
+    const nearestTime = curve.time[nearestIndex(curve.time, t)];
+    return nearestIndex(times, nearestTime);
   }
 
-  /** Levels and bands that are near enough to be shown. */
-  _levels() {
-    let least = Infinity, most = -Infinity;
-    for (const { values } of this.curves) for (const v of values) if (Number.isFinite(v)) { least = Math.min(least, v); most = Math.max(most, v); }
-    const room = 0.6 * Math.max(most - least, 1e-9);
+  /** Range of the levels and limits that lie close enough to the curves to be shown. */
+  _findLevels() {
+    let lower = Infinity, upper = -Infinity;
+    for (const { values } of this.curves) for (const v of values) if (Number.isFinite(v)) { lower = Math.min(lower, v); upper = Math.max(upper, v); }
+    const margin = 0.6 * Math.max(upper - lower, 1e-9);
     const near = [...this.panel.levels, ...this.panel.limits].map(([v]) => v)
-      .filter((v) => v > least - room && v < most + room).concat(this.panel.span.filter((v) => v !== null));
+      .filter((v) => v > lower - margin && v < upper + margin).concat(this.panel.span.filter((v) => v !== null));
     return [Math.min(Infinity, ...near), Math.max(-Infinity, ...near)];
   }
 
-  _range(least, most, low, high) {
-    if (!Number.isFinite(least)) return [-1, 1];
-    least = Math.min(least, low); most = Math.max(most, high);
-    const room = Math.max((most - least) * GAP, 2e-3 * Math.abs(most), 1e-9);
-    return [least - room, most + room];
+  _computeRange(lower, upper, low, high) {
+    if (!Number.isFinite(lower)) return [-1, 1];
+    lower = Math.min(lower, low); upper = Math.max(upper, high);
+    const margin = Math.max((upper - lower) * GAP, 2e-3 * Math.abs(upper), 1e-9);
+    return [lower - margin, upper + margin];
   }
 
-  /** Bands, levels and marks, behind the curves. */
-  _behind(u) {
+  /** Draw bands, levels and marks behind the curves. */
+  _drawBackground(u) {
     const { ctx, bbox } = u, { panel, page } = this, ratio = window.devicePixelRatio || 1;
     const line = (x0, y0, x1, y1, colour, dash) => {
       ctx.strokeStyle = page.colour(colour); ctx.setLineDash(dash.map((d) => d * ratio)); ctx.lineWidth = ratio;
@@ -150,7 +151,7 @@ export class Chart {
       ctx.globalAlpha = 0.16; ctx.fillStyle = page.colour("good");
       ctx.fillRect(bbox.left, top, bbox.width, bottom - top); ctx.globalAlpha = 1;
     }
-    if (!panel.log) { const y = u.valToPos(0, "y", true); line(bbox.left, y, right, y, "zero", []); }
+    if (!panel.is_logarithmic) { const y = u.valToPos(0, "y", true); line(bbox.left, y, right, y, "zero", []); }
     for (const [lines, shade] of [[panel.levels, "good"], [panel.limits, "bad"]]) {
       ctx.fillStyle = page.colour(shade); ctx.textAlign = "right";
       for (const [value, text] of lines) {
@@ -171,15 +172,15 @@ export class Chart {
   setTime(t) {
     this.curves.forEach((curve, i) => {
       if (!curve.time.length) return;
-      const v = curve.values[near(curve.time, t)];
-      const text = told(v);
+      const v = curve.values[nearestIndex(curve.time, t)];
+      const text = formatNumber(v);
       if (this.entries[i].value.textContent !== text) this.entries[i].value.textContent = text;
     });
     if (!this.plot) return;
-    this.moving = true;
+    this.isSettingCursor = true;
     const left = this.plot.valToPos(t, "x");
     this.plot.setCursor({ left: left >= 0 && left <= this.plot.over.clientWidth ? left : -10, top: 10 });
-    this.moving = false;
+    this.isSettingCursor = false;
   }
 
   setRange() {
@@ -190,6 +191,6 @@ export class Chart {
   resize() {
     const width = this.plotBox.clientWidth, height = this.plotBox.clientHeight;
     if (this.plot && width && (width !== this.plot.width || height !== this.plot.height)) this.plot.setSize({ width, height });
-    requestAnimationFrame(() => this.setTime(this.page.time));  // its axes are laid out then
+    requestAnimationFrame(() => this.setTime(this.page.time));  // the axes have their new layout then
   }
 }

@@ -1,4 +1,4 @@
-// The 3-D scene: the robot by its joints, and the run's shapes. WebGL alone, drawn when something is new.
+// The 3-D scene of a robot and the shapes of its run, drawn by WebGL whenever something has changed.
 
 const VERTEX = `
 attribute vec3 place; attribute vec3 normal;
@@ -11,26 +11,28 @@ void main() {
   tone = vec4(colour.rgb * light, colour.a);
   gl_Position = view * model * vec4(place, 1.0);
 }`;
-// A line is a ribbon of so many pixels, spread in the picture's plane.
+// A line is drawn as a ribbon of constant width in pixels.
 const LINE_VERTEX = `
 attribute vec3 here, there; attribute float side;
 uniform mat4 view; uniform vec2 size; uniform float width; uniform vec4 colour;
 varying vec4 tone;
 void main() {
   vec4 a = view * vec4(here, 1.0), b = view * vec4(there, 1.0);
-  vec2 way = (b.xy / max(b.w, 0.01) - a.xy / max(a.w, 0.01)) * size;
-  float far = length(way);
-  vec2 across = far > 1e-6 ? vec2(-way.y, way.x) / far : vec2(0.0);
+  vec2 direction = (b.xy / max(b.w, 0.01) - a.xy / max(a.w, 0.01)) * size;
+  float far = length(direction);
+  vec2 across = far > 1e-6 ? vec2(-direction.y, direction.x) / far : vec2(0.0);
   gl_Position = a + vec4(across * side * width / size * a.w, -0.0005 * a.w, 0.0);
   tone = colour;
 }`;
-const LATE = 40, SLOW = 120;  // ms a drawing takes where it is rested from, and where it is coarser
-const REST = 3, LONGEST = 1000;  // parts of a drawing's time without one after it; ms, at most
-const STILL = 1e-4;  // rad or m by which joints move without being drawn anew
-const sleep = (time) => new Promise((go) => setTimeout(go, time));
+// Drawing time (ms) above which drawings are followed by a pause, and above which the resolution is reduced.
+const REST_THRESHOLD = 40, SLOW = 120;
+// Length of this pause as a multiple of the drawing time, and its limit in ms.
+const REST_FACTOR = 3, MAX_REST = 1000;
+const MOTION_TOLERANCE = 1e-4;  // rad or m; smaller joint motions are not drawn
+const sleep = (time) => new Promise((resolve) => setTimeout(resolve, time));
 const FRAGMENT = "precision mediump float; varying vec4 tone; void main() { gl_FragColor = tone; }";
 
-const multiply = (a, b) => {  // 4 x 4, row by row
+const multiply = (a, b) => {  // 4 x 4 matrices, row-major
   const c = new Array(16);
   for (let i = 0; i < 4; i++) for (let j = 0; j < 4; j++) {
     c[4 * i + j] = a[4 * i] * b[j] + a[4 * i + 1] * b[4 + j] + a[4 * i + 2] * b[8 + j] + a[4 * i + 3] * b[12 + j];
@@ -45,7 +47,7 @@ const dot = (a, b) => a[0] * b[0] + a[1] * b[1] + a[2] * b[2];
 const unit = (a) => { const n = Math.hypot(...a) || 1; return a.map((v) => v / n); };
 
 /** parent_T_child of a joint at a position. */
-export function placed(joint, position) {
+export function jointTransform(joint, position) {
   const [x, y, z] = joint.axis;
   let motion = IDENTITY;
   if (joint.kind === "prismatic") {
@@ -66,7 +68,7 @@ export function linkPoses(robot, positions) {
     for (let i = left.length - 1; i >= 0; i--) {
       const joint = left[i];
       if (!(joint.parent in poses)) continue;
-      poses[joint.child] = multiply(poses[joint.parent], placed(joint, positions[joint.name] || 0));
+      poses[joint.child] = multiply(poses[joint.parent], jointTransform(joint, positions[joint.name] || 0));
       left.splice(i, 1);
     }
   }
@@ -76,36 +78,36 @@ export function linkPoses(robot, positions) {
 export class Scene {
   constructor(canvas) {
     this.canvas = canvas;
-    this.robot = null; this.meshes = []; this.poses = {}; this.drawn = {};
+    this.robot = null; this.meshes = []; this.poses = {}; this.lastPositions = {};
     this.shapes = {}; this.lines = {};
     this.views = {
       all: { middle: [0, 0, 0.9], distance: 4.3, yaw: 0.75, pitch: 0.38 },
       run: { middle: [0, 0, 0.78], distance: 1.25, yaw: 0.95, pitch: 0.36 },
     };
     this.view = { ...this.views.run };
-    this.finest = 2; this.slow = 0;  // most pixels for one of the page's, and slow drawings in a row
-    this.wanted = this.drawing = false;
+    this.maxPixelRatio = 2; this.slowDrawings = 0;  // limit of the pixel ratio; slow drawings in a row
+    this.isDrawRequested = this.isDrawing = false;
     const given = { antialias: true, preserveDrawingBuffer: true };
     const gl = canvas.getContext("webgl2", given) || canvas.getContext("webgl", given);
-    if (!gl) throw new Error("this browser has no WebGL: the scene is not drawn, all else works");
+    if (!gl) throw new Error("this browser has no WebGL: the scene cannot be drawn; the rest of the page works");
     this.gl = gl;
     gl.getExtension("OES_element_index_uint");
-    this.solid = this._program(VERTEX);
-    this.ribbon = this._program(LINE_VERTEX);
+    this.solid = this._makeProgram(VERTEX);
+    this.ribbon = this._makeProgram(LINE_VERTEX);
     this.grid = this._lineBuffer(this._gridPoints(), true);
-    canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); this.lost = true; });
+    canvas.addEventListener("webglcontextlost", (e) => { e.preventDefault(); this.isContextLost = true; });
     canvas.addEventListener("webglcontextrestored", () => location.reload());
-    this._listen();
-    new ResizeObserver(() => this.ask()).observe(canvas);
-    this.ask();
+    this._addListeners();
+    new ResizeObserver(() => this.requestDraw()).observe(canvas);
+    this.requestDraw();
   }
 
-  setView(name) { this.view = { ...this.views[name], middle: [...this.views[name].middle] }; this.ask(); }
+  setView(name) { this.view = { ...this.views[name], middle: [...this.views[name].middle] }; this.requestDraw(); }
 
   setRobot(robot) {
     const gl = this.gl;
     for (const mesh of this.meshes) gl.deleteBuffer(mesh.buffer);
-    this.robot = robot; this.meshes = []; this.poses = {}; this.drawn = {};
+    this.robot = robot; this.meshes = []; this.poses = {}; this.lastPositions = {};
     for (const [link, parts] of Object.entries(robot.links)) {
       for (const part of parts) {
         const bytes = Uint8Array.from(atob(part.corners), (c) => c.charCodeAt(0));
@@ -120,27 +122,27 @@ export class Scene {
 
   setJoints(positions) {
     if (!this.robot) return;
-    const moved = Object.entries(positions).some(([name, q]) => !(Math.abs(q - this.drawn[name]) < STILL));
+    const moved = Object.entries(positions).some(([name, q]) => !(Math.abs(q - this.lastPositions[name]) < MOTION_TOLERANCE));
     if (!moved && Object.keys(this.poses).length) return;
-    this.drawn = positions;
+    this.lastPositions = positions;
     this.poses = linkPoses(this.robot, positions);
-    this.ask();
+    this.requestDraw();
   }
 
-  setShapes(changed, whole) {
-    if (whole) for (const name of Object.keys(this.shapes)) if (!(name in changed)) this._drop(name);
+  setShapes(changed, isFull) {
+    if (isFull) for (const name of Object.keys(this.shapes)) if (!(name in changed)) this._removeLine(name);
     for (const [name, shape] of Object.entries(changed)) {
-      this._drop(name);
+      this._removeLine(name);
       if (!shape || !shape.points.length) continue;
       this.shapes[name] = shape;
-      if (shape.kind === "faces") { this.lines[name] = { solid: this._faces(shape.points) }; continue; }
+      if (shape.kind === "faces") { this.lines[name] = { solid: this._makeFaces(shape.points) }; continue; }
       this.lines[name] = this._lineBuffer(shape.points, shape.kind === "lines");
-      if (shape.kind === "arrow") this.lines[name].solid = this._cone(shape);
+      if (shape.kind === "arrow") this.lines[name].solid = this._makeCone(shape);
     }
-    this.ask();
+    this.requestDraw();
   }
 
-  _drop(name) {
+  _removeLine(name) {
     const line = this.lines[name];
     if (line) {
       if (line.buffer) this.gl.deleteBuffer(line.buffer);
@@ -161,7 +163,7 @@ export class Scene {
     const rows = [], count = points.length / 3;
     for (let i = 0; i + 1 < count; i += pairs ? 2 : 1) {
       const a = points.slice(3 * i, 3 * i + 3), b = points.slice(3 * i + 3, 3 * i + 6);
-      // two triangles; seen from its other end a side is the other one
+      // two triangles; seen from the other end of the line, the sides are swapped
       rows.push(...a, ...b, 1, ...a, ...b, -1, ...b, ...a, -1, ...b, ...a, -1, ...a, ...b, -1, ...b, ...a, 1);
     }
     const gl = this.gl, buffer = gl.createBuffer();
@@ -170,41 +172,41 @@ export class Scene {
     return { buffer, count: rows.length / 7 };
   }
 
-  _cone(shape) {
+  _makeCone(shape) {
     const tail = shape.points.slice(0, 3), tip = shape.points.slice(3, 6);
-    const way = unit(minus(tip, tail)), radius = 1.4 * shape.width, long = 4 * shape.width;
-    const u = unit(cross(way, Math.abs(way[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), v = cross(way, u);
+    const direction = unit(minus(tip, tail)), radius = 1.4 * shape.width, long = 4 * shape.width;
+    const u = unit(cross(direction, Math.abs(direction[2]) < 0.9 ? [0, 0, 1] : [1, 0, 0])), v = cross(direction, u);
     const ring = (k) => {
       const a = 2 * Math.PI * k / 12, n = [0, 1, 2].map((i) => Math.cos(a) * u[i] + Math.sin(a) * v[i]);
       return { n, p: [0, 1, 2].map((i) => tip[i] + radius * n[i]) };
     };
-    const top = [0, 1, 2].map((i) => tip[i] + long * way[i]), rows = [];
+    const top = [0, 1, 2].map((i) => tip[i] + long * direction[i]), rows = [];
     for (let k = 0; k < 12; k++) {
-      const a = ring(k), b = ring(k + 1), down = way.map((w) => -w);
+      const a = ring(k), b = ring(k + 1), down = direction.map((w) => -w);
       rows.push(...a.p, ...a.n, ...b.p, ...b.n, ...top, ...a.n, ...a.p, ...down, ...tip, ...down, ...b.p, ...down);
     }
-    return this._solid(rows);
+    return this._solidBuffer(rows);
   }
 
   /** Triangles of a shape's points, each with its own normal. */
-  _faces(points) {
+  _makeFaces(points) {
     const rows = [];
     for (let i = 0; i + 8 < points.length; i += 9) {
       const corners = [0, 3, 6].map((k) => points.slice(i + k, i + k + 3));
       const normal = unit(cross(minus(corners[1], corners[0]), minus(corners[2], corners[0])));
       for (const corner of corners) rows.push(...corner, ...normal);
     }
-    return this._solid(rows);
+    return this._solidBuffer(rows);
   }
 
-  _solid(rows) {
+  _solidBuffer(rows) {
     const gl = this.gl, buffer = gl.createBuffer();
     gl.bindBuffer(gl.ARRAY_BUFFER, buffer);
     gl.bufferData(gl.ARRAY_BUFFER, new Float32Array(rows), gl.STATIC_DRAW);
     return { buffer, count: rows.length / 6 };
   }
 
-  _program(vertex) {
+  _makeProgram(vertex) {
     const gl = this.gl, program = gl.createProgram();
     for (const [kind, source] of [[gl.VERTEX_SHADER, vertex], [gl.FRAGMENT_SHADER, FRAGMENT]]) {
       const shader = gl.createShader(kind);
@@ -220,59 +222,59 @@ export class Scene {
     return { program, ...places };
   }
 
-  /** Draw when the browser next does; not at all while nobody sees it. */
-  ask() {
-    this.wanted = true;
-    if (!this.drawing) this._drawing();
+  /** Draw at the next animation frame; a hidden page has none. */
+  requestDraw() {
+    this.isDrawRequested = true;
+    if (!this.isDrawing) this._drawLoop();
   }
 
-  /** One drawing after the other: none begins before the last is there, else they would queue up. */
-  async _drawing() {
-    this.drawing = true;
+  /** Draw while requested. Each drawing waits for the previous one, so that drawings do not queue up. */
+  async _drawLoop() {
+    this.isDrawing = true;
     try {
-      while (this.wanted && !this.lost) {
+      while (this.isDrawRequested && !this.isContextLost) {
         await new Promise(requestAnimationFrame);
-        this.wanted = false;
-        const begin = performance.now();
+        this.isDrawRequested = false;
+        const start = performance.now();
         this.draw();
-        await this._drawn(begin);
-        const took = performance.now() - begin;
-        // Where no graphics card draws, fewer pixels keep the page alive, and pauses leave the
+        await this._waitForDraw(start);
+        const took = performance.now() - start;
+        // Without a graphics card, a lower resolution keeps the page responsive, and pauses leave the
         // processor to the simulator.
-        this.slow = took > SLOW ? this.slow + 1 : 0;
-        if (this.slow > 8 && this.finest > 0.5) { this.finest *= 0.75; this.slow = 0; }
-        if (took > LATE) await sleep(Math.min(REST * took, LONGEST));
+        this.slowDrawings = took > SLOW ? this.slowDrawings + 1 : 0;
+        if (this.slowDrawings > 8 && this.maxPixelRatio > 0.5) { this.maxPixelRatio *= 0.75; this.slowDrawings = 0; }
+        if (took > REST_THRESHOLD) await sleep(Math.min(REST_FACTOR * took, MAX_REST));
       }
-    } finally { this.drawing = false; }
+    } finally { this.isDrawing = false; }
   }
 
-  /** Until the graphics card, or who stands in for it, has drawn all that it was told. */
-  async _drawn(begin) {
+  /** Wait until the graphics card or its software replacement has finished the drawing. */
+  async _waitForDraw(start) {
     const gl = this.gl;
     if (!gl.fenceSync) return;  // WebGL 1
     const fence = gl.fenceSync(gl.SYNC_GPU_COMMANDS_COMPLETE, 0);
     gl.flush();
-    while (fence && !gl.isContextLost() && performance.now() - begin < 10 * LONGEST
+    while (fence && !gl.isContextLost() && performance.now() - start < 10 * MAX_REST
       && gl.getSyncParameter(fence, gl.SYNC_STATUS) !== gl.SIGNALED) await sleep(4);
     gl.deleteSync(fence);
   }
 
-  _eye() {
+  _cameraPosition() {
     const { middle, distance, yaw, pitch } = this.view;
     const back = [Math.cos(pitch) * Math.cos(yaw), Math.cos(pitch) * Math.sin(yaw), Math.sin(pitch)];
-    return { back, eye: middle.map((m, i) => m + distance * back[i]) };
+    return { back, position: middle.map((m, i) => m + distance * back[i]) };
   }
 
   _projection() {
-    const { back, eye } = this._eye(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
-    const look = [...right, -dot(right, eye), ...up, -dot(up, eye), ...back, -dot(back, eye), 0, 0, 0, 1];
+    const { back, position } = this._cameraPosition(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
+    const look = [...right, -dot(right, position), ...up, -dot(up, position), ...back, -dot(back, position), 0, 0, 0, 1];
     const f = 1 / Math.tan(0.39), near = 0.02, far = 40, aspect = this.canvas.width / this.canvas.height;
     return multiply([f / aspect, 0, 0, 0, 0, f, 0, 0, 0, 0, (far + near) / (near - far), 2 * far * near / (near - far),
       0, 0, -1, 0], look);
   }
 
   draw() {
-    const gl = this.gl, canvas = this.canvas, scale = Math.min(window.devicePixelRatio || 1, this.finest);
+    const gl = this.gl, canvas = this.canvas, scale = Math.min(window.devicePixelRatio || 1, this.maxPixelRatio);
     const width = Math.max(1, Math.round(canvas.clientWidth * scale)), height = Math.max(1, Math.round(canvas.clientHeight * scale));
     if (canvas.width !== width || canvas.height !== height) { canvas.width = width; canvas.height = height; }
     gl.viewport(0, 0, width, height);
@@ -298,7 +300,7 @@ export class Scene {
       const pixels = Math.min(5, Math.max(1.2, 0.75 * shape.width / this.view.distance * 1100));
       this._ribbon(line, shape.colour, pixels * scale);
     }
-    // An array left enabled on a buffer that is deleted before the next drawing would forbid that.
+    // WebGL refuses to draw while an enabled array lies in a deleted buffer.
     for (const name of ["here", "there", "side"]) gl.disableVertexAttribArray(this.ribbon[name]);
     for (const name of ["place", "normal"]) gl.disableVertexAttribArray(this.solid[name]);
   }
@@ -306,7 +308,7 @@ export class Scene {
   _triangles(mesh, model, colour) {
     const gl = this.gl, p = this.solid;
     gl.uniformMatrix4fv(p.model, false, model);
-    // black would show no shape at all
+    // lighten black, which would hide all shading
     gl.uniform4f(p.colour, ...colour.slice(0, 3).map((c) => 0.04 + 0.96 * c), colour[3]);
     gl.bindBuffer(gl.ARRAY_BUFFER, mesh.buffer);
     gl.enableVertexAttribArray(p.place);
@@ -328,34 +330,34 @@ export class Scene {
     gl.drawArrays(gl.TRIANGLES, 0, line.count);
   }
 
-  _listen() {
+  _addListeners() {
     const canvas = this.canvas;
-    let held = null;
+    let pointer = null;
     canvas.addEventListener("contextmenu", (e) => e.preventDefault());
     canvas.addEventListener("pointerdown", (e) => {
-      held = { x: e.clientX, y: e.clientY, move: e.button !== 0 || e.shiftKey };
+      pointer = { x: e.clientX, y: e.clientY, move: e.button !== 0 || e.shiftKey };
       canvas.setPointerCapture(e.pointerId);
     });
-    canvas.addEventListener("pointerup", () => { held = null; });
-    canvas.addEventListener("pointercancel", () => { held = null; });
+    canvas.addEventListener("pointerup", () => { pointer = null; });
+    canvas.addEventListener("pointercancel", () => { pointer = null; });
     canvas.addEventListener("pointermove", (e) => {
-      if (!held) return;
-      const dx = e.clientX - held.x, dy = e.clientY - held.y, view = this.view;
-      held.x = e.clientX; held.y = e.clientY;
-      if (held.move) {
-        const { back } = this._eye(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
+      if (!pointer) return;
+      const dx = e.clientX - pointer.x, dy = e.clientY - pointer.y, view = this.view;
+      pointer.x = e.clientX; pointer.y = e.clientY;
+      if (pointer.move) {
+        const { back } = this._cameraPosition(), right = unit(cross([0, 0, 1], back)), up = cross(back, right);
         const k = 0.82 * view.distance / canvas.clientHeight;
         view.middle = view.middle.map((m, i) => m - k * dx * right[i] + k * dy * up[i]);
       } else {
         view.yaw -= 0.008 * dx;
         view.pitch = Math.min(1.55, Math.max(-0.6, view.pitch + 0.008 * dy));
       }
-      this.ask();
+      this.requestDraw();
     });
     canvas.addEventListener("wheel", (e) => {
       e.preventDefault();
       this.view.distance = Math.min(15, Math.max(0.15, this.view.distance * Math.exp(0.001 * e.deltaY)));
-      this.ask();
+      this.requestDraw();
     }, { passive: false });
   }
 }

@@ -1,1 +1,1 @@
-"""What a run was worth: numbers, curves, tables and one page, without ROS."""
+"""Reports of runs: a page, metrics, figures and tables, without ROS."""

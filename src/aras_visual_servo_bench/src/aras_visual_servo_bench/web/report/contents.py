@@ -1,4 +1,4 @@
-"""What a report's page is made of, as plain values for its script: curves, film, scene, events."""
+"""Contents of a report page as JSON values for its script: curves, films, scene and events."""
 
 from __future__ import annotations
 
@@ -9,206 +9,226 @@ from typing import Any
 
 import numpy as np
 
-from ...drawing.shapes import FACES, LINES, STRIP, Shape, frustum, on_picture, picture_border
-from ...numbers.printing import headed
-from ...pictures.palette import LIVE_CURVES, SCENE, rgb
-from ...pictures.panels import Panel, last
-from ...pictures.views import servoed_poses, straight
-from ...recording.film import chosen, film
+from ...drawing.shapes import (
+    FACES,
+    LINES,
+    STRIP,
+    Shape,
+    compute_image_border,
+    make_frustum,
+    place_on_image_plane,
+)
+from ...metrics.formatting import format_heading
+from ...plots.palette import LIVE_CURVES, SCENE, to_rgb
+from ...plots.panels import Panel, find_last_time
+from ...plots.views import interpolate_poses, select_servoing_poses
+from ...recording.film import encode_film, select_frames
+from ...recording.image_tracks import compute_tracks, find_milestones
 from ...recording.run import Run
-from ...recording.tracks import milestones, tracks
 
-MOST_POSES = 2000  # of a path in space
-FRUSTUM = 0.2  # of a drawn camera, part of the scene
-NEAREST = 0.02  # m, least size of a scene
+MAX_POSES = 2000  # samples of a camera path
+FRUSTUM_SIZE = 0.2  # length of a camera frustum as a fraction of the scene size
+MIN_SCENE_SIZE = 0.02  # m
 START, GOAL, IDEAL, FACE, RIM = (
-    rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")
+    to_rgb(SCENE[name]) for name in ("start", "goal", "ideal", "face", "rim")
 )
 
 
-class Arrays:
-    """Arrays that go into the page once each, as base64 of float32."""
+class ArrayTable:
+    """Arrays of the page as base64 of float32; equal arrays are stored once."""
 
     def __init__(self) -> None:
         self.texts: list[str] = []
-        self._known: dict[bytes, int] = {}
+        self._indices: dict[bytes, int] = {}
 
-    def put(self, values: np.ndarray) -> int:
-        """The number under which the script finds it."""
+    def add(self, values: np.ndarray) -> int:
+        """Store an array, and return its index for the script."""
         content = np.ascontiguousarray(values, "<f4").tobytes()
-        if content not in self._known:
-            self._known[content] = len(self.texts)
+        if content not in self._indices:
+            self._indices[content] = len(self.texts)
             self.texts.append(base64.b64encode(content).decode())
-        return self._known[content]
+        return self._indices[content]
 
 
-def contents(
+def make_contents(
     runs: Sequence[Run], groups: Sequence[tuple[str, str, str, Sequence[Panel]]]
 ) -> dict[str, Any]:
-    """All of it.
+    """Return the contents of a report page.
 
     Args:
-        groups: key, title, words below, panels.
+        groups: key, title, description and panels of each group of plots.
     """
-    arrays = Arrays()
-    told = {
-        "end": last(runs),
+    arrays = ArrayTable()
+    contents = {
+        "end": find_last_time(runs),
         "runs": [
-            {"name": run.name, "events": _events(run), "film": _film(run, arrays),
-             "others": _other_films(run, arrays),
-             "poses": _poses(run, arrays)} for run in runs
+            {"name": run.name, "events": _list_events(run), "film": _convert_film(run, arrays),
+             "other_films": _convert_other_films(run, arrays),
+             "poses": _convert_poses(run, arrays)} for run in runs
         ],
         "groups": [{"key": key, "title": title, "text": text,
-                    "panels": [_panel(one, arrays) for one in found]}
+                    "panels": [_convert_panel(one, arrays) for one in found]}
                    for key, title, text, found in groups if found],
-        "scene": _scene(runs),
+        "scene": _make_scene(runs),
     }  # fmt: skip
-    return {**told, "arrays": arrays.texts}
+    return {**contents, "arrays": arrays.texts}
 
 
-def _panel(panel: Panel, arrays: Arrays) -> dict[str, Any]:
+def _convert_panel(panel: Panel, arrays: ArrayTable) -> dict[str, Any]:
     curves = []
     for curve in panel.curves:
-        time, values = curve.open()
-        curves.append({"name": curve.name, "run": curve.run, "shade": curve.shade,
-                       "dashed": curve.dashed, "pale": curve.pale,
-                       "x": arrays.put(time), "y": arrays.put(values)})  # fmt: skip
+        time, values = curve.insert_gaps()
+        curves.append({"name": curve.name, "run": curve.run, "colour_index": curve.colour_index,
+                       "dashed": curve.dashed, "is_pale": curve.is_pale,
+                       "x": arrays.add(time), "y": arrays.add(values)})  # fmt: skip
     return {
-        "title": headed(panel.title, panel.unit), "log": panel.log, "band": panel.band,
+        "title": format_heading(panel.title, panel.unit), "is_logarithmic": panel.is_logarithmic,
+        "band": panel.band,
         "levels": panel.levels, "limits": panel.limits, "marks": panel.marks, "span": panel.span,
-        "left_out": panel.left_out, "curves": curves,
+        "omitted_curves": panel.omitted_curves, "curves": curves,
     }  # fmt: skip
 
 
-def _events(run: Run) -> list[tuple[float, str, str, str]]:
-    """Since when (s) phase, outcome and reason are these, where they change."""
+def _list_events(run: Run) -> list[tuple[float, str, str, str]]:
+    """Return time (s), phase, outcome and reason of each image at which one of these changes."""
     rows = zip(run.time.tolist(), run.phases, run.outcomes, run.reasons, strict=True)
     return [next(same) for _, same in groupby(rows, key=lambda row: row[1:])]
 
 
-def _film(run: Run, arrays: Arrays) -> dict[str, Any] | None:
-    """Frames, and what is drawn over them, in the camera's pixels; None: no picture was kept."""
-    images = run.images
+def _convert_film(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
+    """Return the frames of the control camera and their overlay in pixels; None without images."""
+    images = run.control_record
     frames = images.film
-    if not frames and images.pictures:
-        stamps = set(chosen(np.array([stamp for stamp, _ in images.pictures]), run.began).tolist())
-        frames = film((one for one in images.pictures if one[0] in stamps), len(stamps))
+    if not frames and images.images:
+        stamps = set(
+            select_frames(np.array([stamp for stamp, _ in images.images]), run.start_stamp).tolist()
+        )
+        frames = encode_film((one for one in images.images if one[0] in stamps), len(stamps))
     if not frames:
         return None
     stamps = np.array([stamp for stamp, _ in frames])
-    camera, wanted = run.camera, run.wanted_outline()
-    height, width = (camera.height, camera.width) if camera else images.pictures[0][1].shape[:2]
+    camera, outline = run.camera, run.project_desired_outline()
+    height, width = (camera.height, camera.width) if camera else images.images[0][1].shape[:2]
     return {
-        "time": arrays.put(stamps - run.began), "width": width, "height": height,
+        "time": arrays.add(stamps - run.start_stamp), "width": width, "height": height,
         "frames": [base64.b64encode(frame).decode() for _, frame in frames],
-        "wanted": None if wanted is None else arrays.put(wanted), "tracks": _tracks(run, arrays),
-        "milestones": [stamp - run.began for stamp in milestones(run)],
+        "desired_outline": None if outline is None else arrays.add(outline),
+        "tracks": _convert_tracks(run, arrays),
+        "milestones": [stamp - run.start_stamp for stamp in find_milestones(run)],
     }  # fmt: skip
 
 
-def _other_films(run: Run, arrays: Arrays) -> list[dict[str, Any]]:
-    """Frames of the other cameras than the control camera, each with that one's name."""
+def _convert_other_films(run: Run, arrays: ArrayTable) -> list[dict[str, Any]]:
+    """Return the frames of all cameras except the control camera."""
     films = []
-    for name, seen in list(run.cameras.items())[1:]:
-        stamps = np.array([stamp for stamp, _ in seen.film])
-        kept = chosen(stamps, run.began)
-        if not len(kept):
+    for name, record in list(run.cameras.items())[1:]:
+        stamps = np.array([stamp for stamp, _ in record.film])
+        selected = select_frames(stamps, run.start_stamp)
+        if not len(selected):
             continue
-        frames = dict(seen.film)
+        frames = dict(record.film)
         films.append({
-            "camera": name, "time": arrays.put(kept - run.began),
-            "width": seen.model.width, "height": seen.model.height,
-            "frames": [base64.b64encode(frames[stamp]).decode() for stamp in kept.tolist()],
-            "wanted": None, "tracks": None, "milestones": [],
+            "camera": name, "time": arrays.add(selected - run.start_stamp),
+            "width": record.model.width, "height": record.model.height,
+            "frames": [base64.b64encode(frames[stamp]).decode() for stamp in selected.tolist()],
+            "desired_outline": None, "tracks": None, "milestones": [],
         })  # fmt: skip
     return films
 
 
-def _tracks(run: Run, arrays: Arrays) -> dict[str, Any] | None:
-    found = tracks(run)
+def _convert_tracks(run: Run, arrays: ArrayTable) -> dict[str, Any] | None:
+    found = compute_tracks(run)
     if found is None:
         return None
     return {
-        "time": arrays.put(found.stamp - run.began), "names": found.names,
-        "measured": found.measured, "desired": arrays.put(found.desired),
-        "pixels": [arrays.put(found.pixels[:, i]) for i in range(len(found.names))],
+        "time": arrays.add(found.stamp - run.start_stamp), "names": found.names,
+        "is_measured": found.is_measured, "desired": arrays.add(found.desired),
+        "pixels": [arrays.add(found.pixels[:, i]) for i in range(len(found.names))],
     }  # fmt: skip
 
 
-def _thinned(run: Run) -> np.ndarray:
-    """Some of the joint states (p,) while servoing, where the camera's pose is known."""
-    known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
-    at = np.flatnonzero(known)
-    return at[np.unique(np.linspace(0, len(at) - 1, min(MOST_POSES, len(at))).astype(int))]
+def _select_joint_states(run: Run) -> np.ndarray:
+    """Return the indices (p,) of joint states while servoing with a known camera pose.
+
+    At most MAX_POSES of them, evenly spaced.
+    """
+    is_known = run.servoing & np.isfinite(run.true_pose).all(axis=(1, 2))
+    at = np.flatnonzero(is_known)
+    return at[np.unique(np.linspace(0, len(at) - 1, min(MAX_POSES, len(at))).astype(int))]
 
 
-def _poses(run: Run, arrays: Arrays) -> dict[str, int] | None:
-    """World_T_camera, twelve numbers each, for the camera that moves; and places of the arm."""
-    at = _thinned(run)
+def _convert_poses(run: Run, arrays: ArrayTable) -> dict[str, int] | None:
+    """Return the camera poses, as 3x4 matrices world_T_camera row by row, and the joint origins."""
+    at = _select_joint_states(run)
     time, poses = run.joint_time[at], run.true_pose[at]
     if not len(time):
         return None
-    found = {"time": arrays.put(time), "rows": arrays.put(poses[:, :3].reshape(-1, 12))}
-    if run.arm_places.size:
-        places = run.arm_places[at]
-        found |= {"arm": arrays.put(places), "joints": places.shape[1]}
+    found = {"time": arrays.add(time), "rows": arrays.add(poses[:, :3].reshape(-1, 12))}
+    if run.joint_origins.size:
+        origins = run.joint_origins[at]
+        found |= {"arm": arrays.add(origins), "joints": origins.shape[1]}
     return found
 
 
-def _scene(runs: Sequence[Run]) -> dict[str, Any] | None:
-    """What stands still in space, where to look from, and the rim of a drawn camera."""
-    paths = [servoed_poses(run) for run in runs]
+def _make_scene(runs: Sequence[Run]) -> dict[str, Any] | None:
+    """Return the fixed shapes of the 3-D view, its centre and size, and the camera borders.
+
+    None without a camera path.
+    """
+    paths = [select_servoing_poses(run) for run in runs]
     if not any(map(len, paths)):
         return None
     goals = [run.goal_pose for run in runs if np.isfinite(run.goal_pose).all()]
-    corners = _corners(runs[0])
+    corners = _find_corners(runs[0])
     points = np.vstack([*(path[:, :3, 3] for path in paths), *(g[None, :3, 3] for g in goals),
                         corners])  # fmt: skip
     low, high = points.min(axis=0), points.max(axis=0)
-    size = max(float(np.linalg.norm(high - low)), NEAREST)
-    borders = [None if run.camera is None else picture_border(run.camera) for run in runs]
-    shapes: dict[str, list[Shape]] = {"target": _target(corners)}
-    several = len(runs) > 1  # beside whose colours nothing else has one
+    size = max(float(np.linalg.norm(high - low)), MIN_SCENE_SIZE)
+    borders = [None if run.camera is None else compute_image_border(run.camera) for run in runs]
+    shapes: dict[str, list[Shape]] = {"target": _triangulate_face(corners)}
+    several = len(runs) > 1  # colours then distinguish the runs
     for number, (run, path, border) in enumerate(zip(runs, paths, borders, strict=True)):
-        colour = _shade(number)
+        colour = _choose_colour(number)
         if not len(path):
             continue
-        own = [Shape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
+        run_shapes = [Shape("path", STRIP, path[:, :3, 3], (*colour, 1.0), 0.01 * size)]
         if np.isfinite(run.goal_pose).all():
-            ideal = straight(path[0], run.goal_pose)[:, :3, 3]
-            own.append(Shape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
+            ideal = interpolate_poses(path[0], run.goal_pose)[:, :3, 3]
+            run_shapes.append(Shape("straight", LINES, ideal, (*IDEAL, 0.8), 0.003 * size))
             if border is not None:
-                own += frustum("goal", run.goal_pose, border, FRUSTUM * size,
+                run_shapes += make_frustum("goal", run.goal_pose, border, FRUSTUM_SIZE * size,
                                (*(IDEAL if several else GOAL), 0.9))  # fmt: skip
         if border is not None:
-            own += frustum("start", path[0], border, FRUSTUM * size,
+            run_shapes += make_frustum("start", path[0], border, FRUSTUM_SIZE * size,
                            (*(IDEAL if several else START), 0.6))  # fmt: skip
-        shapes[str(number)] = own
+        shapes[str(number)] = run_shapes
     return {
         "middle": (0.5 * (low + high)).tolist(), "size": size,
-        "shapes": {key: [[shape.name, shape.plain()] for shape in some]
+        "shapes": {key: [[shape.name, shape.to_json()] for shape in some]
                    for key, some in shapes.items()},
-        "arm": FACE, "colours": [[*(_shade(k) if several else RIM), 1.0] for k in range(len(runs))],
-        "rims": [[] if border is None else on_picture(border, border, FRUSTUM * size).tolist()
+        "arm": FACE, "colours": [[*(_choose_colour(k) if several else RIM), 1.0]
+            for k in range(len(runs))],
+        "rims": [[] if border is None else place_on_image_plane(border, border,
+            FRUSTUM_SIZE * size).tolist()
                  for border in borders],
     }  # fmt: skip
 
 
-def _shade(number: int) -> tuple[float, float, float]:
-    """The colour of a run in space."""
-    return rgb(LIVE_CURVES[number % len(LIVE_CURVES)])
+def _choose_colour(number: int) -> tuple[float, float, float]:
+    """Return the colour of a run in the 3-D view."""
+    return to_rgb(LIVE_CURVES[number % len(LIVE_CURVES)])
 
 
-def _corners(run: Run) -> np.ndarray:
-    """Of the target's face (c, 3), in the world; none: it is not known."""
+def _find_corners(run: Run) -> np.ndarray:
+    """Return the corners (c, 3) of the target's face in the world frame; c = 0 if it is unknown."""
     if run.target is None:
         return np.zeros((0, 3))
-    placed = run.target.world_T_target(run.began)
-    return run.target.shape.vertices() @ placed[:3, :3].T + placed[:3, 3]
+    pose = run.target.world_T_target(run.start_stamp)
+    return run.target.shape.vertices() @ pose[:3, :3].T + pose[:3, 3]
 
 
-def _target(corners: np.ndarray) -> list[Shape]:
-    """Its face, of triangles about its middle, and its rim."""
+def _triangulate_face(corners: np.ndarray) -> list[Shape]:
+    """Return the target's face as triangles around its centre, and its border line."""
     if len(corners) < 3:
         return []
     after, middle = np.roll(corners, -1, axis=0), corners.mean(axis=0)

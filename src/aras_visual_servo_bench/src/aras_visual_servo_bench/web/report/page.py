@@ -1,4 +1,4 @@
-"""The report as one page that needs no other file."""
+"""The report as a single HTML file without external resources."""
 
 from __future__ import annotations
 
@@ -9,126 +9,129 @@ from pathlib import Path
 
 import jinja2
 
-from ...asked.experiment_keys import unit_of
-from ...numbers.printing import NONE, amount, number
-from ...numbers.summary import Quantity, best, shown
-from ...pictures.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, css
-from ...pictures.panels import Panel
+from ...experiment.experiment_keys import find_unit
+from ...metrics.formatting import NO_NUMBER, format_number, format_quantity
+from ...metrics.summary import Quantity, find_best_runs, format_quantities
+from ...plots.palette import LIVE_CURVES, REPORT, REPORT_DARK, SCENE, make_css
+from ...plots.panels import Panel
 from ...recording.run import Run
 from .. import SHARED
-from ..uplot import SCRIPT, STYLE, uplot
-from .contents import contents
+from ..uplot import SCRIPT, STYLE, read_uplot
+from .contents import make_contents
 
-# On the tiles: key, factor, unit of what is printed, words.
+# Tiles of a single run: metric, factor to the printed unit, printed unit, text.
 TILES = (
-    ("settled", 1.0, "s", "until it stays within 2 % of its first distance"),
-    ("final_distance", 1e3, "mm", "camera off its goal"),
-    ("final_angle", 180.0 / math.pi, "°", "camera turned from its goal"),
-    ("path_ratio", 1.0, "", "camera's path over a straight line"),
-    ("decay_rate", 1.0, "1/s", "decay of the error"),
-    ("condition_L", 1.0, "", "greatest condition number of L"),
-    ("image_rate", 1.0, "Hz", "images in simulated time"),
-    ("real_time_factor", 1.0, "×", "real time"),
+    ("settled", 1.0, "s", "settling time (2 % of the initial distance)"),
+    ("final_distance", 1e3, "mm", "final position error"),
+    ("final_angle", 180.0 / math.pi, "°", "final orientation error"),
+    ("path_ratio", 1.0, "", "path length / straight line"),
+    ("decay_rate", 1.0, "1/s", "decay rate of the error"),
+    ("condition_L", 1.0, "", "largest condition number of L"),
+    ("image_rate", 1.0, "Hz", "image rate (simulated time)"),
+    ("real_time_factor", 1.0, "×", "real-time factor"),
 )
 
 
-MOST_ROWS = 250  # of a table; a browser takes seconds for some thousands
-FOLDER = Path(__file__).parent / "page"
+MAX_ROWS = 250  # rows of a table; browsers take seconds to lay out thousands
+PAGE_FOLDER = Path(__file__).parent / "page"
 SCRIPTS = (*(SHARED / f"{name}.js" for name in ("scene", "charts")),
-           *(FOLDER / f"{name}.js" for name in ("film", "report")))
+           *(PAGE_FOLDER / f"{name}.js" for name in ("film", "report")))
 
 
-def page(
+def make_page(
     title: str,
     runs: Sequence[Run],
     summaries: Sequence[Sequence[Quantity]],
     groups: Sequence[tuple[str, str, str, Sequence[Panel]]],
     footer: str,
 ) -> str:
-    """The HTML text.
+    """Return the HTML text of a report.
 
     Args:
-        summaries: of each run. groups: of panels of curves: key, title, words below, panels.
+        summaries: quantities of each run.
+        groups: key, title, description and panels of each group of plots.
 
     Raises:
-        BenchError: the library that draws the curves is not there.
+        BenchError: the plotting library uPlot is not installed.
     """
-    made = jinja2.Environment(
-        loader=jinja2.FileSystemLoader(FOLDER),
+    environment = jinja2.Environment(
+        loader=jinja2.FileSystemLoader(PAGE_FOLDER),
         autoescape=True, trim_blocks=True, lstrip_blocks=True,
     )  # fmt: skip
     groups = [group for group in groups if group[-1]]
-    told = contents(runs, groups)
-    tracked = [run["film"]["tracks"] for run in told["runs"] if run["film"]]
-    return made.get_template("index.html").render(
+    contents = make_contents(runs, groups)
+    tracks = [run["film"]["tracks"] for run in contents["runs"] if run["film"]]
+    return environment.get_template("index.html").render(
         title=title,
-        uplot_style=uplot(STYLE), uplot_script=uplot(SCRIPT),
-        colours=css(REPORT) + css(REPORT_DARK, "[data-theme=dark]"),
+        uplot_style=read_uplot(STYLE), uplot_script=read_uplot(SCRIPT),
+        colours=make_css(REPORT) + make_css(REPORT_DARK, "[data-theme=dark]"),
         style=(SHARED / "style.css").read_text(encoding="utf-8"),
         scripts="\n".join(path.read_text(encoding="utf-8") for path in SCRIPTS),
-        contents=in_script({**told, "colours": LIVE_CURVES, **{
+        contents=to_script_json({**contents, "colours": LIVE_CURVES, **{
             name: SCENE[name] for name in ("goal", "start", "ideal", "face")}}),
-        film=_tracked(tracked) if tracked else "", scene=told["scene"],
-        runs=[_run(run, quantities) for run, quantities in
+        film=_describe_tracks(tracks) if tracks else "", scene=contents["scene"],
+        runs=[_render_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],
-        tiles=_tiles(summaries[0]) if len(runs) == 1 else [],
-        comparison=_comparison(runs, summaries) if len(runs) > 1 else [],
+        tiles=_render_tiles(summaries[0]) if len(runs) == 1 else [],
+        comparison=_render_comparison(runs, summaries) if len(runs) > 1 else [],
         groups=[{"key": key, "title": title, "text": text, "count": len(found)}
                 for key, title, text, found in groups],
         footer=footer,
     )  # fmt: skip
 
 
-def in_script(values: object) -> str:
-    """JSON that may stand within a script: no name in it can end that."""
+def to_script_json(values: object) -> str:
+    """Return JSON for a script element, with < > & escaped so that no text can close it."""
     text = json.dumps(values, separators=(",", ":"), allow_nan=False)
     return text.replace("<", "\\u003c").replace(">", "\\u003e").replace("&", "\\u0026")
 
 
-def _tracked(tracks: Sequence[Mapping[str, object] | None]) -> str:
-    """Whose paths the film shows, in words."""
+def _describe_tracks(tracks: Sequence[Mapping[str, object] | None]) -> str:
+    """Name the points whose image trajectories the film shows."""
     if not any(tracks):
-        return "nothing that is known"
-    return "the features" if any(t and t["measured"] for t in tracks) else "the target's corners"
+        return "no known points"
+    return "the features" if any(t and t["is_measured"] for t in tracks) else "the target's corners"
 
 
-def _run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
-    settings = {key: amount(value, unit_of(key)) for key, value in run.settings.items()}
-    told = ", ".join(f"{key} {value}" for key, value in list(settings.items())[:7])
+def _render_run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object]:
+    settings = {key: format_quantity(value, find_unit(key)) for key, value in run.settings.items()}
+    main_settings = ", ".join(f"{key} {value}" for key, value in list(settings.items())[:7])
     return {
-        "name": run.name, "outcome": run.outcome, "verdict": run.verdict.word,
-        "converged": run.held, "reached": run.verdict.reached, "reason": run.reason,
-        "remedy": run.remedy, "notes": run.notes, "quantities": quantities[:MOST_ROWS],
-        "more": len(quantities[MOST_ROWS:]),
+        "name": run.name, "outcome": run.outcome, "verdict": run.verdict.name,
+        "converged": run.is_held_at_goal, "reached": run.verdict.is_reached, "reason": run.reason,
+        "remedy": run.remedy, "notes": run.notes, "quantities": quantities[:MAX_ROWS],
+        "more": len(quantities[MAX_ROWS:]),
         "settings": list(settings.items()), "versions": list(run.versions.items()),
         "experiment": run.yaml,
-        "meta": " · ".join(filter(None, (run.source, told))),
+        "meta": " · ".join(filter(None, (run.source, main_settings))),
     }  # fmt: skip
 
 
-def _tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
-    known = {q.key: q.value for q in quantities}
+def _render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
+    values = {q.key: q.value for q in quantities}
     found = []
     for key, factor, unit, text in TILES:
-        value = known.get(key, float("nan"))
+        value = values.get(key, float("nan"))
         if isinstance(value, float) and math.isfinite(value):
-            found.append({"value": amount(number(factor * value), unit), "text": text})
+            found.append(
+                {"value": format_quantity(format_number(factor * value), unit), "text": text}
+            )
     return found
 
 
-def _comparison(
+def _render_comparison(
     runs: Sequence[Run], summaries: Sequence[Sequence[Quantity]]
 ) -> list[Mapping[str, object]]:
-    """A row a quantity that at least two runs have, a column a run, the best marked."""
-    keys = list(dict.fromkeys(q.key for qs in summaries for q in qs[:MOST_ROWS]))
+    """Return a row for each quantity that at least two runs have, with the best values marked."""
+    keys = list(dict.fromkeys(q.key for qs in summaries for q in qs[:MAX_ROWS]))
     rows = []
     for key in keys:
         row = [{q.key: q for q in qs}.get(key) for qs in summaries]
         first = next(q for q in row if q is not None)
-        cells = shown(row)
-        if sum(cell != NONE for cell in cells) < 2:
+        cells = format_quantities(row)
+        if sum(cell != NO_NUMBER for cell in cells) < 2:
             continue
-        top = best(runs, summaries, key)
+        top = find_best_runs(runs, summaries, key)
         rows.append({
             "key": key, "unit": first.unit, "text": first.text,
             "cells": [{"value": cell, "best": i in top} for i, cell in enumerate(cells)],

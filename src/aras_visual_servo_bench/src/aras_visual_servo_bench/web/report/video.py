@@ -1,4 +1,4 @@
-"""A run's report with a video of its images."""
+"""Reports with a video of the run's images."""
 
 from __future__ import annotations
 
@@ -7,29 +7,37 @@ from pathlib import Path
 import cv2
 import numpy as np
 
-from ...errors import StudyError, writing
+from ...errors import StudyError, catch_write_errors
 from ...recording.run import Run
 from .write import write_report
 
 
 def write_with_video(run: Run, out: Path) -> list[Path]:
-    """Write a report, with video.mp4 where the run has images; StudyError where it cannot."""
-    with writing(f"into {out}"):
+    """Write a report and, if the run has images, video.mp4; return the paths of all files.
+
+    Raises:
+        StudyError: a file cannot be written.
+    """
+    with catch_write_errors(f"into {out}"):
         written = write_report([run], out, ("png",))
-        if run.images.pictures:
+        if run.control_record.images:
             written.append(write_video(run, out / "video.mp4"))
     return written
 
 
 def write_video(run: Run, path: Path) -> Path:
-    """Write the images of a run as a video; StudyError where it cannot."""
-    stamp, pictures = run.stamp, [picture for _, picture in run.images.pictures]
+    """Write the images of a run as a video with the run's median image rate.
+
+    Raises:
+        StudyError: the file cannot be written.
+    """
+    stamp, images = run.stamp, [image for _, image in run.control_record.images]
     rate = 1.0 / float(np.median(np.diff(stamp))) if len(stamp) > 1 else 30.0
-    height, width = pictures[0].shape[:2]
+    height, width = images[0].shape[:2]
     writer = cv2.VideoWriter(str(path), cv2.VideoWriter.fourcc(*"mp4v"), rate, (width, height))
     if not writer.isOpened():
         raise StudyError(f"cannot write the video {path}")
-    for picture in pictures:
-        writer.write(np.ascontiguousarray(picture[..., ::-1]))
+    for image in images:
+        writer.write(np.ascontiguousarray(image[..., ::-1]))
     writer.release()
     return path

@@ -1,4 +1,4 @@
-"""A report into a folder: page, figures, tables, numbers."""
+"""Writing of reports: a folder with a page, figures, tables and metrics."""
 
 from __future__ import annotations
 
@@ -21,176 +21,186 @@ import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.figure import Figure
 
-from aras_visual_servo_base.names import nearest
+from aras_visual_servo_base.names import suggest
 
-from ...errors import BenchError, check_formats, writing
-from ...numbers.metrics import condition
-from ...numbers.printing import legible
-from ...numbers.summary import Quantity, mapping, summarise
-from ...pictures import over_time, panels, style, views
-from ...pictures.over_time import Layout
-from ...pictures.panels import Panel
-from ...pictures.style import KINDS
+from ...errors import BenchError, catch_write_errors, check_formats
+from ...metrics.formatting import make_printable
+from ...metrics.metrics import condition_number
+from ...metrics.summary import Quantity, make_mapping, summarise
+from ...plots import panels, style, time_plots, views
+from ...plots.panels import Panel
+from ...plots.style import FILE_FORMATS
+from ...plots.time_plots import Layout
 from ...recording.run import Run
-from .page import page
+from .page import make_page
 
-Drawing = Callable[[Sequence[Run]], Figure | None]
+FigureFunction = Callable[[Sequence[Run]], Figure | None]
 
 
 @dataclass(frozen=True)
 class Chapter:
-    """A chapter of a report: a figure in a file, and panels of curves on the page.
+    """A chapter of a report: a figure file, and a group of time plots on the page.
 
-    name: of the files. title: of both. text: below. draw: the figure of what is no curve over
-    time. panels: of curves over time. heading: of their figure, layout: of it.
+    Attributes:
+        name: name of the figure's files.
+        title: heading of the group on the page.
+        text: description below the heading.
+        draw: function that draws the figure, if it is not a time plot.
+        panels: function that returns the panels of the time plots.
+        heading, layout: heading and layout of the figure with these panels.
     """
 
     name: str
     title: str
     text: str
-    draw: Drawing | None = None
+    draw: FigureFunction | None = None
     panels: Callable[[Sequence[Run]], list[Panel]] = lambda runs: []
     heading: str = ""
     layout: Layout = Layout()
 
-    def figure(self, runs: Sequence[Run]) -> Figure | None:
-        """Its figure; None where the runs have none."""
+    def draw_figure(self, runs: Sequence[Run]) -> Figure | None:
+        """Draw the figure; return None if the runs have no data for it."""
         if self.draw is not None:
             return self.draw(runs)
-        return over_time.drawn(self.panels(runs), runs, self.heading, self.layout)
+        return time_plots.draw_panels(self.panels(runs), runs, self.heading, self.layout)
 
 
-# Rows of figures, which stand beside each other.
-PARTS: tuple[tuple[Chapter, ...], ...] = (
-    (Chapter("filmstrip", "Filmstrip", "What the camera saw as the error shrank; green: the "
-             "outline that the goal wants.", views.filmstrip),),
-    (Chapter("feature_errors", "Errors", "Errors by unit, and their norm with each in parts of "
-             "its largest.", None, panels.errors, "Feature errors s − s*", Layout(1.75, legend=6)),
-     Chapter("pose_errors", "Pose", "Of the true camera; what the loop itself does not know.",
-             None, panels.poses, "Distance of the camera from its goal", Layout(1.9))),
-    (Chapter("features", "Features", "As measured, and as wanted (dashed).", None,
-             panels.features, "Features s", Layout(2.0, legend=6)),
-     Chapter("camera_twist", "Twist", "In the camera's optical frame: x right, y down, z ahead. "
-             "Dashed: asked.", None, panels.twists, "Twist of the camera", Layout(2.1))),
-    (Chapter("image_trajectory", "Image plane", "Behind the curves: the last picture.",
-             views.image_trajectory),
-     Chapter("camera_path", "Path", "In the world's frame; frusta open along the optical axis.",
-             views.camera_path)),
-    (Chapter("joint_positions", "Joints", "Red: limits of the description.", None, panels.joints,
-             "Positions", Layout(1.25, columns=2, beside="Speeds")),),
-    (Chapter("conditioning", "Conditioning", "L in its modelled directions; L J is what the arm "
-             "inverts. Scale: the factor by which limits slowed the task.", None,
-             panels.conditioning, "Conditioning", Layout(1.5)),
-     Chapter("timing", "Timing", "In simulated time; the real-time factor is what the simulator "
-             "tells. A delay below 0: the picture came before the clock message that tells the "
-             "recorder its time.", None, panels.timing, "Time between images", Layout(1.5))),
+# Each row of figures is drawn side by side with equal heights.
+CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
+    (Chapter("filmstrip", "Filmstrip", "Camera images while the error decreases. Green: the "
+             "desired outline.", views.draw_filmstrip),),
+    (Chapter("feature_errors", "Errors", "Feature errors by unit, and the norm of the errors, "
+             "each divided by its maximum.", None, panels.make_error_panels,
+             "Feature errors s − s*", Layout(1.75, legend_columns=6)),
+     Chapter("pose_errors", "Pose", "Errors of the true camera pose.",
+             None, panels.make_pose_panels, "Distance of the camera from its goal", Layout(1.9))),
+    (Chapter("features", "Features", "Measured features, and desired features (dashed).", None,
+             panels.make_feature_panels, "Features s", Layout(2.0, legend_columns=6)),
+     Chapter("camera_twist", "Twist", "In the optical frame of the camera: x right, y down, z "
+             "forward. Dashed: desired twist.", None, panels.make_twist_panels,
+             "Twist of the camera", Layout(2.1))),
+    (Chapter("image_trajectory", "Image plane", "Image trajectories over the last image.",
+             views.draw_image_trajectory),
+     Chapter("camera_path", "Path", "In the world frame. Frusta open along the optical axis.",
+             views.draw_camera_path)),
+    (Chapter("joint_positions", "Joints", "Red: limits of the robot description.", None,
+        panels.make_joint_panels,
+             "Positions", Layout(1.25, columns=2, second_column="Speeds")),),
+    (Chapter("conditioning", "Conditioning", "Condition number of L in its modelled directions, "
+             "and of L J, which the controller inverts. Scale: velocity scaling by limits.", None,
+             panels.make_conditioning_panels, "Conditioning", Layout(1.5)),
+     Chapter("timing", "Timing", "In simulated time. The simulator reports the real-time factor. "
+             "A negative delay means that the image arrived before the clock message with its "
+             "time.", None, panels.make_timing_panels, "Time between images",
+             Layout(1.5))),
 )  # fmt: skip
-DRAWING = 2  # processes that draw figures: more would each wait for the longest row
-NAMES = tuple(part.name for row in PARTS for part in row)
+DRAWING_PROCESSES = 2  # more do not help: the slowest row determines the time
+CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
 
 
 def write_report(
     runs: Sequence[Run],
     out: Path,
-    kinds: Sequence[str] = KINDS,
+    kinds: Sequence[str] = FILE_FORMATS,
     paper: bool = False,
     progress: Callable[[float, str], None] = lambda part, what: None,
 ) -> list[Path]:
-    """Write the report of one or more runs: a page with all curves, numbers and figures.
+    """Write the report of one or more runs: a page with plots and metrics, figures and tables.
 
     The folder gets report.html, summary.json, summary.csv, figures/ and data/.
 
     Args:
-        runs: one run, or several to be compared.
-        out: folder, made if need be; files of the same names are overwritten.
-        kinds: formats of the figures as files, of png, svg, pdf; the page needs none of them.
-        paper: whether figures are vector files alone, as wide as a paper's column.
-        progress: called with the part that is done, 0 to 1, and what comes next.
+        runs: one run, or several runs to compare.
+        out: folder, created if necessary; existing files of the same names are overwritten.
+        kinds: formats of the figure files, from png, svg and pdf; the page does not use them.
+        paper: write only vector figures, in the width of a paper's column.
+        progress: called with the finished fraction, 0 to 1, and the name of the next step.
 
     Returns:
-        The files, the page first.
+        The paths of the files, the page first.
 
     Raises:
-        BenchError: a kind that there is not, or a folder that cannot be written to.
+        BenchError: a format is unknown, or the folder is not writable.
     """
-    check_formats(kinds, KINDS)
+    check_formats(kinds, FILE_FORMATS)
     if not runs:
-        raise BenchError("nothing to report on")
-    with writing(f"the report into {out}"):
-        return _Report(runs, out, kinds, paper, progress).write()
+        raise BenchError("a report needs at least one run")
+    with catch_write_errors(f"the report into {out}"):
+        return _ReportWriter(runs, out, kinds, paper, progress).write()
 
 
 def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
     """Draw one figure of a report into a file.
 
     Args:
-        runs: one run, or several to be compared.
-        name: of the figure, as its file in the folder `figures` of a report is named.
-        path: of the file; its suffix says the format, as .png, .svg or .pdf.
+        runs: one run, or several runs to compare.
+        name: name of the figure, equal to that of its file in the folder `figures` of a report.
+        path: path of the file; its suffix, such as .png, .svg or .pdf, selects the format.
 
     Raises:
-        BenchError: there is no such figure, the runs have none of it, or it cannot be written.
+        BenchError: the figure is unknown, the runs have no data for it, or it cannot be written.
     """
-    chapters = {chapter.name: chapter for row in PARTS for chapter in row}
+    chapters = {chapter.name: chapter for row in CHAPTERS for chapter in row}
     if name not in chapters:
-        raise BenchError(f"no figure '{name}': {nearest(name, chapters)}")
-    with style.look(), writing(path, BenchError):
-        figure = chapters[name].figure(runs)
+        raise BenchError(f"no figure '{name}': {suggest(name, chapters)}")
+    with style.apply_style(), catch_write_errors(path, BenchError):
+        figure = chapters[name].draw_figure(runs)
         if figure is None:
-            raise BenchError(f"the runs have no figure '{name}'")
+            raise BenchError(f"the runs have no data for the figure '{name}'")
         figure.savefig(path)
 
 
-class _Report:
-    """One report on its way."""
+class _ReportWriter:
+    """Writer of one report."""
 
     def __init__(
         self, runs: Sequence[Run], out: Path, kinds: Sequence[str], paper: bool,
         progress: Callable[[float, str], None],
     ) -> None:  # fmt: skip
         self.runs, self.out, self.progress = list(runs), out, progress
-        self.kinds, self.paper = [k for k in kinds if not (paper and k == "png")], paper
-        self.written: list[Path] = []
-        self._steps, self._done = (len(PARTS) if self.kinds else 0) + 2, 0
+        self.formats, self.paper = [k for k in kinds if not (paper and k == "png")], paper
+        self.files: list[Path] = []
+        self._steps, self._finished_steps = (len(CHAPTERS) if self.formats else 0) + 2, 0
 
     def write(self) -> list[Path]:
-        """All files."""
+        """Write all files, and return their paths, the page first."""
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
-        self._next("numbers")
+        self._report_progress("numbers")
         summaries = [summarise(run) for run in self.runs]
-        self._numbers(summaries)
+        self._write_numbers(summaries)
         for number, run in enumerate(self.runs):
             label = "" if len(self.runs) == 1 else f"{number + 1}_"
-            for name, table in tables(run).items():
-                self._text(self.out / "data" / f"{label}{name}.csv", table)
-        self._next("page")
+            for name, table in make_tables(run).items():
+                self._write_text(self.out / "data" / f"{label}{name}.csv", table)
+        self._report_progress("page")
         names = [run.name for run in self.runs]
         title = names[0] if len(names) == 1 else "Comparison of " + ", ".join(names)
         footer = f"Written {datetime.now():%Y-%m-%d %H:%M} by aras_visual_servo_bench analyze."
-        groups = [(p.name, p.title, p.text, p.panels(self.runs)) for row in PARTS for p in row]
-        text = page(title, self.runs, summaries, groups, footer)
-        self._text(self.out / "report.html", text)
-        if self.kinds:
-            for number, written in self._rows():
-                self._next(" and ".join(part.title.lower() for part in PARTS[number]))
-                self.written += written
+        groups = [(p.name, p.title, p.text, p.panels(self.runs)) for row in CHAPTERS for p in row]
+        text = make_page(title, self.runs, summaries, groups, footer)
+        self._write_text(self.out / "report.html", text)
+        if self.formats:
+            for number, written in self._draw_rows():
+                self._report_progress(" and ".join(part.title.lower() for part in CHAPTERS[number]))
+                self.files += written
         self.progress(1.0, "done")
         return [self.out / "report.html",
-                *(path for path in self.written if path.name != "report.html")]  # fmt: skip
+                *(path for path in self.files if path.name != "report.html")]  # fmt: skip
 
-    def _next(self, what: str) -> None:
-        self.progress(self._done / self._steps, what)
-        self._done += 1
+    def _report_progress(self, what: str) -> None:
+        self.progress(self._finished_steps / self._steps, what)
+        self._finished_steps += 1
 
-    def _text(self, path: Path, text: str) -> None:
-        path.write_text(legible(text), encoding="utf-8")
-        self.written.append(path)
+    def _write_text(self, path: Path, text: str) -> None:
+        path.write_text(make_printable(text), encoding="utf-8")
+        self.files.append(path)
 
-    def _numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:
-        told = [mapping(r, qs) for r, qs in zip(self.runs, summaries, strict=True)]
-        text = json.dumps(told[0] if len(told) == 1 else told, indent=2, ensure_ascii=False)
-        self._text(self.out / "summary.json", text + "\n")
+    def _write_numbers(self, summaries: Sequence[Sequence[Quantity]]) -> None:
+        mappings = [make_mapping(r, qs) for r, qs in zip(self.runs, summaries, strict=True)]
+        values = mappings[0] if len(mappings) == 1 else mappings
+        text = json.dumps(values, indent=2, ensure_ascii=False)
+        self._write_text(self.out / "summary.json", text + "\n")
         stream = io.StringIO()
         rows = csv.writer(stream)
         rows.writerow(["run", "quantity", "value", "unit", "what it is"])
@@ -198,79 +208,79 @@ class _Report:
             for q in quantities:
                 value = "" if isinstance(q.value, float) and math.isnan(q.value) else q.value
                 rows.writerow([run.name, q.key, value, q.unit, q.text])
-        self._text(self.out / "summary.csv", stream.getvalue())
+        self._write_text(self.out / "summary.csv", stream.getvalue())
 
-    def _rows(self) -> Iterator[tuple[int, list[Path]]]:
-        """Draw all rows of figures; each row's number and files, once they are written.
+    def _draw_rows(self) -> Iterator[tuple[int, list[Path]]]:
+        """Draw all rows of figures, and yield the number and files of each finished row.
 
-        Two processes draw them where that is safe: a copy of a process with several threads may
-        wait for ever for a lock that a thread held.
+        Two processes draw in parallel if this process has a single thread. The fork of a process
+        with several threads could wait forever for a lock that another thread holds.
         """
         alone = threading.active_count() == 1 and len(os.sched_getaffinity(0)) > 1
-        if not alone or len(self.kinds) == 1:
-            yield from ((number, self.row(number)) for number in range(len(PARTS)))
+        if not alone or len(self.formats) == 1:
+            yield from ((number, self.draw_row(number)) for number in range(len(CHAPTERS)))
             return
         fork = multiprocessing.get_context("fork")
-        with ProcessPoolExecutor(DRAWING, fork, _share, (self,)) as pool:
+        with ProcessPoolExecutor(DRAWING_PROCESSES, fork, _set_shared_report, (self,)) as pool:
             try:
-                for done in as_completed(pool.submit(_row, n) for n in range(len(PARTS))):
+                for done in as_completed(pool.submit(_draw_row, n) for n in range(len(CHAPTERS))):
                     yield done.result()
             except BrokenProcessPool:
                 raise BenchError(
-                    "a process that drew figures was ended: is there memory enough?"
+                    "a process that drew figures was killed: check whether the memory is sufficient"
                 ) from None
 
-    def row(self, number: int) -> list[Path]:
-        """Draw a row's figures into files, which it answers."""
-        with style.look(paper=self.paper):
-            drawn = [(part.name, part.figure(self.runs)) for part in PARTS[number]]
+    def draw_row(self, number: int) -> list[Path]:
+        """Draw the figures of a row into files, and return their paths."""
+        with style.apply_style(is_paper=self.paper):
+            drawn = [(part.name, part.draw_figure(self.runs)) for part in CHAPTERS[number]]
             drawn = [(name, figure) for name, figure in drawn if figure is not None]
             if drawn and not self.paper:
-                style.level([figure for _, figure in drawn])
+                style.equalize_heights([figure for _, figure in drawn])
             written = []
             for name, figure in drawn:
-                for kind in self.kinds:
+                for kind in self.formats:
                     written.append(self.out / "figures" / f"{name}.{kind}")
-                    written[-1].write_bytes(_drawn(figure, kind))
+                    written[-1].write_bytes(_encode_figure(figure, kind))
                 plt.close(figure)
         return written
 
 
-def _share(report: _Report) -> None:
-    """Tell a process that was just copied which report it draws."""
+def _set_shared_report(report: _ReportWriter) -> None:
+    """Set the report that a forked process draws."""
     global _shared
     _shared = report
-    gc.disable()  # the process ends soon; a look through all that was copied takes longer
+    gc.disable()  # the process is short-lived, and a collection of all copied objects is slow
 
 
-def _row(number: int) -> tuple[int, list[Path]]:
-    return number, _shared.row(number)
+def _draw_row(number: int) -> tuple[int, list[Path]]:
+    return number, _shared.draw_row(number)
 
 
-def _drawn(figure: Figure, kind: str) -> bytes:
+def _encode_figure(figure: Figure, kind: str) -> bytes:
     stream = io.BytesIO()
     plain = {"svg": {"Date": None}, "pdf": {"CreationDate": None}}.get(kind)
     figure.savefig(stream, format=kind, metadata=plain)
     return stream.getvalue()
 
 
-def tables(run: Run) -> dict[str, str]:
-    """CSV texts: images (a row an image that was answered) and joints (one a joint state)."""
+def make_tables(run: Run) -> dict[str, str]:
+    """Return two CSV texts: `images` with a row per processed image, `joints` per joint state."""
     images: dict[str, np.ndarray] = {"time [s]": run.time, "stamp [s]": run.stamp}
     for i, name in enumerate(run.names):
         unit = f" [{run.units[i]}]" if run.units[i] else ""
         images[f"{name}{unit}"] = run.features[:, i]
-        images[f"{name} desired{unit}"] = run.desired[:, i]
+        images[f"{name} desired{unit}"] = run.desired_features[:, i]
         images[f"{name} error{unit}"] = run.error[:, i]
-        if run.filtered.shape == run.error.shape:
-            images[f"{name} filtered error{unit}"] = run.filtered[:, i]
-    for word, twist in (("asked", run.asked), ("achieved", run.achieved)):
+        if run.filtered_error.shape == run.error.shape:
+            images[f"{name} filtered error{unit}"] = run.filtered_error[:, i]
+    for word, twist in (("asked", run.desired_twist), ("achieved", run.achieved_twist)):
         for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
             images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
-    images["condition of L"] = condition(run.singular_L)
-    images["condition of L J"] = condition(run.singular_LJ)
+    images["condition of L"] = condition_number(run.singular_L)
+    images["condition of L J"] = condition_number(run.singular_LJ)
     images["manipulability"], images["scale"] = run.manipulability, run.scale
-    images["computing [s]"] = run.computing
+    images["computing [s]"] = run.computation_time
     for i, axis in enumerate("xyz"):
         images[f"camera {axis} [m]"] = run.pose[:, i, 3]
     joints: dict[str, np.ndarray] = {
@@ -279,25 +289,27 @@ def tables(run: Run) -> dict[str, str]:
     units = dict(zip(run.joint_names, run.joint_units, strict=False))
     for i, name in enumerate(run.joint_names):
         unit = units.get(name, "rad")
-        joints[f"{name} [{unit}]"] = run.measured[:, i]
-        joints[f"{name} speed [{unit}/s]"] = run.measured_speed[:, i]
-        joints[f"{name} command [{unit}]"] = run.commanded[:, i]
+        joints[f"{name} [{unit}]"] = run.measured_positions[:, i]
+        joints[f"{name} speed [{unit}/s]"] = run.measured_velocities[:, i]
+        joints[f"{name} command [{unit}]"] = run.joint_commands[:, i]
     for i, axis in enumerate("xyz"):
         joints[f"camera {axis} [m]"] = run.true_pose[:, i, 3]
     return {
-        "images": _csv(images, [("phase", run.phases), ("outcome", run.outcomes),
+        "images": _format_csv(images, [("phase", run.phases), ("outcome", run.outcomes),
                                 ("reason", run.reasons)]),
-        "joints": _csv(joints, []),
+        "joints": _format_csv(joints, []),
     }  # fmt: skip
 
 
-def _csv(columns: dict[str, np.ndarray], words: Sequence[tuple[str, Sequence[str]]]) -> str:
-    """Nine digits, nothing where there is no number."""
+def _format_csv(
+    columns: dict[str, np.ndarray], text_columns: Sequence[tuple[str, Sequence[str]]]
+) -> str:
+    """Format columns as CSV with nine digits; NaN becomes an empty cell."""
     stream = io.StringIO()
     rows = csv.writer(stream, lineterminator="\n")
-    rows.writerow([*columns, *(name for name, _ in words)])
+    rows.writerow([*columns, *(name for name, _ in text_columns)])
     numbers = np.column_stack(list(columns.values())) if columns else np.zeros((0, 0))
     for i, row in enumerate(numbers.tolist()):
-        told = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
-        rows.writerow([*told, *(texts[i] for _, texts in words)])
+        numbers_text = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
+        rows.writerow([*numbers_text, *(texts[i] for _, texts in text_columns)])
     return stream.getvalue()

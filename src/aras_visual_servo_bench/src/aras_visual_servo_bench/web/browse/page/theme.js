@@ -1,5 +1,5 @@
-// Dark or light, before anything is drawn; the report keeps the same choice.
+// Set the dark or light theme before the page is drawn; reports store it under the same key.
 { let theme = null;
-  try { theme = localStorage.getItem("aras-report-theme"); } catch { /* nowhere to keep it */ }
+  try { theme = localStorage.getItem("aras-report-theme"); } catch { /* no local storage */ }
   document.documentElement.dataset.theme = theme
     || (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light"); }

@@ -1,11 +1,11 @@
-// A map of cells, and points by uPlot.
+// The map of cells, and the scatter plot by uPlot.
 
-import { told } from "./charts.js";
+import { formatNumber } from "./charts.js";
 
-const PARTS = getComputedStyle(document.documentElement).getPropertyValue("--parts").split(",")
+const COLOUR_MAP = getComputedStyle(document.documentElement).getPropertyValue("--colour-map").split(",")
   .map((c) => c.trim()).map((c) => [1, 3, 5].map((i) => parseInt(c.slice(i, i + 2), 16)));
-const WIDE = 100;  // greatest over least, from which on an axis is logarithmic
-const NEAR = 14;   // pixels from a point, within which it is meant
+const WIDE_RATIO = 100;   // ratio of maximum and minimum above which an axis is logarithmic
+const POINT_RADIUS = 14;  // px; the pointer selects a point within this distance
 
 export const make = (tag, text = "", name = "") => {
   const element = document.createElement(tag);
@@ -13,39 +13,40 @@ export const make = (tag, text = "", name = "") => {
   if (name) element.className = name;
   return element;
 };
-export const headed = (name, unit) => unit ? `${name} (${unit})` : name;
-export const word = (value) => {
+export const formatHeading = (name, unit) => unit ? `${name} (${unit})` : name;
+export const formatValue = (value) => {
   if (value === null || value === undefined || value === "") return "–";
-  if (typeof value === "number") return Number.isInteger(value) ? String(value) : told(value).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
-  return Array.isArray(value) ? `${word(value[0])} … ${word(value[1])}` : String(value);
+  if (typeof value === "number") return Number.isInteger(value) ? String(value) : formatNumber(value).replace(/(\.\d*?)0+$/, "$1").replace(/\.$/, "");
+  return Array.isArray(value) ? `${formatValue(value[0])} … ${formatValue(value[1])}` : String(value);
 };
 
-function shade(part) {
-  const at = Math.min(Math.max(part, 0), 1) * (PARTS.length - 1), low = Math.min(Math.floor(at), PARTS.length - 2);
-  return PARTS[low].map((c, i) => Math.round(c + (at - low) * (PARTS[low + 1][i] - c)));
+/** Colour of a fraction from 0 to 1. */
+function mapColour(fraction) {
+  const at = Math.min(Math.max(fraction, 0), 1) * (COLOUR_MAP.length - 1), low = Math.min(Math.floor(at), COLOUR_MAP.length - 2);
+  return COLOUR_MAP[low].map((c, i) => Math.round(c + (at - low) * (COLOUR_MAP[low + 1][i] - c)));
 }
-/** Black or white, whichever can be read better on a colour. */
-function letters(rgb) {
+/** Black or white, depending on which has the higher contrast with a colour. */
+function textColour(rgb) {
   const [r, g, b] = rgb.map((c) => { c /= 255; return c <= 0.04045 ? c / 12.92 : ((c + 0.055) / 1.055) ** 2.4; });
   return 0.2126 * r + 0.7152 * g + 0.0722 * b > 0.179 ? "black" : "white";
 }
 
-/** The map into a table; `press` is told the filters of the cell. */
-export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, press) {
+/** Draw the map into a table; a click on a cell calls `onPress` with its filters. */
+export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, onPress) {
   table.textContent = scale.textContent = "";
   const sizes = answer.runs.flat(), known = answer.values.flat().filter((v) => v !== null);
-  if (!known.length) { table.append(make("caption", "no runs with these")); return; }
+  if (!known.length) { table.append(make("caption", "no runs with these values")); return; }
   const low = isRate ? 0 : Math.min(...known), high = isRate ? 1 : Math.max(...known);
-  const plain = (v) => isRate ? `${Math.round(100 * v)}` : word(v);
+  const plain = (v) => isRate ? `${Math.round(100 * v)}` : formatValue(v);
   const few = answer.x.labels.length <= 12;
   const caption = make("caption", "", "hidden");
-  caption.textContent = `${value} by ${y.name}, a row each, and ${x.name}, a column each`;
-  const heads = make("colgroup");
-  heads.append(make("col"));
-  table.append(caption, heads);
+  caption.textContent = `${value} by ${y.name} (rows) and ${x.name} (columns)`;
+  const columns = make("colgroup");
+  columns.append(make("col"));
+  table.append(caption, columns);
   const tall = Math.max(24, Math.min(54, Math.floor(290 / answer.y.labels.length)));
   for (let i = answer.y.labels.length - 1; i >= 0; i--) {
-    const row = table.insertRow(), head = make("th", word(answer.y.labels[i]));
+    const row = table.insertRow(), head = make("th", formatValue(answer.y.labels[i]));
     head.scope = "row";
     row.append(head);
     answer.x.labels.forEach((label, j) => {
@@ -53,60 +54,60 @@ export function drawMap(table, scale, answer, { x, y, value, unit, isRate }, pre
       cell.style.height = `${tall}px`;
       if (!runs) return;
       const button = make("button", v === null ? "–" : few ? plain(v) : "");
-      const where = `${y.name} ${word(answer.y.labels[i])}, ${x.name} ${word(label)}`;
+      const where = `${y.name} ${formatValue(answer.y.labels[i])}, ${x.name} ${formatValue(label)}`;
       const text = `${where}: ${v === null ? "no number" : `${value} ${plain(v)}${isRate ? " %" : unit && ` ${unit}`}`}, ${runs} runs`;
       button.title = text;
       button.setAttribute("aria-label", text);
       if (v !== null) {
-        const rgb = shade(high > low ? (v - low) / (high - low) : 1);
+        const rgb = mapColour(high > low ? (v - low) / (high - low) : 1);
         button.style.background = `rgb(${rgb})`;
-        button.style.color = letters(rgb);
+        button.style.color = textColour(rgb);
       }
-      button.addEventListener("click", () => press([...answer.y.bounds[i].map((b) => [y.name, ...b]),
+      button.addEventListener("click", () => onPress([...answer.y.bounds[i].map((b) => [y.name, ...b]),
         ...answer.x.bounds[j].map((b) => [x.name, ...b])]));
       cell.append(button);
     });
   }
   const foot = table.createTFoot().insertRow();
-  const corner = make("td", `${headed(y.name, y.unit)} ↑`, "corner");
+  const corner = make("td", `${formatHeading(y.name, y.unit)} ↑`, "corner");
   foot.append(corner);
-  const step = Math.ceil(answer.x.labels.length / 10);  // as many labels as there is room for
+  const step = Math.ceil(answer.x.labels.length / 10);  // at most ten labels fit
   answer.x.labels.forEach((label, j) => {
     if (j % step) return;
-    const head = make("th", word(label));
+    const head = make("th", formatValue(label));
     head.scope = step > 1 ? "colgroup" : "col";
     head.colSpan = Math.min(step, answer.x.labels.length - j);
     if (step > 1) head.style.textAlign = "left";
     foot.append(head);
   });
-  const under = table.tFoot.insertRow();
-  under.append(make("td"));
-  const title = make("td", `${headed(x.name, x.unit)} →`, "along");
+  const titleRow = table.tFoot.insertRow();
+  titleRow.append(make("td"));
+  const title = make("td", `${formatHeading(x.name, x.unit)} →`, "along");
   title.colSpan = answer.x.labels.length;
-  under.append(title);
+  titleRow.append(title);
   const bar = make("i", "", "scale");
-  scale.append(`${plain(low)} `, bar, ` ${plain(high)}${isRate ? " % of the runs succeed" : ` ${headed(value, unit)}, median`}`);
-  if (answer.left) scale.append(`; ${answer.left} runs have no such values`);
+  scale.append(`${plain(low)} `, bar, ` ${plain(high)}${isRate ? " % of the runs succeed" : ` ${formatHeading(value, unit)}, median`}`);
+  if (answer.uncounted) scale.append(`; ${answer.uncounted} runs have no value for these axes`);
   return Math.max(...sizes);
 }
 
-const decoded = (text, Kind) => new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
+const decodeArray = (text, Kind) => new Kind(Uint8Array.from(atob(text), (c) => c.charCodeAt(0)).buffer);
 
-/** Points of runs, drawn into a box. */
+/** A scatter plot with a point for each run. */
 export class Points {
-  /** `told`: of { point: study, run } or null; `pressed`: the same, by a click; `boxed`: ranges of x and y. */
-  constructor(box, colour, { pointed, pressed, boxed }) {
-    Object.assign(this, { box, colour, pointed, pressed, boxed, at: null });
-    new ResizeObserver(() => this.plot && this.plot.setSize(this._size())).observe(box);
+  /** Callbacks: `onPoint` gets the point below the pointer or null, `onPress` a clicked point, `onSelect` ranges of x and y. */
+  constructor(box, colour, { onPoint, onPress, onSelect }) {
+    Object.assign(this, { box, colour, onPoint, onPress, onSelect, at: null });
+    new ResizeObserver(() => this.plot && this.plot.setSize(this._plotSize())).observe(box);
   }
 
-  _size() { return { width: Math.max(this.box.clientWidth, 120), height: this.box.clientHeight }; }
+  _plotSize() { return { width: Math.max(this.box.clientWidth, 120), height: this.box.clientHeight }; }
 
   show(answer, x, y) {
     this.answer = answer;
-    Object.assign(this, { x, y, xs: decoded(answer.x.values, Float32Array), ys: decoded(answer.y.values, Float32Array),
-      shades: decoded(answer.shades, Uint8Array), study: decoded(answer.study, Int32Array), run: decoded(answer.run, Int32Array) });
-    for (const [values, { labels }] of [[this.xs, answer.x], [this.ys, answer.y]]) {  // words: a little beside each other
+    Object.assign(this, { x, y, xs: decodeArray(answer.x.values, Float32Array), ys: decodeArray(answer.y.values, Float32Array),
+      colours: decodeArray(answer.colours, Uint8Array), study: decodeArray(answer.study, Int32Array), run: decodeArray(answer.run, Int32Array) });
+    for (const [values, { labels }] of [[this.xs, answer.x], [this.ys, answer.y]]) {  // spread the points of equal text values
       if (labels.length) for (let i = 0; i < values.length; i++) values[i] += 0.5 * (((i * 0.6180339887) % 1) - 0.5);
     }
     this.draw();
@@ -116,60 +117,60 @@ export class Points {
     if (!this.answer) return;
     if (this.plot) this.plot.destroy();
     const ink = this.colour("soft"), grid = { stroke: this.colour("line"), width: 1 }, font = '11px system-ui, "DejaVu Sans", sans-serif';
-    const axes = [[this.xs, this.answer.x, this.x], [this.ys, this.answer.y, this.y]].map(([values, { labels }, named], n) => {
+    const axes = [[this.xs, this.answer.x, this.x], [this.ys, this.answer.y, this.y]].map(([values, { labels }, column], n) => {
       let low = Infinity, high = -Infinity;
       for (const v of values) { if (v < low) low = v; if (v > high) high = v; }
       if (labels.length) { low = -0.6; high = labels.length - 0.4; }
-      const log = !labels.length && low > 0 && high / low > WIDE, room = high > low ? 0.04 * (high - low) : Math.abs(high) || 1;
-      const range = !Number.isFinite(low) ? [0, 1] : log ? [low / 1.2, high * 1.2] : [low - room, high + room];
+      const log = !labels.length && low > 0 && high / low > WIDE_RATIO, margin = high > low ? 0.04 * (high - low) : Math.abs(high) || 1;
+      const range = !Number.isFinite(low) ? [0, 1] : log ? [low / 1.2, high * 1.2] : [low - margin, high + margin];
       const tens = (u, splits) => splits.map((v) => !log || Math.abs(Math.log10(v) % 1) < 1e-9 ? v : null);
       return { scale: { time: false, distr: log ? 3 : 1, range: () => range }, axis: {
-        stroke: ink, filter: tens, grid: { ...grid, filter: tens }, ticks: { ...grid, filter: tens }, font, size: n ? 62 : 30, label: headed(named.name, named.unit),
+        stroke: ink, filter: tens, grid: { ...grid, filter: tens }, ticks: { ...grid, filter: tens }, font, size: n ? 62 : 30, label: formatHeading(column.name, column.unit),
         labelSize: 18, labelFont: font, labelGap: 0,
         splits: labels.length ? () => labels.map((_, i) => i) : undefined,
-        values: (u, at) => at.map((v) => v === null ? null : labels.length ? word(labels[v]).slice(0, n ? 9 : 14)
+        values: (u, at) => at.map((v) => v === null ? null : labels.length ? formatValue(labels[v]).slice(0, n ? 9 : 14)
           : v && Math.abs(v) < 1e-3 ? v.toExponential(0) : String(+v.toPrecision(5))),
       } };
     });
     const [xe, ye] = axes, [low, high] = xe.scale.range();
     this.plot = new uPlot({
-      ...this._size(), legend: { show: false }, scales: { x: xe.scale, y: ye.scale }, axes: [xe.axis, ye.axis],
+      ...this._plotSize(), legend: { show: false }, scales: { x: xe.scale, y: ye.scale }, axes: [xe.axis, ye.axis],
       series: [{}, { points: { show: false }, stroke: "transparent" }],
       cursor: { drag: { x: true, y: true, uni: 12, setScale: false }, points: { show: false }, x: false, y: false },
       hooks: {
-        draw: [(u) => this._points(u)],
-        setCursor: [(u) => this._near(u)],
+        draw: [(u) => this._drawPoints(u)],
+        setCursor: [(u) => this._findPoint(u)],
         setSelect: [(u) => {
           const { left, top, width, height } = u.select;
           if (width > 4 && height > 4) {
-            this.boxed([u.posToVal(left, "x"), u.posToVal(left + width, "x")], [u.posToVal(top + height, "y"), u.posToVal(top, "y")]);
+            this.onSelect([u.posToVal(left, "x"), u.posToVal(left + width, "x")], [u.posToVal(top + height, "y"), u.posToVal(top, "y")]);
           }
           u.setSelect({ left: 0, top: 0, width: 0, height: 0 }, false);
         }],
       },
     }, [[low, high], [null, null]], this.box);
-    this.plot.over.addEventListener("click", () => { if (this.at !== null) this.pressed(this._named(this.at)); });
+    this.plot.over.addEventListener("click", () => { if (this.at !== null) this.onPress(this._describePoint(this.at)); });
   }
 
-  _named(i) { return { study: this.answer.studies[this.study[i]], run: this.run[i], x: this.xs[i], y: this.ys[i] }; }
+  _describePoint(i) { return { study: this.answer.studies[this.study[i]], run: this.run[i], x: this.xs[i], y: this.ys[i] }; }
 
-  _points(u) {
+  _drawPoints(u) {
     const { ctx, bbox } = u, many = this.xs.length, ratio = window.devicePixelRatio || 1;
     const size = (many < 2000 ? 3 : many < 20000 ? 2 : 1.2) * ratio;
-    const places = (name, values) => {
+    const toPixels = (name, values) => {
       const out = new Float32Array(values.length);
       for (let i = 0; i < values.length; i++) out[i] = u.valToPos(values[i], name, true);
       return out;
     };
-    this.px = places("x", this.xs); this.py = places("y", this.ys);
+    this.px = toPixels("x", this.xs); this.py = toPixels("y", this.ys);
     ctx.save();
     ctx.beginPath(); ctx.rect(bbox.left, bbox.top, bbox.width, bbox.height); ctx.clip();
     ctx.globalAlpha = many < 2000 ? 0.8 : many < 20000 ? 0.5 : 0.3;
     for (let k = 0; k <= Math.max(this.answer.classes.length, 0); k++) {
-      ctx.fillStyle = this.shadeOf(k);
+      ctx.fillStyle = this.classColour(k);
       ctx.beginPath();
       for (let i = 0; i < many; i++) {
-        if (this.shades[i] !== k) continue;
+        if (this.colours[i] !== k) continue;
         if (many < 20000) { ctx.moveTo(this.px[i] + size, this.py[i]); ctx.arc(this.px[i], this.py[i], size, 0, 6.2832); }
         else ctx.rect(this.px[i] - size, this.py[i] - size, 2 * size, 2 * size);
       }
@@ -178,16 +179,16 @@ export class Points {
     ctx.restore();
   }
 
-  /** The colour of a class; success is blue, its lack vermilion. */
-  shadeOf(k) {
+  /** The colour of a class; success is blue, failure vermilion. */
+  classColour(k) {
     const { classes } = this.answer;
     if (k >= classes.length && classes.length) return this.colour("soft");
     return this.colour(`curve-${this.success ? (classes[k] === 1 ? 0 : 1) : k % 8}`);
   }
 
-  _near(u) {
+  _findPoint(u) {
     const { left, top } = u.cursor, ratio = window.devicePixelRatio || 1;
-    let best = (NEAR * ratio) ** 2, at = null;
+    let best = (POINT_RADIUS * ratio) ** 2, at = null;
     if (left >= 0 && this.px) {
       const x = left * ratio + u.bbox.left, y = top * ratio + u.bbox.top;
       for (let i = 0; i < this.px.length; i++) {
@@ -197,6 +198,6 @@ export class Points {
     }
     this.at = at;
     u.over.style.cursor = at === null ? "crosshair" : "pointer";
-    this.pointed(at === null ? null : this._named(at));
+    this.onPoint(at === null ? null : this._describePoint(at));
   }
 }

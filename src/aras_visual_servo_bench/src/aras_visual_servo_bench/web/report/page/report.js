@@ -1,58 +1,58 @@
-// The report's page: one time for curves, film, path and words; runs to switch off; a range to zoom.
+// The report page: one time cursor for plots, films, path and phases; runs can be hidden; the time axis zooms.
 
 const $ = (id) => document.getElementById(id);
 const contents = JSON.parse($("contents").textContent);
 const arrays = contents.arrays.map(() => null);
 const style = () => getComputedStyle(document.documentElement);
-const LEAST = 1e-3;  // s, of a range
+const MIN_RANGE = 1e-3;  // s, shortest time range
 
 const page = {
-  contents, time: 0, range: [0, contents.end], off: new Set(), overlay: true, several: contents.runs.length > 1,
+  contents, time: 0, range: [0, contents.end], hiddenRuns: new Set(), overlay: true, several: contents.runs.length > 1,
   dark: contents.colours, goalColour: contents.goal, colours: {},
-  array(i) { return arrays[i] ||= new Float32Array(bytesOf(contents.arrays[i]).buffer); },
+  array(i) { return arrays[i] ||= new Float32Array(decodeBytes(contents.arrays[i]).buffer); },
   colour(name) { return this.colours[name] ||= style().getPropertyValue(`--${name}`).trim(); },
   setTime(t) {
     t = Math.min(Math.max(t, 0), contents.end);
     if (!Number.isFinite(t) || t === page.time) return;
     page.time = t;
-    ask();
+    requestUpdate();
   },
   setRange(low = 0, high = contents.end) {
     low = Math.max(low, 0); high = Math.min(high, contents.end);
-    if (high - low < LEAST) return;
+    if (high - low < MIN_RANGE) return;
     page.range = [low, high];
     for (const chart of charts) chart.setRange();
-    phases();
+    drawPhases();
   },
 };
 
-// -- what is drawn ---------------------------------------------------------------------------
+// -- updates ---------------------------------------------------------------------------------
 
 const charts = [], films = [];
-let space = null, asked = false;
+let space = null, isUpdateRequested = false;
 
-function ask() {  // once for each picture of the screen
-  if (asked) return;
-  asked = true;
-  requestAnimationFrame(() => { asked = false; showTime(); });
+function requestUpdate() {  // at most one update per animation frame
+  if (isUpdateRequested) return;
+  isUpdateRequested = true;
+  requestAnimationFrame(() => { isUpdateRequested = false; showTime(); });
 }
 
 function showTime() {
-  for (const chart of charts) if (chart.seen) chart.setTime(page.time);
-  films.forEach((film, k) => { if (!page.off.has(film.number)) film.setTime(page.time); });
+  for (const chart of charts) if (chart.isVisible) chart.setTime(page.time);
+  films.forEach((film, k) => { if (!page.hiddenRuns.has(film.number)) film.setTime(page.time); });
   if (space) space.setTime(page.time);
   $("time").value = page.time;
   $("now").textContent = `${page.time.toFixed(3)} s`;
-  words();
-  phases();
+  showPhase();
+  drawPhases();
 }
 
-/** What the loop was doing at the cursor, of each run that is on. */
-function words() {
+/** Show the phase of the controller at the cursor for each visible run. */
+function showPhase() {
   const box = $("state");
   box.textContent = "";
   contents.runs.forEach((run, k) => {
-    if (page.off.has(k) || !run.events.length) return;
+    if (page.hiddenRuns.has(k) || !run.events.length) return;
     const [, phase, outcome, reason] = eventAt(run, page.time), line = document.createElement("span");
     const strong = document.createElement("b");
     strong.textContent = page.several ? `${run.name}: ${phase}` : phase;
@@ -68,32 +68,32 @@ function eventAt(run, t) {
   return found;
 }
 
-const SHADE = { converged: "good", servoing: "mark", holding: "warn", stopped: "bad", approaching: "soft" };
-function phases() {
+const PHASE_COLOURS = { converged: "good", servoing: "mark", holding: "warn", stopped: "bad", approaching: "soft" };
+function drawPhases() {
   const canvas = $("phases"), width = canvas.clientWidth * (window.devicePixelRatio || 1), c = canvas.getContext("2d");
   canvas.width = Math.max(1, width); canvas.height = 6;
   const [low, high] = page.range, X = (t) => (t - low) / (high - low) * canvas.width;
-  const run = contents.runs.find((_, k) => !page.off.has(k));
+  const run = contents.runs.find((_, k) => !page.hiddenRuns.has(k));
   if (run) run.events.forEach(([t, phase], i) => {
     const end = i + 1 < run.events.length ? run.events[i + 1][0] : contents.end;
-    c.fillStyle = page.colour(SHADE[phase] || "soft");
+    c.fillStyle = page.colour(PHASE_COLOURS[phase] || "soft");
     c.fillRect(X(t), 0, X(end) - X(t), 6);
   });
   c.fillStyle = page.colour("ink");
   c.fillRect(X(page.time) - 1.5, 0, 3, 6);
 }
 
-// -- curves, film, path ---------------------------------------------------------------------------
+// -- plots, films, path --------------------------------------------------------------------------
 
-const watch = new IntersectionObserver((entries) => {
+const visibilityObserver = new IntersectionObserver((entries) => {
   for (const entry of entries) {
     const chart = entry.target.chart;
-    chart.seen = entry.isIntersecting;
-    if (!chart.seen) continue;
+    chart.isVisible = entry.isIntersecting;
+    if (!chart.isVisible) continue;
     if (!chart.plot) chart.draw(); else chart.resize();
   }
 }, { rootMargin: "200px" });
-const sizes = new ResizeObserver((entries) => { for (const { target } of entries) target.chart.resize(); });
+const sizeObserver = new ResizeObserver((entries) => { for (const { target } of entries) target.chart.resize(); });
 
 for (const group of contents.groups) {
   const box = document.querySelector(`#${CSS.escape(group.key)} .panels`);
@@ -104,33 +104,33 @@ for (const group of contents.groups) {
     const chart = own.chart = new Chart(own, panel, page);
     chart.plotBox.chart = chart;
     charts.push(chart);
-    watch.observe(own);
-    sizes.observe(chart.plotBox);
+    visibilityObserver.observe(own);
+    sizeObserver.observe(chart.plotBox);
   }
 }
 
-contents.runs.forEach((run, k) => [run.film, ...run.others].forEach((shown) => {
-  if (!shown || !$("films")) return;
+contents.runs.forEach((run, k) => [run.film, ...run.other_films].forEach((film) => {
+  if (!film || !$("films")) return;
   const figure = document.createElement("figure"), canvas = document.createElement("canvas");
   const caption = document.createElement("figcaption");
-  canvas.width = shown.width; canvas.height = shown.height;
+  canvas.width = film.width; canvas.height = film.height;
   canvas.setAttribute("role", "img");
-  canvas.setAttribute("aria-label", `what the camera ${shown.camera || ""} of ${run.name} saw`);
+  canvas.setAttribute("aria-label", `image of the camera ${film.camera || ""} of ${run.name}`);
   figure.append(canvas, caption);
   $("films").append(figure);
-  const film = new Film(canvas, caption, run, page, shown);
-  film.number = k; film.figure = figure;
-  films.push(film);
-  new ResizeObserver(() => film.setTime(page.time)).observe(canvas);
+  const view = new Film(canvas, caption, run, page, film);
+  view.number = k; view.figure = figure;
+  films.push(view);
+  new ResizeObserver(() => view.setTime(page.time)).observe(canvas);
 }));
 
-/** Pictures of the first film's milestones, to go there. */
-async function strip() {
+/** Add a button with an image for each milestone of the first film. */
+async function showMilestones() {
   const film = films[0];
   if (!film) return;
   for (const t of film.film.milestones) {
     const button = document.createElement("button"), canvas = document.createElement("canvas");
-    const bitmap = await film.picture(film.index(t)), text = document.createElement("span");
+    const bitmap = await film.decodeFrame(film.frameIndex(t)), text = document.createElement("span");
     canvas.width = 184; canvas.height = Math.round(184 * bitmap.height / bitmap.width);
     canvas.getContext("2d").drawImage(bitmap, 0, 0, canvas.width, canvas.height);
     text.textContent = `${t.toFixed(2)} s`;
@@ -139,19 +139,19 @@ async function strip() {
     $("strip").append(button);
   }
 }
-strip();
+showMilestones();
 
 if ($("space")) {
   try {
     space = new Space($("space"), page);
-    const still = page.several ? [["start, goal, straight paths", contents.ideal]]
+    const fixedEntries = page.several ? [["start, goal, straight paths", contents.ideal]]
       : [["goal", contents.goal], ["start", contents.start], ["straight path", contents.ideal]];
-    const entries = [...still,
+    const entries = [...fixedEntries,
       ...(contents.runs.some((run) => run.poses && run.poses.arm !== undefined) ? [["arm", contents.face]] : []),
       ...contents.runs.map((run, k) => [page.several ? run.name : "path", page.dark[k % page.dark.length]])];
-    for (const [text, shade] of entries) {
+    for (const [text, colour] of entries) {
       const mark = document.createElement("i");
-      mark.style.setProperty("--shade", shade);
+      mark.style.setProperty("--shade", colour);
       $("key").append(mark, text);
     }
   } catch (error) {
@@ -160,31 +160,31 @@ if ($("space")) {
   }
 }
 
-// -- what is pressed ---------------------------------------------------------------------------
+// -- controls ----------------------------------------------------------------------------------
 
 const times = (films[0] && films[0].time) || (charts[0] && charts[0].curves[0].time) || new Float32Array([0]);
 Object.assign($("time"), { max: contents.end });
 $("time").addEventListener("input", () => page.setTime(+$("time").value));
-const step = (by) => page.setTime(times[Math.min(Math.max(near(times, page.time) + by, 0), times.length - 1)]);
-$("back").addEventListener("click", () => step(-1));
-$("on").addEventListener("click", () => step(1));
+const stepImage = (by) => page.setTime(times[Math.min(Math.max(nearestIndex(times, page.time) + by, 0), times.length - 1)]);
+$("previous-image").addEventListener("click", () => stepImage(-1));
+$("next-image").addEventListener("click", () => stepImage(1));
 $("time").addEventListener("keydown", (e) => {
   const by = { ArrowLeft: -1, ArrowDown: -1, ArrowRight: 1, ArrowUp: 1 }[e.key];
-  if (by) { e.preventDefault(); step(by); }
+  if (by) { e.preventDefault(); stepImage(by); }
 });
 function zoom(factor) {
   const [low, high] = page.range, half = 0.5 * factor * (high - low);
   const middle = Math.min(Math.max(page.time, half), Math.max(contents.end - half, half));
   page.setRange(middle - half, middle + half);
 }
-$("nearer").addEventListener("click", () => zoom(0.5));
-$("farther").addEventListener("click", () => zoom(2));
-$("whole").addEventListener("click", () => page.setRange());
+$("zoom-in").addEventListener("click", () => zoom(0.5));
+$("zoom-out").addEventListener("click", () => zoom(2));
+$("zoom-all").addEventListener("click", () => page.setRange());
 if ($("overlay")) $("overlay").addEventListener("change", () => { page.overlay = $("overlay").checked; showTime(); });
 
 let playing = null;
 $("play").addEventListener("click", () => {
-  if (playing !== null) { stop(); return; }
+  if (playing !== null) { stopPlaying(); return; }
   if (page.time >= contents.end) page.time = 0;
   let before = performance.now();
   $("play").textContent = "Pause";
@@ -193,10 +193,10 @@ $("play").addEventListener("click", () => {
     const now = performance.now();
     page.setTime(page.time + 1e-3 * (now - before));
     before = now;
-    if (page.time >= contents.end) stop();
+    if (page.time >= contents.end) stopPlaying();
   }, 33);
 });
-function stop() {
+function stopPlaying() {
   clearInterval(playing);
   playing = null;
   $("play").textContent = "Play";
@@ -212,18 +212,18 @@ if (page.several) contents.runs.forEach((run, k) => {
   button.append(mark, name);
   button.setAttribute("aria-pressed", "true");
   button.addEventListener("click", () => {
-    if (!page.off.delete(k)) page.off.add(k);
-    button.setAttribute("aria-pressed", String(!page.off.has(k)));
+    if (!page.hiddenRuns.delete(k)) page.hiddenRuns.add(k);
+    button.setAttribute("aria-pressed", String(!page.hiddenRuns.has(k)));
     for (const chart of charts) chart._showCurves();
-    for (const film of films) film.figure.hidden = page.off.has(film.number);
-    for (const cell of document.querySelectorAll(`[data-run="${k}"]:not(button)`)) cell.hidden = page.off.has(k);
+    for (const film of films) film.figure.hidden = page.hiddenRuns.has(film.number);
+    for (const cell of document.querySelectorAll(`[data-run="${k}"]:not(button)`)) cell.hidden = page.hiddenRuns.has(k);
     if (space) space.setRuns();
     showTime();
   });
   $("runs").append(button);
 });
 
-// Columns of the tables of numbers.
+// Checkboxes that show or hide the columns of the number tables.
 for (const table of document.querySelectorAll("table.columns")) {
   const set = document.createElement("fieldset"), legend = document.createElement("legend");
   legend.textContent = "Columns";
@@ -238,7 +238,7 @@ for (const table of document.querySelectorAll("table.columns")) {
   table.parentElement.before(set);
 }
 
-function themed() {
+function applyTheme() {
   const dark = document.documentElement.dataset.theme === "dark";
   $("theme").textContent = dark ? "Light" : "Dark";
   page.colours = {};
@@ -248,9 +248,9 @@ function themed() {
 $("theme").addEventListener("click", () => {
   const root = document.documentElement;
   root.dataset.theme = root.dataset.theme === "dark" ? "light" : "dark";
-  try { localStorage.setItem("aras-report-theme", root.dataset.theme); } catch { /* nowhere to keep it */ }
-  themed();
+  try { localStorage.setItem("aras-report-theme", root.dataset.theme); } catch { /* no local storage */ }
+  applyTheme();
 });
-themed();
+applyTheme();
 page.setTime(+new URLSearchParams(location.hash.slice(1)).get("at"));  // report.html#at=0.4
 window.arasReport = { page, charts, films, get space() { return space; } };  // for tests

@@ -1,0 +1,33 @@
+"""Output of the gallery's examples: folder, report, picture, and one line per run."""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+
+from aras_visual_servo_bench import Experiment, Run, run_with_images, save_figure, write_report
+
+EXAMPLES = Path(__file__).resolve().parents[1] / "examples"
+
+
+def folder() -> Path:
+    """Return the output folder: the first argument of the script, or out/gallery/NAME."""
+    name = Path(sys.argv[0]).stem
+    out = Path(sys.argv[1]) if len(sys.argv) > 1 else Path("out") / "gallery" / name
+    out.mkdir(parents=True, exist_ok=True)
+    return out
+
+
+def report_runs(experiments: dict[str, Experiment], figure: str) -> list[Run]:
+    """Run named experiments; write their report, and one of its figures as picture.png."""
+    out = folder()
+    runs = [run_with_images(experiment, name) for name, experiment in experiments.items()]
+    page = write_report(runs, out, ())[0]
+    save_figure(runs, figure, out / "picture.png")
+    for run in runs:
+        distance = f"{1e3 * run.verdict.distance:.2f} mm from its goal"
+        print(f"{run.name}: {run.outcome}, {run.verdict.name}, {distance}")
+        if run.reason:
+            print(f"  {run.reason}\n  {run.remedy}".rstrip())
+    print(page)
+    return runs

@@ -1,0 +1,416 @@
+"""Table of the supported elements of URDF and SDF, and search for all others in a file.
+
+The table has one entry for each kind of block. For each child element it holds SUPPORTED (the
+element is read, or has no effect here), the entry of a nested block, or the values that have no
+effect because they are the default.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping
+from types import MappingProxyType
+from xml.etree.ElementTree import Element
+
+from aras_visual_servo_base.safe_xml import shorten
+
+SUPPORTED = "served"
+_OFF = ("false", "0", "no")
+_ON = ("true", "1", "yes")
+Entry = str | tuple | Mapping[str, "Entry"]
+
+
+def _mark_supported_tags(*tags: str) -> dict[str, Entry]:
+    return dict.fromkeys(tags, SUPPORTED)
+
+
+_NOISE = {
+    **_mark_supported_tags("type", "mean", "stddev", "bias_mean", "bias_stddev"),
+    "precision": (0.0,),
+}
+_AXES = dict.fromkeys("xyz", {"noise": _NOISE})
+_CONTACT = {"soft_cfm": (0.0,), "soft_erp": (0.2,), "kp": (1e12,), "kd": (1.0,),
+            "max_vel": (0.01,), "min_depth": (0.0,)}
+_SURFACE = {
+    "friction": {
+        "ode": {
+            "mu": SUPPORTED,
+            "mu2": ("mu",),
+            "fdir1": ("0 0 0",),
+            "slip1": (0.0,),
+            "slip2": (0.0,),
+        },
+        "torsional": {
+            **_mark_supported_tags("coefficient", "use_patch_radius"),
+            "patch_radius": (0.0,),
+            "surface_radius": (0.0,),
+            "ode": {"slip": (0.0,)},
+        },
+    },
+    "bounce": _mark_supported_tags("restitution_coefficient", "threshold"),
+    "contact": {
+        "collide_without_contact": _OFF,
+        "collide_without_contact_bitmask": (1.0,),
+        "collide_bitmask": (65535.0,),
+        "ode": _CONTACT,
+    },
+}
+_GEOMETRY = {  # the reader of the geometry reports other shapes
+    "box": _mark_supported_tags("size"),
+    "sphere": _mark_supported_tags("radius"),
+    "cylinder": _mark_supported_tags("radius", "length"),
+    "capsule": _mark_supported_tags("radius", "length"),
+    "plane": _mark_supported_tags("normal", "size"),
+    "mesh": _mark_supported_tags("uri", "scale", "submesh"),
+    "empty": {},
+}
+_MATERIAL = {**_mark_supported_tags("ambient", "diffuse", "script"), "lighting": _ON,
+             "specular": ("0 0 0 1", "0 0 0 0"), "emissive": ("0 0 0 1", "0 0 0 0")}
+_CAMERA = {
+    **_mark_supported_tags("pose", "horizontal_fov"),
+    "image": _mark_supported_tags("width", "height", "format"),
+    "clip": _mark_supported_tags("near", "far"),
+    "noise": _mark_supported_tags("type", "mean", "stddev"),
+    "distortion": _mark_supported_tags("k1", "k2", "k3", "p1", "p2", "center"),
+    "lens": {**_mark_supported_tags("type", "scale_to_hfov", "cutoff_angle", "env_texture_size"),
+             "intrinsics": {**_mark_supported_tags("fx", "fy", "cx", "cy"), "s": (0.0,)}},
+}
+_SENSOR = {**_mark_supported_tags("pose", "update_rate", "plugin", "always_on", "visualize"),
+           "topic": ("", "__default_topic__", "__default__")}
+_SENSORS = {
+    **dict.fromkeys(("camera", "depth", "wideanglecamera", "multicamera"),
+                    {**_SENSOR, "camera": _CAMERA}),
+    "imu": {**_SENSOR, "imu": {"angular_velocity": _AXES, "linear_acceleration": _AXES}},
+    "contact": {**_SENSOR, "contact": {"collision": SUPPORTED,
+                                       "topic": ("", "__default_topic__", "__default__")}},
+    "force_torque": {**_SENSOR, "force_torque": {
+        **_mark_supported_tags("frame", "measure_direction"), "force": _AXES, "torque": _AXES}},
+}
+_SDF_LINK = {
+    **_mark_supported_tags("pose", "gravity", "kinematic", "must_be_base_link"),
+    "inertial": {**_mark_supported_tags("mass", "pose"),
+                 "inertia": _mark_supported_tags("ixx", "ixy", "ixz", "iyy", "iyz", "izz")},
+    "visual": {"pose": SUPPORTED, "geometry": _GEOMETRY, "material": _MATERIAL, "cast_shadows": _ON,
+               "transparency": (0.0,), "laser_retro": (0.0,)},
+    "collision": {**_mark_supported_tags("pose", "max_contacts"), "geometry": _GEOMETRY,
+                  "surface": _SURFACE,
+                  "laser_retro": (0.0,)},
+    "sensor": _SENSORS, "self_collide": _OFF, "enable_wind": _OFF,
+    "velocity_decay": {"linear": (0.0,), "angular": (0.0,)},
+}
+_ODE_JOINT = {
+    **_mark_supported_tags("provide_feedback", "implicit_spring_damper"),
+    "cfm_damping": _OFF,
+    "limit": {"cfm": (0.0,), "erp": (0.2,)},
+    "suspension": {"cfm": (0.0,), "erp": (0.2,)},
+    "fudge_factor": (0.0,),
+    "cfm": (0.0,),
+    "erp": (0.2,),
+    "bounce": (0.0,),
+    "max_force": (0.0,),
+    "velocity": (0.0,),
+}
+_AXIS = {
+    "xyz": SUPPORTED, "initial_position": (0.0,),
+    "limit": {**_mark_supported_tags("lower", "upper", "effort", "velocity"), "stiffness": (1e8,),
+              "dissipation": (1.0,)},
+    "dynamics": _mark_supported_tags("damping", "friction", "spring_reference", "spring_stiffness"),
+}
+_SDF_JOINT = {
+    **_mark_supported_tags("pose", "parent", "child"), "axis": _AXIS,
+    "physics": {"provide_feedback": SUPPORTED, "ode": _ODE_JOINT,
+                "simbody": _mark_supported_tags("must_be_loop_joint")},
+    "sensor": _SENSORS, "thread_pitch": (1.0,),
+}
+_TWO_AXIS_JOINT = {**_SDF_JOINT, "axis2": _AXIS}
+_JOINTS = {"universal": _TWO_AXIS_JOINT, "revolute2": _TWO_AXIS_JOINT,
+           "screw": {**_SDF_JOINT, "thread_pitch": SUPPORTED}}
+_NAMES = _mark_supported_tags("robotNamespace", "topicName", "updateRate", "alwaysOn", "frameName")
+_OFFSETS = _mark_supported_tags("gaussianNoise", "xyzOffset", "rpyOffset", "bodyName")
+_CAMERA_PLUGIN = {
+    **_NAMES,
+    **_mark_supported_tags(
+        "cameraName",
+        "imageTopicName",
+        "cameraInfoTopicName",
+        "hackBaseline",
+        "Cx",
+        "Cy",
+        "CxPrime",
+        "focalLength",
+        "distortionK1",
+        "distortionK2",
+        "distortionK3",
+        "distortionT1",
+        "distortionT2",
+        "autoDistortion",
+        "triggerTopicName",
+    ),
+    "borderCrop": _ON,
+}
+_DEPTH_PLUGIN = {
+    **_CAMERA_PLUGIN, **_mark_supported_tags("depthImageTopicName", "depthImageCameraInfoTopicName",
+                             "pointCloudTopicName", "pointCloudCutoff", "useDepth16UC1Format"),
+}
+# By the plug-in's file name without lib and .so
+_PLUGINS = {
+    "gazebo_ros_control": {
+        **_mark_supported_tags("robotNamespace", "controlPeriod", "eStopTopic"),
+        # The model's own URDF is used, and its transmissions define the interfaces.
+        **_mark_supported_tags("robotParam", "legacyModeNS"),
+        "robotSimType": ("gazebo_ros_control/defaultrobothwsim",),
+    },
+    **dict.fromkeys(
+        (
+            "gazebo_ros_camera",
+            "gazebo_ros_multicamera",
+            "gazebo_ros_triggered_camera",
+            "gazebo_ros_triggered_multicamera",
+        ),
+        _CAMERA_PLUGIN,
+    ),
+    "gazebo_ros_depth_camera": _DEPTH_PLUGIN,
+    "gazebo_ros_openni_kinect": {**_DEPTH_PLUGIN, "pointCloudCutoffMax": SUPPORTED},
+    "gazebo_ros_p3d": {**_NAMES, **_OFFSETS},
+    "gazebo_ros_imu": {**_NAMES, **_OFFSETS},
+    "gazebo_ros_imu_sensor": {
+        **_NAMES,
+        **_OFFSETS,
+        **_mark_supported_tags("updateRateHZ", "initialOrientationAsReference"),
+    },
+    "gazebo_ros_ft_sensor": {**_NAMES, **_mark_supported_tags("jointName", "gaussianNoise")},
+    "gazebo_ros_bumper": {**_NAMES, "bumperTopicName": SUPPORTED},
+    "gazebo_ros_joint_state_publisher": {**_NAMES, "jointName": SUPPORTED},
+    "gazebo_grasp_fix": {
+        "arm": _mark_supported_tags("arm_name", "palm_link", "gripper_link"),
+        **_mark_supported_tags(
+            "forces_angle_tolerance",
+            "update_rate",
+            "grip_count_threshold",
+            "max_grip_count",
+            "release_tolerance",
+            "disable_collisions_on_attach",
+        ),
+        "contact_topic": ("", "__default_topic__"),
+    },
+    "gazebo_ros_link_attacher": {},
+}
+# Bullet's solver and contacts have other parameters, so parameters of other engines cause a warning
+# unless they have Gazebo's default value.
+_PHYSICS = {
+    **_mark_supported_tags("max_step_size", "real_time_update_rate", "gravity", "magnetic_field"),
+    "real_time_factor": SUPPORTED,  # Gazebo, too, uses only the step size and the update rate
+    "max_contacts": (20.0,),
+    "ode": {
+        "solver": {"type": ("quick",), "min_step_size": (0.0001,), "iters": (50.0,),
+                   "precon_iters": (0.0,), "sor": (1.3,), "island_threads": (0.0,),
+                   "use_dynamic_moi_rescaling": _OFF, "friction_model": ("pyramid_model",),
+                   "thread_position_correction": _OFF},
+        "constraints": {"cfm": (0.0,), "erp": (0.2,), "contact_max_correcting_vel": (100.0,),
+                        "contact_surface_layer": (0.001,)},
+    },
+    **_mark_supported_tags("bullet", "simbody", "dart"),  # settings of engines that are not used
+}
+_SCENE = {
+    **_mark_supported_tags("ambient", "background", "origin_visual"), "grid": SUPPORTED,
+    "shadows": SUPPORTED,  # see lights.read_scene
+    "sky": {"time": (10.0,), "sunrise": (6.0,), "sunset": (20.0,),
+            "clouds": {"speed": (0.6,), "direction": (0.0,), "humidity": (0.5,),
+                       "mean_size": (0.5,), "ambient": (".8 .8 .8 1",)}},
+    "fog": {**_mark_supported_tags("color", "start", "end", "density"), "type": ("none",)},
+}
+BLOCKS: Mapping[str, Entry] = MappingProxyType(
+    {
+        "model": {
+            **_mark_supported_tags("static", "pose", "plugin", "allow_auto_disable", "frame"),
+            "link": _SDF_LINK,
+            "joint": _SDF_JOINT,
+            "self_collide": _OFF,
+            "enable_wind": _OFF,
+        },
+        "world": {
+            **_mark_supported_tags(
+                "model", "light", "gravity", "plugin", "state", "joint", "population", "include"
+            ),
+            # No effect here: there is no window and no sensor that uses these elements.
+            **_mark_supported_tags(
+                "gui", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"
+            ),
+            "frame": _mark_supported_tags("pose"),
+            "wind": {"linear_velocity": ("0 0 0",)},
+            "physics": _PHYSICS,
+            "scene": _SCENE,
+        },
+        **{f"plugin {name}": block for name, block in _PLUGINS.items()},
+        "include": _mark_supported_tags(
+            "name", "pose", "static", "uri", "plugin", "placement_frame"
+        ),
+        "light": {
+            **_mark_supported_tags("pose", "diffuse", "specular", "direction", "cast_shadows"),
+            "attenuation": _mark_supported_tags("range", "constant", "linear", "quadratic"),
+            "spot": _mark_supported_tags("inner_angle", "outer_angle", "falloff"),
+            "intensity": (1.0,),
+        },
+        "robot": {
+            **_mark_supported_tags("transmission", "material", "gazebo"),
+            "link": {
+                **_mark_supported_tags("inertial"),
+                "visual": _mark_supported_tags("origin", "geometry", "material"),
+                "collision": _mark_supported_tags("origin", "geometry"),
+            },
+            "joint": _mark_supported_tags(
+                "origin",
+                "parent",
+                "child",
+                "axis",
+                "limit",
+                "dynamics",
+                "mimic",
+                "safety_controller",
+                "calibration",
+            ),
+        },
+        # <gazebo> tags without reference, followed by those of a link and of a joint
+        "gazebo": {
+            **_mark_supported_tags("static", "plugin", "allow_auto_disable"),
+            "link": _SDF_LINK,
+            "joint": _SDF_JOINT,
+            "self_collide": _OFF,
+            "selfCollide": _OFF,
+        },
+        "gazebo link": {
+            **_mark_supported_tags(
+                "material",
+                "gravity",
+                "turnGravityOff",
+                "kinematic",
+                "mu1",
+                "canonicalBody",
+                "maxContacts",
+                "max_contacts",
+            ),
+            "mu2": ("mu1",),
+            "fdir1": ("0 0 0",),
+            "selfCollide": _OFF,
+            "self_collide": _OFF,
+            "kp": (1e12,),
+            "kd": (1.0,),
+            "maxVel": (0.01,),
+            "minDepth": (0.0,),
+            "laserRetro": (0.0,),
+            "dampingFactor": (0.0,),
+            "visual": {"material": _MATERIAL},
+            "collision": {"surface": _SURFACE, "max_contacts": SUPPORTED},
+            "sensor": _SENSORS,
+        },
+        "gazebo joint": {
+            **_mark_supported_tags(
+                "springStiffness",
+                "springReference",
+                "provideFeedback",
+                "implicitSpringDamper",
+                "preserveFixedJoint",
+                "disableFixedJointLumping",
+            ),
+            "cfmDamping": _OFF,
+            "stopCfm": (0.0,),
+            "stopErp": (0.2,),
+            "fudgeFactor": (0.0,),
+            "physics": {"provide_feedback": SUPPORTED, "ode": _ODE_JOINT},
+            "sensor": _SENSORS,
+        },
+    }
+)
+
+
+def describe_ignored_elements(element: Element, block: str, where: str) -> list[str]:
+    """Return one sentence for each unsupported element in `element`, a block of this kind.
+
+    Equal elements in several places share one sentence. Tags of other programs ("program:tag") are
+    not reported.
+
+    Args:
+        where: name of the element in messages; '' if its children have unique names.
+    """
+    return format_sentences(find_ignored_elements(element, block, where))
+
+
+def find_ignored_elements(element: Element, block: str, where: str) -> list[tuple[str, str]]:
+    """Return (place, tag) of each unsupported element in a block, in file order."""
+    found: list[tuple[str, str]] = []
+    _collect(element, BLOCKS[block], where, found)
+    return list(dict.fromkeys(found))
+
+
+def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
+    """Return sentences about (place, tag) pairs; tags with the same places share a sentence."""
+    places: dict[str, list[str]] = {}
+    for place, tag in elements:
+        places.setdefault(tag, []).append(place)
+    tags: dict[tuple[str, ...], list[str]] = {}
+    for tag, where in places.items():
+        tags.setdefault(tuple(where), []).append(tag)
+    return [f"{where[0]}{f' and {len(where) - 1} more' if len(where) > 1 else ''}: "
+            f"{', '.join(names)} {'is' if len(names) == 1 else 'are'} not supported; ignored"
+            for where, names in tags.items()]
+
+
+def _collect(element: Element, entry: Mapping[str, Entry], where: str,
+          elements: list[tuple[str, str]]) -> None:
+    for child in element:
+        if not isinstance(child.tag, str) or ":" in child.tag:
+            continue
+        inside = entry.get(child.tag)
+        if inside is _SENSORS:
+            inside = _SENSORS.get(child.get("type") or "", SUPPORTED)  # reader reports other types
+        if inside is _SDF_JOINT:
+            inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)
+        name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
+        if inside is None and entry is _GEOMETRY:
+            continue
+        if inside is None or isinstance(inside, tuple) and not _has_value(child, inside, element):
+            elements.append((where, f"<{shorten(child.tag)}>{name}"))
+        elif isinstance(inside, Mapping):
+            label = f"{child.tag}{name}" if name or _is_in_world(inside) else ""
+            _collect(child, inside, ", ".join(filter(None, (where, label))), elements)
+
+
+def _is_in_world(block: Mapping[str, Entry]) -> bool:
+    """Return whether a block belongs to a world, where its tag alone identifies it."""
+    pending = [_PHYSICS, _SCENE, BLOCKS["world"]["wind"]]
+    for one in pending:
+        pending += (inner for inner in one.values() if isinstance(inner, Mapping))
+    return any(block is one for one in pending)
+
+
+def _has_value(element: Element, values: tuple, block: Element) -> bool:
+    """Return whether an element's value is one of `values`: text, a number, or a sibling's name."""
+    text = _read_value(element)
+    for value in values:
+        if isinstance(value, float):
+            if _parse_number(text) == value:
+                return True
+            continue
+        sibling = block.find(value) if value and value.isidentifier() else None
+        other = value if sibling is None else _read_value(sibling)
+        if (
+            text.split() == other.split()
+            or _parse_numbers(text) == _parse_numbers(other) is not None
+        ):
+            return True
+    return False
+
+
+def _read_value(element: Element) -> str:
+    return (element.get("value") or element.text or "").strip().lower()
+
+
+def _parse_number(text: str) -> float | None:
+    numbers = _parse_numbers(text)
+    return numbers[0] if numbers and len(numbers) == 1 else None
+
+
+def _parse_numbers(text: str) -> list[float] | None:
+    try:
+        return [float(word) for word in text.split()]
+    except ValueError:
+        return None

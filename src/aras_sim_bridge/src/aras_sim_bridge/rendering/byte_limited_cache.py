@@ -1,0 +1,51 @@
+"""Cache of recently used values with limited memory."""
+
+from __future__ import annotations
+
+import threading
+from collections import OrderedDict
+from collections.abc import Callable, Hashable
+from typing import Generic, TypeVar
+
+K = TypeVar("K", bound=Hashable)
+V = TypeVar("V")
+
+
+class ByteLimitedCache(Generic[K, V]):
+    """Recently used values up to `capacity` bytes in total, at least one value; thread-safe."""
+
+    def __init__(
+        self, capacity: int, size: Callable[[V], int] = lambda value: value.nbytes,
+        drop: Callable[[V], None] = lambda value: None,
+    ) -> None:
+        """Create an empty cache.
+
+        Args:
+            capacity: largest total size, bytes.
+            size: size of a value, in the unit of `capacity`.
+            drop: called with each value that is removed.
+        """
+        self._capacity, self._size, self._drop = capacity, size, drop
+        self._values: OrderedDict[K, V] = OrderedDict()
+        self._lock = threading.Lock()
+
+    def get(self, key: K, make: Callable[[], V]) -> V:
+        """Return the value of a key; make it if it is not in the cache."""
+        with self._lock:
+            if key in self._values:
+                self._values.move_to_end(key)
+                return self._values[key]
+        value = make()
+        with self._lock:
+            value = self._values.setdefault(key, value)
+            total, dropped = sum(map(self._size, self._values.values())), []
+            while len(self._values) > 1 and total > self._capacity:
+                dropped.append(self._values.popitem(last=False)[1])
+                total -= self._size(dropped[-1])
+        for old in dropped:
+            self._drop(old)
+        return value
+
+    def clear(self) -> None:
+        """Remove all values."""
+        self._values.clear()

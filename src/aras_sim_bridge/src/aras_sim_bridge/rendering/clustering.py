@@ -1,0 +1,88 @@
+"""Grouping of neighbouring triangles that face the same direction into clusters.
+
+It is compiled, because the model of a robot may have a hundred thousand triangles, and the
+simulation waits until they are grouped.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit, jit_inline
+
+# With 32 triangles per cluster, 40 000 triangles are drawn as fast as with 16 or 64, and the robot
+# is drawn a tenth faster than with 128.
+CLUSTER_SIZE = 32
+# A smaller cluster is also split if this reduces its cost (surface of its box times number of
+# triangles) below this ratio. Testing the box of a cluster costs as much as BOX_TEST_COST
+# triangles.
+LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
+
+
+def cluster_triangles(
+    corners: np.ndarray, normal: np.ndarray, part: np.ndarray
+) -> list[np.ndarray]:
+    """Return clusters of triangles (T, 3, 3) of one part whose normals have the same main axis.
+
+    Clusters are split in two until they are small, and further if the boxes around the halves are
+    much smaller.
+    """
+    if not len(corners):
+        return []
+    along = np.abs(normal).argmax(axis=1)
+    side = 2 * along + (normal[np.arange(len(along)), along] > 0)
+    label = 6 * part + side
+    order = np.argsort(label, kind="stable")
+    bounds = np.flatnonzero(np.diff(label[order], prepend=-1, append=label.max() + 1))
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    keys = np.column_stack([low + high, (high - low).max(axis=1)])
+    members, first = _split_clusters(low, high, np.ascontiguousarray(keys.T), order, bounds)
+    return np.split(members, first[1:])
+
+
+@jit_inline
+def _compute_surface(low, high, members):
+    """Return half the surface of the box around the boxes of some triangles."""
+    a0, a1, a2 = low[members[0]]
+    b0, b1, b2 = high[members[0]]
+    for m in members[1:]:
+        a0, a1, a2 = min(a0, low[m, 0]), min(a1, low[m, 1]), min(a2, low[m, 2])
+        b0, b1, b2 = max(b0, high[m, 0]), max(b1, high[m, 1]), max(b2, high[m, 2])
+    x, y, z = b0 - a0, b1 - a1, b2 - a2
+    return x * y + y * z + z * x
+
+
+@jit("f8[:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1]")
+def _split_clusters(low, high, keys, order, bounds):
+    """Split the pieces order[bounds[k]:bounds[k + 1]]; return members (T,) and cluster starts."""
+    members, first = np.empty_like(order), np.empty_like(order)
+    done, found = 0, 0
+    pending = [(bounds[k], bounds[k + 1]) for k in range(len(bounds) - 1)]
+    while pending:
+        begin, end = pending.pop()
+        group = order[begin:end].copy()
+        count = end - begin
+        half = count // 2
+        cost, best = np.inf, group
+        if count > 1:
+            # By position along each axis, or by size.
+            for k in range(len(keys)):
+                one = group[np.argsort(keys[k][group], kind="mergesort")]
+                split_cost = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])
+                split_cost += (BOX_TEST_COST + count - half) * _compute_surface(
+                    low, high, one[half:]
+                )
+                if split_cost < cost:
+                    cost, best = split_cost, one
+        whole_cost = (BOX_TEST_COST + count) * _compute_surface(low, high, group)
+        if count > CLUSTER_SIZE or cost < LARGEST_COST_RATIO * whole_cost:
+            for i in range(count):
+                order[begin + i] = best[i]
+            pending.append((begin, begin + half))
+            pending.append((begin + half, end))
+        else:
+            for i in range(count):
+                members[done + i] = group[i]
+            first[found] = done
+            done, found = done + count, found + 1
+    return members, first[:found]

@@ -1,0 +1,165 @@
+"""Visible areas in pixels with many triangles: sampled visibility times exact widths."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
+
+from .areas import COPLANAR_TOLERANCE, PLANE
+
+FINE = 32  # samples in pixels with more than DENSE triangles
+UNIT = 1 << 20  # unit of widths: sums are integers, so they do not depend on the order
+# Samples relative to the pixel centre, px: one in each column and each row. The row is the column
+# with reversed bits (Hammersley points).
+SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
+SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
+SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
+
+
+@jit_inline_numba
+def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, work, counts):
+    """Count the samples of a pixel that are inside each triangle, and those that show it.
+
+    Args:
+        x0, y0: position of the pixel.
+        count, opaque_count: numbers of triangles and of opaque ones, which come first.
+        work: (3, FINE) float32, work space.
+        counts: (., 2) receives both counts of each triangle; the first is -1 for slivers.
+
+    Returns:
+        Smallest inverse distance of the visible triangles at the samples.
+    """
+    zero, one = np.float32(0.0), np.float32(1.0)
+    for i in range(FINE):
+        work[0, i], work[2, i] = zero, -one  # inverse distance and index of the nearest triangle
+    for n in range(count):
+        k = triangles[n]
+        counts[n, 0] = counts[n, 1] = 0.0
+        a0 = a1 = a2 = one  # missing lines are positive everywhere
+        b0 = b1 = b2 = c0 = c1 = c2 = zero
+        if sliver[k]:
+            counts[n, 0] = -1.0
+            continue
+        if lines[k] > 0:
+            b0, c0 = np.float32(line[k, 0, 1]), np.float32(line[k, 0, 2])
+            b1, c1 = np.float32(line[k, 1, 1]), np.float32(line[k, 1, 2])
+            b2, c2 = np.float32(line[k, 2, 1]), np.float32(line[k, 2, 2])
+            a0 = np.float32(line[k, 0, 0] + line[k, 0, 1] * x0 + line[k, 0, 2] * y0)
+            a1 = np.float32(line[k, 1, 0] + line[k, 1, 1] * x0 + line[k, 1, 2] * y0)
+            a2 = np.float32(line[k, 2, 0] + line[k, 2, 1] * x0 + line[k, 2, 2] * y0)
+        a = np.float32(line[k, PLANE, 0] + line[k, PLANE, 1] * x0 + line[k, PLANE, 2] * y0)
+        b, c = np.float32(line[k, PLANE, 1]), np.float32(line[k, PLANE, 2])
+        index, hits, visible = np.float32(n), np.int32(0), np.int32(0)
+        if n < opaque_count and lines[k] <= 3:
+            for i in range(FINE):
+                x, y = SAMPLE_X[i], SAMPLE_Y[i]
+                l0, l1, l2 = a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y
+                depth = a + b * x + c * y
+                inside = (l0 >= zero) & (l1 >= zero) & (l2 >= zero)
+                in_front = inside & (depth > work[0, i])
+                work[1, i] = one if inside else zero
+                work[0, i] = depth if in_front else work[0, i]
+                work[2, i] = index if in_front else work[2, i]
+        else:
+            for i in range(FINE):
+                x, y = SAMPLE_X[i], SAMPLE_Y[i]
+                inside = min(a0 + b0 * x + c0 * y, a1 + b1 * x + c1 * y, a2 + b2 * x + c2 * y)
+                for j in range(3, lines[k]):
+                    inside = min(inside, np.float32(line[k, j, 0] + line[k, j, 1] * (x0 + x)
+                                                  + line[k, j, 2] * (y0 + y)))
+                depth = a + b * x + c * y
+                work[1, i] = one if inside >= zero else zero
+                if inside >= zero and depth > work[0, i]:
+                    visible += np.int32(1)
+                    if n < opaque_count:
+                        work[0, i], work[2, i] = depth, index
+        for i in range(FINE):
+            hits += np.int32(work[1, i] == one)
+        counts[n, 0], counts[n, 1] = hits, visible
+    for n in range(opaque_count):
+        index, visible = np.float32(n), np.int32(0)
+        for i in range(FINE):
+            visible += np.int32(work[2, i] == index)
+        counts[n, 1] = visible
+    half = FINE // 2
+    while half > 0:
+        for i in range(half):
+            other = work[0, i + half]
+            work[0, i] = other if other < work[0, i] else work[0, i]
+        half //= 2
+    return work[0, 0]
+
+
+@jit_inline
+def compute_sample_mean(work, n, visible_count, middle):
+    """Write the mean position of the samples that show triangle n to middle[n]."""
+    name, x, y = np.float32(n), np.int32(0), np.int32(0)
+    for i in range(FINE):
+        x += np.int32(work[2, i] == name) * np.int32(i)
+        y += np.int32(work[2, i] == name) * np.int32(SAMPLE_ROW[i])
+    middle[n, 0] = (x / visible_count + 0.5) / FINE - 0.5
+    middle[n, 1] = (y / visible_count + 0.5) / FINE - 0.5
+
+
+@jit_inline_numba
+def integrate_rows(own, lines, work, middle, n):
+    """Return the area of a pixel on the positive side of the lines own[0, :lines].
+
+    The area is the mean of the exact width along FINE rows, or along columns if the area is thinner
+    in that direction. Its centre is written to middle[n]; `work` is (3, FINE) float32.
+    """
+    across = down = 0.0
+    for k in range(lines):
+        across += abs(own[0, k, 1])
+        down += abs(own[0, k, 2])
+    i, j = (1, 2) if across >= down else (2, 1)
+    half, zero, unit = np.float32(0.5), np.float32(0.0), np.float32(UNIT)
+    for r in range(FINE):
+        work[0, r], work[1, r] = -half, half
+    for k in range(lines):
+        b, c = own[0, k, i], own[0, k, j]
+        b = b if abs(b) > 1e-9 * abs(c) else 1e-9 * abs(c)
+        a, c = np.float32(-own[0, k, 0] / b), np.float32(-c / b)
+        if b > 0.0:
+            for r in range(FINE):
+                at = a + c * SAMPLE_X[r]
+                work[0, r] = at if at > work[0, r] else work[0, r]
+        else:
+            for r in range(FINE):
+                at = a + c * SAMPLE_X[r]
+                work[1, r] = at if at < work[1, r] else work[1, r]
+    total, at, row = np.int32(0), np.int32(0), np.int32(0)
+    for r in range(FINE):
+        wide = max(work[1, r] - work[0, r], zero)
+        part = np.int32(wide * unit)
+        total += part
+        row += part * np.int32(r)
+        at += np.int32((work[1, r] + work[0, r]) * wide * unit)
+    if total > 0:
+        middle[n, i - 1] = 0.5 * at / total
+        middle[n, j - 1] = (row / total + 0.5) / FINE - 0.5
+    return total / (UNIT * FINE)
+
+
+@jit_inline
+def is_hidden(triangles, line, lines, counts, n, opaque_count, x, y):
+    """Return whether one of the first `opaque_count` triangles hides triangle n at a point.
+
+    Slivers are ignored.
+    """
+    k = triangles[n]
+    depth = line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y
+    hidden = False
+    for other in range(opaque_count):
+        k = triangles[other]
+        if counts[other, 0] >= 0.0 and (
+                line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y
+                > depth * (1.0 + COPLANAR_TOLERANCE)):
+            i = 0
+            while i < lines[k] and line[k, i, 0] + line[k, i, 1] * x + line[k, i, 2] * y > 0.0:
+                i += 1
+            if i == lines[k]:
+                hidden = True
+                break
+    return hidden

@@ -1,0 +1,433 @@
+"""Detection of the pixels that contain edges.
+
+A pixel contains an edge if its corners show different surfaces. A wire, a gap between two parts or
+the tip of a triangle may lie between the corners. Therefore each triangle of a tile whose colour
+differs from the colour at the pixel's corners is tested: does it reach into the pixel in front of
+what the corners show? A gap inside one part that is narrower than a pixel is not found.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit, jit_inline, lowest_bit
+
+from .areas import COPLANAR_TOLERANCE
+from .binning import VisibleTriangles
+from .sampling import BACKGROUND, NOTHING, SEVERAL, PixelSamples
+from .tiles import TILE, Tiles
+
+# Grey levels. Smaller differences count as smooth shading. If the corners of a pixel hide an edge
+# of this contrast, the contour of a target of 100 levels moves by at most a thirtieth of a pixel.
+THRESHOLD = 6
+
+
+def find_edges(
+    tiles: Tiles,
+    visible: VisibleTriangles,
+    samples: PixelSamples,
+    uniform: np.ndarray,
+    smooth: np.ndarray,
+    part: np.ndarray,
+    sky: np.uint32,
+    near: float,
+    far: float,
+) -> tuple[np.ndarray, np.ndarray]:
+    """Return the pixels with edges as bit masks and as a list.
+
+    Args:
+        tiles: tiles of the image.
+        visible: visible triangles.
+        samples: samples at the upper left corners of the pixels.
+        uniform: (N,) packed colours of the visible triangles with one colour, 0 for the others.
+        smooth, part: (N,) of the visible triangles, as in Triangles.
+        sky: packed colour of the background.
+        near, far: clip distances, m.
+
+    Returns:
+        (tiles,) uint64, with bit row * TILE + column for each pixel of a tile; and (P,) row * width
+        + column in the padded image, cell by cell.
+    """
+    t = tiles
+    edges, mixed = _find_corner_edges(
+        samples.tile,
+        samples.pixel,
+        samples.start,
+        samples.member,
+        visible.opaque,
+        uniform,
+        smooth,
+        part,
+        sky,
+        visible.side,
+        visible.light,
+        t.matrices,
+        t.valid,
+        t.cells,
+        t.columns,
+    )
+    edges |= _find_thin_edges(
+        edges,
+        mixed,
+        samples.tile,
+        samples.pixel,
+        samples.start,
+        samples.member,
+        samples.full,
+        samples.pixel_masks,
+        uniform,
+        smooth,
+        sky,
+        visible.side,
+        visible.cut,
+        t.matrices,
+        t.axis,
+        t.valid,
+        t.cells,
+        t.columns,
+        near,
+        far,
+    )
+    return edges, _list_pixels(edges, t.cells, t.columns)
+
+
+@jit_inline
+def _has_contrast(a, b):
+    """Return whether two packed colours differ by more than THRESHOLD."""
+    apart = False
+    for k in range(3):
+        shift = np.uint32(8 * k)
+        one = np.int32((a >> shift) & np.uint32(255))
+        other = np.int32((b >> shift) & np.uint32(255))
+        apart |= abs(one - other) > THRESHOLD
+    return apart
+
+
+@jit_inline
+def _compute_brightness(side, light, m, rx, ry, rz):
+    """Return the light on the plane of triangle m along a ray."""
+    lit = w = 0.0
+    for k in range(3):
+        share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
+        w += share
+        lit += share * light[m, k]
+    return lit / w
+
+
+@jit_inline
+def _find_triangle_at(tile, pixel, columns, v, u):
+    """Return the triangle at the sample v, u; NOTHING outside the image."""
+    if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
+        return np.int64(NOTHING)
+    whole = tile[(v // TILE) * columns + u // TILE]
+    return np.int64(pixel[v, u]) if whole == SEVERAL else whole
+
+
+@jit("i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u4[::1], i8[::1], i8[::1], u4, "
+          "f8[:,:,::1], f8[:,::1], f8[:,:,::1], b1[:,::1], i8, i8")
+def _find_corner_edges(
+    tile,
+    pixel,
+    start,
+    member,
+    opaque,
+    uniform,
+    smooth,
+    part,
+    sky,
+    side,
+    light,
+    matrices,
+    valid,
+    cells,
+    columns,
+):
+    """Find edges from the samples at the pixel corners; return (2, tiles) uint64.
+
+    Row 0: pixels whose corners show different surfaces, and all pixels of tiles with transparent
+    triangles. Row 1: pixels whose corners show several parts.
+    """
+    size, side_of = TILE // cells, TILE + 1
+    # Smallest and largest light on each triangle.
+    dim = np.empty((len(light), 2))
+    for m in range(len(light)):
+        dim[m, 0] = min(light[m, 0], light[m, 1], light[m, 2])
+        dim[m, 1] = max(light[m, 0], light[m, 1], light[m, 2])
+    out = np.zeros((2, len(tile)), np.uint64)
+    shown = np.empty(side_of * side_of, np.int64)
+    neighbours = np.empty(3, np.int64)
+    for n in range(len(tile)):
+        if tile[n] != SEVERAL:
+            continue
+        transparent = False
+        for k in range(start[n], start[n + 1]):
+            transparent |= not opaque[member[k]]
+        u0, v0 = TILE * (n % columns), TILE * (n // columns)
+        for y in range(TILE):
+            for x in range(TILE):
+                shown[y * side_of + x] = pixel[v0 + y, u0 + x]
+        for k in range(side_of):
+            shown[k * side_of + TILE] = _find_triangle_at(tile, pixel, columns, v0 + k, u0 + TILE)
+            shown[TILE * side_of + k] = _find_triangle_at(tile, pixel, columns, v0 + TILE, u0 + k)
+        bits = mixed = np.uint64(0)
+        for y in range(TILE):
+            for x in range(TILE):
+                i = y * side_of + x
+                m = shown[i]
+                neighbours[0], neighbours[1], neighbours[2] = (
+                    shown[i + 1],
+                    shown[i + side_of],
+                    shown[i + side_of + 1],
+                )
+                if (
+                    m == neighbours[0]
+                    and m == neighbours[1]
+                    and m == neighbours[2]
+                    and m != NOTHING
+                    and not transparent
+                ) or not valid[v0 + y, u0 + x]:
+                    continue
+                for k in range(3):
+                    other = neighbours[k]
+                    if other != m and (other < 0 or m < 0 or part[other] != part[m]):
+                        mixed |= np.uint64(1) << np.uint64(y * TILE + x)
+                edge = transparent or m == NOTHING
+                lit, known = 0.0, False
+                rx = ry = rz = 0.0
+                for k in range(3):
+                    other = neighbours[k]
+                    if edge or other == m or (k > 0 and other == neighbours[k - 1]):
+                        continue
+                    if other == NOTHING:
+                        edge = True
+                    elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
+                        # Within a smooth part, colours differ only by the light.
+                        if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
+                                <= THRESHOLD / 255.0):
+                            continue
+                        if not known:
+                            c = n * cells * cells + (y // size) * cells + x // size
+                            xc, yc = float(x % size), float(y % size)
+                            rx = (matrices[c, 0, 0] * xc + matrices[c, 0, 1] * yc
+                                  + matrices[c, 0, 2])
+                            ry = (matrices[c, 1, 0] * xc + matrices[c, 1, 1] * yc
+                                  + matrices[c, 1, 2])
+                            rz = (matrices[c, 2, 0] * xc + matrices[c, 2, 1] * yc
+                                  + matrices[c, 2, 2])
+                            lit, known = _compute_brightness(side, light, m, rx, ry, rz), True
+                        edge = abs(_compute_brightness(side, light, other, rx, ry, rz) - lit
+                                   ) > THRESHOLD / 255.0
+                    else:
+                        one = sky if m == BACKGROUND else uniform[m]
+                        two = sky if other == BACKGROUND else uniform[other]
+                        edge = one == 0 or two == 0 or _has_contrast(one, two)
+                if edge:
+                    bits |= np.uint64(1) << np.uint64(y * TILE + x)
+        out[0, n], out[1, n] = bits, mixed
+    return out
+
+
+@jit("u8[::1], u8[::1], i8[::1], i4[:,::1], i8[::1], i8[::1], b1[::1], u8[::1], u4[::1], "
+          "i8[::1], u4, f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], b1[:,::1], i8, i8, f8, f8")
+def _find_thin_edges(
+    edges,
+    multi_part,
+    tile,
+    pixel,
+    start,
+    member,
+    full,
+    pixel_masks,
+    uniform,
+    smooth,
+    sky,
+    side,
+    cut,
+    matrices,
+    axis,
+    valid,
+    cells,
+    columns,
+    near,
+    far,
+):
+    """Find edges between the pixel corners; return (tiles,) uint64.
+
+    These are pixels without an edge at their corners into which a surface of another colour reaches
+    in front of what the corners show. The sky counts as such a surface if the corners show several
+    parts and no triangle is behind them.
+    """
+    size, one = TILE // cells, np.uint64(1)
+    out = np.zeros(len(tile), np.uint64)
+    # Triangles of one colour, or of one smooth part, get the same number.
+    colour = np.empty(len(uniform))
+    for m in range(len(uniform)):
+        own = smooth[m] if smooth[m] >= 0 else len(uniform) + m
+        colour[m] = float(uniform[m]) if uniform[m] != 0 else -2.0 - own
+    longest = 1
+    for n in range(len(tile)):
+        longest = max(longest, start[n + 1] - start[n])
+    # For the triangles of a tile: inverse distance a + b x + c y, its change from a pixel's centre
+    # to a corner, and the index of each triangle among them.
+    planes, place = np.empty((longest, 4)), np.empty(len(colour), np.int64)
+    # For the pixels of a cell: inverse distance at the front, and number of the colour.
+    work = np.empty((2, TILE, TILE))
+    line = np.empty((3, 3))
+    for n in range(len(tile)):
+        if tile[n] != SEVERAL or edges[n] == ~np.uint64(0):
+            continue
+        u0, v0 = TILE * (n % columns), TILE * (n // columns)
+        first = start[n]
+        has_backing = False
+        for k in range(first, start[n + 1]):
+            has_backing |= full[k]
+            place[member[k]] = k - first
+        for cell in range(cells * cells):
+            y0, x0 = cell // cells * size, cell % cells * size
+            M = matrices[n * cells * cells + cell]
+            # The pixels of the cell; a byte of the mask is a row.
+            square = ((one << np.uint64(size)) - one) * (
+                np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - size)))
+            square <<= np.uint64(y0 * TILE + x0)
+            if ~edges[n] & square == 0:
+                continue
+            for k in range(start[n + 1] - first):
+                if pixel_masks[first + k] & square == 0:
+                    continue
+                m = member[first + k]
+                a = b = c = 0.0
+                for q in range(3):
+                    s = side[m, 0, q] + side[m, 1, q] + side[m, 2, q]
+                    a, b, c = a + s * M[q, 2], b + s * M[q, 0], c + s * M[q, 1]
+                planes[k, 0], planes[k, 1], planes[k, 2] = a, b, c
+                planes[k, 3] = 0.5 * (abs(b) + abs(c))
+            nearest, pixels, one_colour, last = np.inf, np.uint64(0), True, -1.0
+            for y in range(size):
+                for x in range(size):
+                    i, j = y0 + y, x0 + x
+                    bit = one << np.uint64(i * TILE + j)
+                    work[0, y, x], work[1, y, x] = np.inf, -1.0
+                    if edges[n] & bit != 0 or not valid[v0 + i, u0 + j]:
+                        continue
+                    m = np.int64(pixel[v0 + i, u0 + j])
+                    front, name = 0.0, float(sky) if m < 0 else colour[m]
+                    if multi_part[n] & bit != 0:
+                        # Gaps between parts of one colour show the sky if no triangle is behind.
+                        if (
+                            not has_backing
+                            and m >= 0
+                            and (name < 0.0 or _has_contrast(np.uint32(name), sky))
+                        ):
+                            out[n] |= bit
+                            continue
+                    elif m >= 0:
+                        k = place[m]
+                        front = (planes[k, 0] + planes[k, 1] * x + planes[k, 2] * y
+                                 - planes[k, 3])
+                    work[0, y, x], work[1, y, x] = front, name
+                    nearest = min(nearest, front)
+                    pixels |= bit
+                    one_colour &= last == -1.0 or last == name
+                    last = name
+            if pixels == 0:
+                continue
+            for k in range(start[n + 1] - first):
+                bits = pixel_masks[first + k] & pixels & ~out[n]
+                if bits == 0:
+                    continue
+                m = member[first + k]
+                name = colour[m]
+                a, b, c = planes[k, 0] + planes[k, 3], planes[k, 1], planes[k, 2]
+                if (one_colour and last == name
+                        or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
+                    continue
+                # Lines of the triangle, relative to the cell's first pixel, moved outwards by the
+                # change over half a pixel.
+                for i in range(3):
+                    for j in range(3):
+                        line[i, j] = (side[m, i, 0] * M[0, j] + side[m, i, 1] * M[1, j]
+                                      + side[m, i, 2] * M[2, j])
+                    line[i, 2] += 0.5 * (abs(line[i, 0]) + abs(line[i, 1]))
+                    if full[first + k]:
+                        line[i, 2] = np.inf
+                b0, c0, a0 = line[0, 0], line[0, 1], line[0, 2]
+                b1, c1, a1 = line[1, 0], line[1, 1], line[1, 2]
+                b2, c2, a2 = line[2, 0], line[2, 1], line[2, 2]
+                rows = np.int64(0)
+                for y in range(size):
+                    if bits >> np.uint64((y0 + y) * TILE) & np.uint64(255) == 0:
+                        continue
+                    hits = np.int64(0)
+                    for x in range(size):
+                        hit = ((a0 + b0 * x + c0 * y > 0.0) & (a1 + b1 * x + c1 * y > 0.0)
+                               & (a2 + b2 * x + c2 * y > 0.0)
+                               & (a + b * x + c * y > work[0, y, x]) & (work[1, y, x] != name))
+                        hits |= np.int64(hit)
+                    rows |= hits << y
+                while rows != 0:
+                    y = lowest_bit(rows)
+                    rows &= rows - 1
+                    for x in range(size):
+                        bit = one << np.uint64((y0 + y) * TILE + x0 + x)
+                        w = a + b * x + c * y
+                        if (bits & bit == 0 or work[1, y, x] == name or w <= work[0, y, x]
+                                or a0 + b0 * x + c0 * y <= 0.0 or a1 + b1 * x + c1 * y <= 0.0
+                                or a2 + b2 * x + c2 * y <= 0.0):
+                            continue
+                        if name >= 0.0 and work[1, y, x] >= 0.0 and not _has_contrast(
+                                np.uint32(name), np.uint32(work[1, y, x])):
+                            continue
+                        if cut[m]:  # is all of it in this pixel beyond near or far?
+                            along = by = 0.0
+                            for q in range(3):
+                                along += axis[n, q] * (M[q, 0] * x + M[q, 1] * y + M[q, 2])
+                                by += 0.5 * abs(axis[n, q]) * (abs(M[q, 0]) + abs(M[q, 1]))
+                            if (far * w <= along - by
+                                    or near * (w - 2.0 * planes[k, 3]) >= along + by):
+                                continue
+                        if work[0, y, x] > 0.0:
+                            # Is it in front anywhere in the pixel?
+                            q = place[np.int64(pixel[v0 + y0 + y, u0 + x0 + x])]
+                            d, e = planes[k, 1] - planes[q, 1], planes[k, 2] - planes[q, 2]
+                            if (
+                                planes[k, 0]
+                                - planes[q, 0]
+                                + d * x
+                                + e * y
+                                + 0.5 * (abs(d) + abs(e))
+                                <= COPLANAR_TOLERANCE * work[0, y, x]
+                            ):
+                                continue
+                        out[n] |= bit
+    return out
+
+
+@jit("u8[::1], i8, i8")
+def _list_pixels(edges, cells, columns):
+    """Return (P,) row * width + column of the pixels with edges, cell by cell."""
+    size, width = TILE // cells, TILE * columns
+    one = np.uint64(1)
+    found = 0
+    for n in range(len(edges)):
+        bits = edges[n]
+        while bits != 0:
+            bits &= bits - one
+            found += 1
+    out = np.empty(found, np.int64)
+    found = 0
+    for n in range(len(edges)):
+        if edges[n] == 0:
+            continue
+        first = TILE * (n // columns) * width + TILE * (n % columns)
+        for place in range(cells * cells * size):
+            cell = place // size
+            y, x0 = cell // cells * size + place % size, cell % cells * size
+            bits = edges[n] >> np.uint64(y * TILE + x0) & ((one << np.uint64(size)) - one)
+            for x in range(x0, x0 + size):
+                if bits == 0:
+                    break
+                if bits & one != 0:
+                    out[found] = first + y * width + x
+                    found += 1
+                bits >>= one
+    return out

@@ -1,0 +1,95 @@
+"""ROS interfaces of the robots, cameras and sensors that currently exist in the simulation."""
+
+from __future__ import annotations
+
+import logging
+import threading
+import traceback
+from collections.abc import Callable, Iterable
+
+import rospy
+
+from aras_sim_bridge.camera.mounting import MountedCamera
+from aras_sim_bridge.ros.camera.topics import CameraTopics
+from aras_sim_bridge.ros.control.manager_services import ManagerServices
+from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
+from aras_sim_bridge.ros.runtime.spawn_record import SpawnRecord
+from aras_sim_bridge.ros.sensors import SensorTopic
+from aras_sim_bridge.sensors import RateSensor
+from aras_sim_bridge.simulation import ControlledModel
+
+log = logging.getLogger(__name__)
+
+SYNC_TIMEOUT = 60.0  # seconds of wall time; a spawn that is in progress can take long
+Entity = ControlledModel | MountedCamera | RateSensor
+EntityInterface = ManagerServices | CameraTopics | SensorTopic
+
+
+class GraphEntities:
+    """Table of the ROS interfaces: services per robot, topics per camera and sensor."""
+
+    def __init__(
+        self,
+        thread: SimulationThread,
+        before_frame: Callable[[], None] | None = None,
+        spawn_record: SpawnRecord | None = None,
+    ) -> None:
+        """Create an empty table; `sync` fills it.
+
+        Args:
+            thread: simulation thread.
+            before_frame: called before each camera frame is published, or None.
+            spawn_record: record of the spawned models on the parameter server.
+        """
+        self._thread = thread
+        self.spawn_record = spawn_record or SpawnRecord(False)
+        self._before_frame = before_frame
+        self._lock = threading.Lock()
+        # None: the interface could not be opened and is not tried again.
+        self._interfaces: dict[Entity, EntityInterface | None] = {}
+
+    def sync(self) -> None:
+        """Open the interfaces of new entities and close those of removed ones.
+
+        An interface that cannot be opened is logged and left out. Do not call this in the
+        simulation thread, because registration with the ROS master is slow.
+        """
+
+        def list_entities() -> list[Entity]:
+            simulation = self._thread.simulation
+            return [*simulation.robots.values(), *simulation.cameras, *simulation.sensors]
+
+        with self._lock:
+            entities = self._thread.call(list_entities, SYNC_TIMEOUT)
+            self._close_others(entities)
+            for entity in entities:
+                if entity not in self._interfaces:
+                    self._interfaces[entity] = self._open(entity)
+
+    def _close_others(self, entities: Iterable[Entity]) -> None:
+        for entity in self._interfaces.keys() - set(entities):
+            interface = self._interfaces.pop(entity)
+            if interface is not None:
+                interface.shutdown()
+
+    def _open(self, entity: Entity) -> EntityInterface | None:
+        """Open the interface of an entity; log an error and return None if this fails."""
+        try:
+            if isinstance(entity, ControlledModel):
+                return ManagerServices(entity, self._thread, self.spawn_record)
+            if isinstance(entity, RateSensor):
+                return SensorTopic(entity, self._thread)
+            return CameraTopics(entity, self._thread, self._before_frame)
+        except Exception as error:  # no failure may affect the interfaces of other entities
+            if isinstance(entity, ControlledModel):
+                what = f"robot '{entity.name}'"
+            elif isinstance(entity, RateSensor):
+                what = f"sensor '{entity.description.topic}'"
+            else:
+                what = f"camera '{entity.sensor.config.name}'"
+            rospy.logerr(
+                "%s is simulated, but has no topics and services: %s; delete its model and spawn "
+                "it with other names", what, error,
+            )  # fmt: skip
+            log.debug("%s", traceback.format_exc())
+            return None

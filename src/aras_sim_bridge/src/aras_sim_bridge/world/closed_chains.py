@@ -1,0 +1,57 @@
+"""Closed kinematic chains: joints outside the tree, held by Bullet's constraints."""
+
+import math
+from collections.abc import Iterator
+
+from aras_sim_bridge.description.types import LoopJoint
+from aras_sim_bridge.world.body import Body
+from aras_sim_bridge.world.bullet import pybullet
+from aras_visual_servo_base.poses import Pose, Vector3, scale
+
+_LARGEST_FORCE = 1e12  # N: large enough that the constraint does not give way
+_SMALLEST_LENGTH = 1e-3  # m, half the distance between the two points that define an axis
+
+
+def close_loop(body: Body, loop: LoopJoint) -> list[int]:
+    """Constrain the two links of a loop-closing joint; return Bullet's constraint ids.
+
+    A revolute joint becomes two point constraints on its axis. Their distance from the joint
+    equals the distance of the joint from the farther link frame, which conditions them well.
+    """
+    joint = loop.joint
+    parent, child = (body.inertial_poses[name].inverse() @ pose for name, pose in (
+        (joint.parent, loop.in_parent), (joint.child, loop.in_child)))
+    made = []
+    for kind, axis, at in _list_constraints(loop):
+        ends = [frame @ Pose(at) for frame in (parent, child)]
+        made.append(pybullet.createConstraint(
+            body.body_id, body.links[joint.parent], body.body_id, body.links[joint.child], kind,
+            axis, ends[0].xyz, ends[1].xyz, ends[0].quat, ends[1].quat,
+            physicsClientId=body.client))
+        pybullet.changeConstraint(made[-1], maxForce=_LARGEST_FORCE, physicsClientId=body.client)
+    return made
+
+
+def _list_constraints(loop: LoopJoint) -> Iterator[tuple[int, Vector3, Vector3]]:
+    """Yield the type, axis and point of each constraint, in the joint's frame."""
+    joint = loop.joint
+    if joint.kind in ("revolute", "continuous"):
+        half = max(
+            math.hypot(*loop.in_parent.xyz), math.hypot(*loop.in_child.xyz), _SMALLEST_LENGTH
+        )
+        for side in (-half, half):
+            yield pybullet.JOINT_POINT2POINT, (0.0, 0.0, 0.0), scale(joint.axis, side)
+    elif joint.kind == "prismatic":
+        yield pybullet.JOINT_PRISMATIC, joint.axis, (0.0, 0.0, 0.0)
+    else:
+        yield pybullet.JOINT_FIXED, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0)
+
+
+def compute_position(loop: LoopJoint, parent: Pose, child: Pose) -> float:
+    """Return the position of a loop-closing joint (rad or m) from the poses of its links."""
+    joint = loop.joint
+    moved = (parent @ loop.in_parent).inverse() @ child @ loop.in_child
+    if joint.kind == "prismatic":
+        return sum(a * x for a, x in zip(joint.axis, moved.xyz, strict=True))
+    along = sum(a * x for a, x in zip(joint.axis, moved.quat, strict=False))
+    return math.remainder(2.0 * math.atan2(along, moved.quat[3]), 2.0 * math.pi)

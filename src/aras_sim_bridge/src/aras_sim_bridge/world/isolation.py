@@ -1,0 +1,167 @@
+"""Choice of the solver for each fixed-base model: its own joint dynamics, or Bullet.
+
+The steps of joint_dynamics.py take a tenth of Bullet's time, are exact, and give the same result to
+the last bit as without other models. Bullet takes over while another body may touch the model. The
+bounding boxes are therefore checked from time to time, as rarely as the speeds allow. While
+joint_dynamics.py steps a model, its copy in Bullet sleeps at the pose of the last check: no body
+can reach it before the next one.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+
+from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, compute_reach, find_solids
+
+_CONTACT_DISTANCE = 0.02  # m between boxes; bodies that are closer may touch in the next step
+# m/s, added to all measured speeds: the speed that forces may add between two checks
+_SPEED_MARGIN = 5.0
+_RETURN_STEPS = 8  # steps of free travel before joint_dynamics.py replaces Bullet
+_FAR = 1e9  # m
+_ARM_LENGTH = 2.0  # m, assumed lever of another robot, to turn joint speeds into m/s
+# steps between checks: while Bullet steps the model; with a body within reach; with none; never
+_OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
+
+
+@dataclass(eq=False)
+class IsolatedModel:
+    """Fixed-base model with joints.
+
+    Attributes:
+        model: the model.
+        reach: boxes that its moving links never leave.
+        links: Bullet's indices of the moving links.
+        nearby_models: other fixed-base models that the moving links may touch.
+    """
+
+    model: Model
+    reach: tuple[Box, ...]
+    links: frozenset[int]
+    nearby_models: tuple[Model, ...]
+
+    def compute_boxes_and_speed(self) -> tuple[list[Box], float]:
+        """Return the boxes of the moving links, and an upper bound of their speed, m/s."""
+        boxes = find_solids(self.model, self.links)
+        root = self.model.pose().xyz
+        corners = [(*low, *high) for low, high in (*boxes, Box(root, root))]
+        extent = math.dist(*(tuple(map(pick, zip(*corners, strict=True)))[part]
+                             for pick, part in ((min, slice(0, 3)), (max, slice(3, 6)))))
+        return boxes, sum(map(abs, self.model.read_joints()[1])) * max(1.0, extent)
+
+    def compute_isolated_steps(
+        self, loose: list[list[Box | HalfSpace]], fastest: float, dt: float
+    ) -> float:
+        """Return the number of steps of `dt` s in which no body can touch the moving links.
+
+        Args:
+            loose: boxes and half-spaces of each free model.
+            fastest: highest speed among the free models, m/s.
+            dt: time step, s.
+        """
+        if not (loose or self.nearby_models):
+            return _NEVER
+        far = min(
+            (_compute_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM
+        )
+        if far >= _SELDOM and not self.nearby_models:  # far from all poses of the model
+            return _SELDOM
+        boxes, speed = self.compute_boxes_and_speed()
+        near = [_compute_steps(boxes, solid, speed + fastest, dt) for solid in loose]
+        for other in self.nearby_models:
+            joint_speed = speed + sum(map(abs, other.read_joints()[1])) * _ARM_LENGTH
+            near.append(
+                _compute_steps(
+                    boxes, find_solids(other, other.link_indices.values()), joint_speed, dt
+                )
+            )
+        return min(_WITHIN, *near)
+
+
+class IsolationMonitor:
+    """Monitors which bodies may touch the fixed-base models of a world.
+
+    Attributes:
+        isolated_models: fixed-base models with joints, which joint_dynamics.py may step.
+        steps_until_update: steps until `update` is due.
+        is_base_touchable: whether a free body may touch a resting base that is held fixed.
+    """
+
+    def __init__(self, models: Mapping[str, Model], window: bool) -> None:
+        """Create a monitor; with `window`, Bullet makes all steps, because its window shows them.
+        """
+        self._models, self._window = models, window
+        self.isolated_models: list[IsolatedModel] = []
+        self._loose: list[Model] = []
+        self.steps_until_update, self.is_base_touchable = 0, False
+
+    def refresh(self) -> None:
+        """Collect the models again, after some were spawned, deleted, fixed or released."""
+        models = self._models.values()
+        fixed = [model for model in models if model.fixed_base]
+        self._loose = [model for model in models if not model.fixed_base]
+        self.isolated_models = []
+        for model in () if self._window else fixed:
+            if model.joint_names and not model.description.loops:
+                reach = compute_reach(model)
+                moved = {link: reach[link].grow(MARGIN) for link in model.joints.moving_links
+                         if link in reach}
+                self.isolated_models.append(IsolatedModel(
+                    model, tuple(moved.values()), frozenset(map(model.link_index, moved)),
+                    tuple(other for other in fixed
+                          if other is not model and can_meet(moved.values(), other))))
+        self.steps_until_update = 0
+
+    def replace_model(self, model: Model) -> None:
+        """Update the neighbours after a fixed-base model was moved."""
+        if model.joint_names:
+            self.refresh()
+            return
+        for isolated in self.isolated_models:
+            if isolated.model is not model:
+                others = tuple(one for one in isolated.nearby_models if one is not model)
+                isolated.nearby_models = (
+                    (*others, model) if can_meet(isolated.reach, model) else others
+                )
+        self.steps_until_update = 0
+
+    def update(self, dt: float) -> None:
+        """Choose the solver of each model, for steps of `dt` s."""
+        loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
+        # m/s; doubled, because one free body may hit another
+        fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
+        wait, self.is_base_touchable = _NEVER, False
+        for isolated in self.isolated_models:
+            model = isolated.model
+            steps = (
+                0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
+            )
+            is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
+            if model.body.is_asleep and not is_isolated:  # it moves from the second step on
+                model.body.set_asleep(False)
+                wait = 1
+                continue
+            if is_isolated and not model.body.is_asleep:
+                model.body.set_asleep(True)
+            model.joints.set_own_dynamics(is_isolated)
+            wait = min(wait, steps if is_isolated else _OFTEN)
+            if model.release is not None and loose:
+                base = find_solids(model, model.list_base_links())
+                steps = min(_compute_steps(solid, base, fastest, dt) for solid in loose)
+                self.is_base_touchable = self.is_base_touchable or steps < 1
+                wait = min(wait, _OFTEN if steps < 1 else steps)
+        self.steps_until_update = max(1, int(wait))
+
+
+def _compute_speed(model: Model) -> float:
+    twist = model.twist()
+    return math.hypot(*twist.linear) + math.hypot(*twist.angular)
+
+
+def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
+           dt: float) -> float:
+    """Return the number of steps of `dt` s before boxes and solids may meet at `speed` m/s."""
+    gap = min((other.gap(one) for one in boxes for other in solids), default=_FAR)
+    return (gap - _CONTACT_DISTANCE) / ((speed + _SPEED_MARGIN) * dt)

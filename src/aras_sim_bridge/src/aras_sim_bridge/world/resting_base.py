@@ -1,0 +1,490 @@
+"""Free bases at rest, simulated as fixed bases while the ground can support them.
+
+The original robot weighs 1.7 t and rests on the floor. Computing the contacts of twelve corners
+takes five times as long as the arm, only to find that the base does not move. Therefore a free
+model that rests on a static body is stepped as if its base were fixed, similar to ODE's sleeping
+bodies. After every step, the wrench on the ground is computed from the motion of the arm and from
+other contacts. The ground can bear it if the centre of pressure is inside the support polygon and
+friction suffices. Otherwise, and when the model is pushed, moved or changed, the base is freed.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping
+
+import cv2
+import numpy as np
+
+from aras_sim_bridge.description import Geometry, shapes
+from aras_sim_bridge.world.body import LINK_MARGIN
+from aras_sim_bridge.world.bullet import find_contacts, pybullet
+from aras_sim_bridge.world.model import Model
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.poses import Pose, Twist, rotate
+
+CHECK_EVERY = 50  # steps
+RETRY_STEPS = 1000  # steps until a base that the ground could not support is checked again
+_REST_TOLERANCE = 1e-6  # m and rad of motion between two checks
+_CONTACT_DISTANCE = 1e-4  # m; resting bodies sink in by a tenth of it in Bullet
+_LOAD_LIMIT = 0.9  # usable share of the friction and of the support polygon
+_SMALLEST_LEVER = 0.05  # relative motion of a contact below which its joints count as blocked
+# A body that hits a base finds it fixed for one step, and rebounds as from a wall. The relative
+# error is the mass of the body over that of the base, so a base must be much heavier to be fixed.
+_LEAST_MASS_RATIO = 100.0
+
+
+BASE_TYPES = "f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1]"
+# Arguments of `is_supported` for a base that is really fixed.
+FIXED_BASE_ARRAYS = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
+
+
+@jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], f8[::1], f8[:,::1], f8[::1], "
+          "f8[::1], f8", allocates=False)
+def is_supported(
+    tree,
+    frames,
+    state,
+    previous_speeds,
+    gravity,
+    ground,
+    corners,
+    contact_wrench,
+    ground_wrench,
+    dt,
+):
+    """Return whether the ground supports the base of a fixed-base tree in the last step.
+
+    All vectors are in the root's axes, about its origin.
+
+    Args:
+        tree, frames, state: see joint_dynamics.py, after the step.
+        previous_speeds (n,): joint velocities before the step.
+        gravity (3,): m/s².
+        ground (11,): mass and centre of mass of the base, normal of the ground, a point of the
+            ground, friction coefficient.
+        corners (m, 6): corners of the support polygon, relative to that point, each with the
+            outward normal of the edge that starts there.
+        contact_wrench (6,): torque and force of other contacts on the model.
+        ground_wrench (6,): receives the torque and force that ground and weight of the base must
+            provide.
+        dt: time step, s.
+    """
+    for k in range(6):
+        ground_wrench[k] = -contact_wrench[k]
+    for j in range(len(tree)):
+        f = frames[j]
+        a = (state[1, j] - previous_speeds[j]) / dt
+        sx, sy, sz, tx, ty, tz = f[12] * a, f[13] * a, f[14] * a, f[15] * a, f[16] * a, f[17] * a
+        m, hx, hy, hz = f[30], f[31], f[32], f[33]
+        ground_wrench[0] += f[34] * sx + f[35] * sy + f[36] * sz + hy * tz - hz * ty
+        ground_wrench[1] += f[35] * sx + f[37] * sy + f[38] * sz + hz * tx - hx * tz
+        ground_wrench[2] += f[36] * sx + f[38] * sy + f[39] * sz + hx * ty - hy * tx
+        ground_wrench[3] += m * tx + sy * hz - sz * hy
+        ground_wrench[4] += m * ty + sz * hx - sx * hz
+        ground_wrench[5] += m * tz + sx * hy - sy * hx
+        if tree[j, 1] < 0:
+            for k in range(6):
+                ground_wrench[k] += f[40 + k]
+    mass, friction = ground[0], ground[10]
+    wx, wy, wz = mass * gravity[0], mass * gravity[1], mass * gravity[2]
+    # Required ground reaction: force, and torque about the ground's point.
+    fx, fy, fz = ground_wrench[3] - wx, ground_wrench[4] - wy, ground_wrench[5] - wz
+    cx, cy, cz = ground[1] - ground[7], ground[2] - ground[8], ground[3] - ground[9]
+    px, py, pz = ground[7], ground[8], ground[9]
+    mx = ground_wrench[0] - (cy * wz - cz * wy) - (py * ground_wrench[5] - pz * ground_wrench[4])
+    my = ground_wrench[1] - (cz * wx - cx * wz) - (pz * ground_wrench[3] - px * ground_wrench[5])
+    mz = ground_wrench[2] - (cx * wy - cy * wx) - (px * ground_wrench[4] - py * ground_wrench[3])
+    nx, ny, nz = ground[4], ground[5], ground[6]
+    pressure = fx * nx + fy * ny + fz * nz
+    if pressure <= 0.0:
+        return False
+    # Centre of pressure, relative to the ground's point.
+    rx = (ny * mz - nz * my) / pressure
+    ry = (nz * mx - nx * mz) / pressure
+    rz = (nx * my - ny * mx) / pressure
+    nearest, farthest = 1e300, 0.0
+    for corner in corners:
+        inside = 0.0
+        reach = 0.0
+        for k in range(3):
+            r = rx if k == 0 else ry if k == 1 else rz
+            inside += corner[3 + k] * (corner[k] - r)
+            reach += corner[3 + k] * corner[k]
+        if inside < (1.0 - _LOAD_LIMIT) * reach:
+            return False
+        x, y, z = corner[0] - rx, corner[1] - ry, corner[2] - rz
+        away = x * x + y * y + z * z
+        nearest, farthest = min(nearest, away), max(farthest, away)
+    sx, sy, sz = fx - pressure * nx, fy - pressure * ny, fz - pressure * nz
+    slide = np.sqrt(sx * sx + sy * sy + sz * sz)
+    twist = abs(
+        (mx - (ry * sz - rz * sy)) * nx
+        + (my - (rz * sx - rx * sz)) * ny
+        + (mz - (rx * sy - ry * sx)) * nz
+    )
+    # The pressure can be distributed such that friction resists rotation with a lever of at least
+    # nearest² / farthest distance of a corner.
+    return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
+
+
+@jit("f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
+def _add_contact_wrenches(contacts, root, contact_wrench):
+    """Add torque and force (6,) of contacts to `contact_wrench`, in the root's axes.
+
+    Args:
+        contacts (m, 15 or more): point, then three forces, each as magnitude and direction, in the
+            world.
+        root (3, 4): world_T_root.
+        contact_wrench (6,): about the root's origin.
+    """
+    for push in contacts:
+        fx = fy = fz = 0.0
+        for k in range(3, 15, 4):
+            fx += push[k] * push[k + 1]
+            fy += push[k] * push[k + 2]
+            fz += push[k] * push[k + 3]
+        x, y, z = push[0] - root[0, 3], push[1] - root[1, 3], push[2] - root[2, 3]
+        tx, ty, tz = y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+        for k in range(3):
+            contact_wrench[k] += root[0, k] * tx + root[1, k] * ty + root[2, k] * tz
+            contact_wrench[3 + k] += root[0, k] * fx + root[1, k] * fy + root[2, k] * fz
+
+
+class RestingBase:
+    """Free model at rest, stepped as if its base were fixed.
+
+    Attributes:
+        model: the model.
+        mass: mass of its base, kg.
+        grounds: Bullet's ids of the bodies that it rests on.
+        ground, corners, contact_wrench: arguments of `is_supported`.
+        arrays: all arguments of `is_supported` before dt, once the base is fixed.
+    """
+
+    def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
+                 grounds: frozenset[int]) -> None:
+        self.model = model
+        self.mass = ground[0]
+        self.grounds = grounds
+        self.ground, self.corners = ground, corners
+        self._root = model.pose().matrix()[:3]
+        self.contact_wrench, self._ground_wrench = np.zeros(6), np.zeros(6)
+        self._base = model.list_base_links()
+        self.arrays: tuple[np.ndarray, ...] = ()
+
+    @classmethod
+    def from_contacts(cls, model: Model, models: Mapping[int, Model]) -> RestingBase | None:
+        """Return the resting state of a free model; None unless it rests on static bodies.
+
+        Args:
+            model: free model.
+            models: all models by Bullet's body id.
+        """
+        base = model.list_base_links()
+        points, normals, friction, grounds = [], [], math.inf, set()
+        for contact in pybullet.getContactPoints(bodyA=model.body_id,
+                                                 physicsClientId=model.client):
+            other = models[contact[2]]
+            if contact[3] not in base:
+                if (
+                    other.fixed_base
+                    and contact[8] < _CONTACT_DISTANCE
+                    and _is_blocked(model, contact)
+                ):
+                    return None
+                continue  # bodies on the model or next to it: `is_supported` considers their forces
+            if not other.fixed_base:
+                continue
+            if contact[4] != -1 or contact[8] < -_CONTACT_DISTANCE or other.release is not None:
+                return None
+            if contact[8] < _CONTACT_DISTANCE:
+                points.append(contact[6])
+                normals.append(contact[7])
+                grounds.add(contact[2])
+                friction = min(friction, model.body.friction[contact[3]],
+                               other.body.friction[-1])
+        if not points or np.ptp(normals, axis=0).max() > 1e-3:
+            return None
+        root = model.pose()
+        if all(_is_plane(models[ground]) for ground in grounds):
+            points = _find_footprint(model, np.array(points[0]), np.array(normals[0]))
+        inverse = root.inverse()
+        on_ground = np.array([inverse.apply(point) for point in points])
+        if len(on_ground) < 3:  # round shapes have no corners
+            return None
+        mass, centre = _compute_base_mass(model, root)
+        middle = on_ground.mean(axis=0)
+        normal = np.array(rotate(inverse.quat, normals[0]))
+        corners = _make_polygon(on_ground - middle, normal)
+        if mass <= 0.0 or corners is None:
+            return None
+        middle += corners[:, :3].mean(axis=0)
+        corners[:, :3] -= corners[:, :3].mean(axis=0)
+        return cls(model, np.array([mass, *centre, *normal, *middle, friction]), corners,
+                   frozenset(grounds))
+
+    def fix(self) -> None:
+        """Treat the base as fixed from the next step on."""
+        self.model.set_fixed_base(True)
+        space = self.model.joints.space
+        self.arrays = (space.tree, space.frames, space.state, space.previous_speeds, space.gravity,
+                        self.ground, self.corners, self.contact_wrench, self._ground_wrench)
+
+    def is_supported(self, dt: float, is_touchable: bool) -> bool:
+        """Return whether the ground supported the base in the last step of `dt` s.
+
+        `is_touchable`: whether a body may touch the base although Bullet does not step the model.
+        """
+        if not self.model.joints.has_own_dynamics:
+            self.model.joints.read_bullet_state()
+        if is_touchable or not self.model.joints.has_own_dynamics:
+            self._measure_contacts()
+        return is_supported(*self.arrays, dt)
+
+    def _measure_contacts(self) -> None:
+        """Sum up the contact forces of Bullet's last step on the model.
+
+        Contacts with the ground are skipped. Bullet computes none for a fixed root, but it does for
+        links that are fixed to the root.
+        """
+        contacts = find_contacts(self.model.body_id, self.model.client)
+        pushes = [numbers for link, other, _, numbers in contacts
+                  if link not in self._base or other not in self.grounds]
+        self.contact_wrench[:] = 0.0
+        if pushes:
+            _add_contact_wrenches(np.array(pushes), self._root, self.contact_wrench)
+
+    def apply_excess_load(self) -> None:
+        """Apply the wrench that the ground could not provide to the model, which is free again."""
+        root = self.model.pose()
+        torque, force = (
+            rotate(root.quat, tuple(-part)) for part in np.split(self._ground_wrench, 2)
+        )
+        self.model.apply_force(self.model.description.root, force, root.xyz, torque)
+
+
+class RestingBases:
+    """Free models with joints, treated as fixed while they are at rest.
+
+    Attributes:
+        is_new: whether `fix_at_start` must be called before the next step.
+        is_active: whether `detect_rest` must be called after each step of Bullet.
+        fixed_bases: bases that are treated as fixed; each step checks their support.
+    """
+
+    def __init__(self, models: Mapping[str, Model], on_change: Callable[[], None]) -> None:
+        """Create an empty list; `on_change` is called after models were reloaded."""
+        self._models, self._on_change = models, on_change
+        self.fixed_bases: list[RestingBase] = []
+        self.is_active = self.is_new = False
+        self._last_poses: dict[str, Pose] = {}
+        self._countdown = CHECK_EVERY
+
+    def refresh(self) -> None:
+        """Look for free models again, after some were spawned, deleted or reloaded."""
+        self.is_new = self.is_active = bool(self._list_free_models())
+        self._last_poses = {}
+
+    def _list_free_models(self) -> list[Model]:
+        """Return the free models with joints whose base may be treated as fixed.
+
+        Models with a contact sensor are excluded: a fixed base has no contact with the ground.
+        """
+        return [
+            model
+            for model in self._models.values()
+            if not model.fixed_base
+            and model.joint_names
+            and not model.body.weightless_link_masses
+            and not model.description.loops
+            and not model.is_attached
+            and all(sensor.kind != "contact" for sensor in model.description.sensors)
+        ]
+
+    def fix_at_start(self) -> None:
+        """Fix the bases of models that start at rest on the ground, before the first step."""
+        self.is_new = False
+        free = [model for model in self._list_free_models() if model.twist() == Twist()]
+        if free:
+            pybullet.performCollisionDetection(physicsClientId=free[0].client)
+            self._fix_resting(free)
+
+    def detect_rest(self) -> None:
+        """Fix the bases of free models that have come to rest; called after each Bullet step."""
+        self._countdown -= 1
+        if self._countdown > 0:
+            return
+        self._countdown = CHECK_EVERY
+        free = self._list_free_models()
+        last_poses, self._last_poses = (
+            self._last_poses,
+            {model.name: model.pose() for model in free},
+        )
+        resting = [
+            model
+            for model in free
+            if not model.is_disturbed
+            and model.name in last_poses
+            and _is_at_rest(last_poses[model.name], self._last_poses[model.name])
+        ]
+        for model in free:
+            model.is_disturbed = False
+        if resting and not self._fix_resting(free):
+            self._countdown = 4 * CHECK_EVERY  # Bullet may find corners later
+
+    def _fix_resting(self, free: list[Model]) -> bool:
+        """Fix the bases that are at rest; return False if there are none."""
+        others = {model.body_id: model for model in self._models.values()}
+        found = [one for one in (RestingBase.from_contacts(model, others) for model in free) if one]
+        resting = [one.model for one in found]
+        heaviest = max((model.mass for model in others.values()
+                        if not model.fixed_base and model not in resting), default=0.0)
+        found = [one for one in found if one.mass >= _LEAST_MASS_RATIO * heaviest]
+        if not found:
+            return False
+        for base in found:
+            base.fix()
+            base.model.release = self.release
+        self.fixed_bases = self.fixed_bases + found
+        self._on_change()
+        self.is_new = False
+        return True
+
+    def check_support(self, dt: float, is_touchable: bool) -> None:
+        """Free all bases if the ground could not support one in the last step of `dt` s.
+
+        `is_touchable`: see IsolationMonitor.is_base_touchable.
+        """
+        for base in self.fixed_bases:
+            if not base.is_supported(dt, is_touchable):
+                self.release_overload()
+                return
+
+    def release_overload(self) -> None:
+        """Free all bases, after the ground could not support one, and apply the excess loads."""
+        bases = self.fixed_bases
+        self.release()
+        self._countdown = RETRY_STEPS
+        for base in bases:
+            base.apply_excess_load()
+
+    def release_for(self, model: Model) -> None:
+        """Free all bases if one of them is too light compared with a new free model."""
+        if not model.fixed_base and any(
+            one.mass < _LEAST_MASS_RATIO * model.mass for one in self.fixed_bases
+        ):
+            self.release()
+
+    def release_from(self, model: Model) -> None:
+        """Free all bases if the model, which is to be moved or deleted, is one or supports one."""
+        if any(model is one.model or model.body.body_id in one.grounds for one in self.fixed_bases):
+            self.release()
+
+    def release(self) -> None:
+        """Free all bases."""
+        bases, self.fixed_bases = self.fixed_bases, []
+        for base in bases:
+            base.model.release = None
+            base.model.set_fixed_base(False)
+        if bases:
+            self._on_change()
+            self.is_new = False
+
+
+def _is_at_rest(before: Pose, now: Pose) -> bool:
+    turned = sum((a - b) ** 2 for a, b in zip(before.quat, now.quat, strict=True))
+    return (
+        math.dist(before.xyz, now.xyz) < _REST_TOLERANCE
+        and 2.0 * math.sqrt(turned) < _REST_TOLERANCE
+    )
+
+
+def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
+    """Return mass (kg) and centre of mass (m, root frame) of the root and links fixed to it."""
+    mass, moment = 0.0, np.zeros(3)
+    base = model.list_base_links()
+    for name, index in model.link_indices.items():
+        inertial = model.description.links[name].inertial
+        if index in base and inertial is not None:
+            pose = root.inverse() @ model.link_pose(name)
+            mass += inertial.mass
+            moment += inertial.mass * np.array(pose.apply(inertial.origin_xyz))
+    return mass, moment / mass if mass > 0.0 else moment
+
+
+def _is_blocked(model: Model, contact: tuple) -> bool:
+    """Return whether no joint can move the contact point along the contact normal.
+
+    An example is a wheel: its axle cannot move the contact point below it vertically. With a fixed
+    root, the contact force would be unbounded.
+    """
+    point, normal = np.array(contact[5]), np.array(contact[7])
+    names = {index: name for name, index in model.link_indices.items()}
+    movers = {joint.child: joint for joint in model.description.joints.values()}
+    link, largest = names[contact[3]], 0.0
+    while link in movers:
+        joint = movers[link]
+        if joint.is_movable:
+            frame = model.link_pose(link)
+            along = np.array(rotate(frame.quat, joint.axis))
+            if joint.kind != "prismatic":
+                lever = point - frame.xyz
+                along = np.cross(along, lever) / max(np.linalg.norm(lever), _CONTACT_DISTANCE)
+            largest = max(largest, abs(along @ normal))
+        link = joint.parent
+    return largest < _SMALLEST_LEVER
+
+
+def _is_plane(model: Model) -> bool:
+    collisions = model.description.links[model.description.root].collisions
+    return all(collision.geometry.kind == "plane" for collision in collisions)
+
+
+def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
+    """Return the points (m, 3; world) where the base touches a plane.
+
+    Bullet's contacts contain only few of the corners.
+    """
+    found = []
+    base = model.list_base_links()
+    for name, index in model.link_indices.items():
+        near = _CONTACT_DISTANCE + (0.0 if index == -1 else LINK_MARGIN)
+        for part in model.description.links[name].collisions if index in base else ():
+            at = model.link_pose(name) @ part.pose
+            matrix = at.matrix()
+            for vertices in _list_corners(part.geometry):
+                corners = vertices @ matrix[:3, :3].T + matrix[:3, 3]
+                above = (corners - point) @ normal
+                is_near = np.abs(above) < near
+                found.append(corners[is_near] - above[is_near, None] * normal)
+    return np.concatenate(found)
+
+
+def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
+    """Yield points (m, 3) whose convex hull is the shape, m."""
+    if geometry.kind == "box":  # frequent, and triangulating it takes a millisecond
+        signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
+        yield np.array(signs) * geometry.size
+    else:
+        for mesh in shapes.make_meshes(geometry):
+            yield mesh.positions.astype(float)
+
+
+def _make_polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
+    """Return corners and outward edge normals (m, 6) of the hull of planar points.
+
+    None if the points are on a line.
+    """
+    aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
+    aside /= np.linalg.norm(aside)
+    axes = np.stack([aside, np.cross(normal, aside)])
+    flat = points @ axes.T
+    hull = cv2.convexHull(flat.astype(np.float32), clockwise=False, returnPoints=False).ravel()
+    if len(hull) < 3:
+        return None
+    corners = flat[hull]
+    along = np.roll(corners, -1, axis=0) - corners
+    outward = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    outward /= np.linalg.norm(outward, axis=1, keepdims=True)
+    return np.hstack([corners @ axes, outward @ axes])

@@ -1,0 +1,143 @@
+"""Compile the Numba functions of packages before the first start needs them.
+
+    python -m aras_visual_servo_base.compile_packages [--from FOLDER] [--processes N] PACKAGE...
+
+Set-up calls this for the source packages, and installation for the installed copies. In the latter
+case `--from` names the folder with the source packages, whose compiled functions are copied.
+"""
+
+from __future__ import annotations
+
+import argparse
+import gc
+import importlib
+import importlib.util
+import multiprocessing
+import os
+import re
+import shutil
+import sys
+from collections.abc import Sequence
+from pathlib import Path
+
+from .compiled import compile_all
+
+IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit\b", re.MULTILINE)
+
+
+def find_sources(package: str) -> list[Path]:
+    """Return the files of a package with compiled functions, relative to its parent folder.
+
+    Raises:
+        ModuleNotFoundError: the package does not exist.
+    """
+    parent = _find_folder(package)
+    files = sorted((parent / package).rglob("*.py"))
+    return [path.relative_to(parent) for path in files if IMPORTS_JIT.search(path.read_text())]
+
+
+def _find_folder(package: str) -> Path:
+    found = importlib.util.find_spec(package)
+    if found is None or not found.submodule_search_locations:
+        raise ModuleNotFoundError(f"no package {package} on PYTHONPATH")
+    return Path(found.submodule_search_locations[0]).parent
+
+
+def copy_cache(package: str, folder: Path) -> None:
+    """Copy the compiled functions of the source package in `folder`, for files with equal text.
+
+    Numba accepts cached functions of a file with the same text in any folder.
+    """
+    parent = _find_folder(package)
+    for path in find_sources(package):
+        source, copy = folder / path, parent / path
+        if source == copy or not source.exists() or source.read_bytes() != copy.read_bytes():
+            continue
+        for cache_file in sorted((source.parent / "__pycache__").glob(f"{source.stem}.*.nb[ic]")):
+            (copy.parent / "__pycache__").mkdir(exist_ok=True)
+            shutil.copy2(cache_file, copy.parent / "__pycache__")
+
+
+def find_missing(packages: Sequence[str]) -> list[str]:
+    """Return the packages with functions that are not cached yet, although the cache is writable.
+
+    The next start of a program would compile these functions.
+    """
+    if os.environ.get("NUMBA_CACHE_DIR"):
+        return []
+    found = []
+    for package in packages:
+        parent = _find_folder(package)
+        paths = [parent / path for path in find_sources(package)]
+        if any(
+            os.access(path.parent, os.W_OK)
+            and not any((path.parent / "__pycache__").glob(f"{path.stem}.*.nbi"))
+            for path in paths
+        ):
+            found.append(package)
+    return found
+
+
+def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
+    """Split the packages into at most `count` groups of similar compilation time.
+
+    Packages that are compiled in one process share the compilation of common parts of Numba.
+    """
+    files = {package: len(find_sources(package)) for package in packages}
+    parts: list[list[str]] = [[] for _ in range(min(count, len(files)))]
+    for package in sorted(files, key=files.get, reverse=True):
+        min(parts, key=lambda part: sum(files[one] for one in part)).append(package)
+    return [part for part in parts if part]
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Compile the functions of packages, with a process for each core; return the exit status."""
+    parser = argparse.ArgumentParser(
+        prog="loops", description=__doc__.splitlines()[0],
+        epilog=f"example: python -m {__name__} aras_visual_servo_camera",
+    )  # fmt: skip
+    parser.add_argument("packages", nargs="+", metavar="PACKAGE")
+    parser.add_argument("--from", dest="folder", type=Path,
+                        help="folder of the source packages, whose compiled functions are copied")
+    parser.add_argument("--processes", type=int, default=os.cpu_count(), metavar="N",
+                        help="largest number of parallel processes (default: the cores)")
+    given = parser.parse_args(argv)
+    found = [package for package in given.packages if _import_modules(package, given.folder)]
+    # Forked processes share the modules that all of them need.
+    fork = multiprocessing.get_context("fork")
+    processes = [fork.Process(target=_compile, args=(part,))
+                 for part in split_packages(found, max(given.processes, 1))]  # fmt: skip
+    for process in processes:
+        process.start()
+    for process in processes:
+        process.join()
+    failed = any(process.exitcode for process in processes)
+    return int(failed or len(found) < len(given.packages))
+
+
+def _import_modules(package: str, folder: Path | None) -> bool:
+    """Import the modules with compiled functions, without compiling; `folder`: see `copy_cache`.
+
+    Returns:
+        False, after printing the error, if the package or one of its imports is missing.
+    """
+    try:
+        if folder:
+            copy_cache(package, folder)
+        for path in find_sources(package):
+            importlib.import_module(".".join(path.with_suffix("").parts))
+    except ModuleNotFoundError as error:
+        print(f"loops: {error}", file=sys.stderr)
+        return False
+    return True
+
+
+def _compile(packages: Sequence[str]) -> None:
+    # Garbage collection among Numba's many objects takes one eighth of the time.
+    gc.disable()
+    for package in packages:
+        compile_all(package)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

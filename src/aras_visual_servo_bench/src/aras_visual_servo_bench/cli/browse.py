@@ -1,0 +1,75 @@
+"""`bench browse DIR...` serves a page with the runs of studies."""
+
+from __future__ import annotations
+
+import argparse
+import os
+import threading
+import webbrowser
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from ..errors import BenchError, make_missing_library_error
+
+if TYPE_CHECKING:  # the web server's library may be missing
+    from ..web.browse.server import BrowseServer
+
+PORT = 8090
+
+
+def add_parser(commands: Any) -> None:
+    """Add the parser of `browse`."""
+    browse = commands.add_parser("browse", help="filter, plot and open runs in a browser")
+    browse.add_argument("folders", nargs="+", type=Path, metavar="DIR",
+                        help="folder of a study, or of several studies")
+    browse.add_argument("--port", type=int, default=PORT, metavar="N",
+                        help="port (default %(default)s); if it is taken, the next free one")
+    browse.add_argument("--address", default="127.0.0.1", metavar="IP",
+                        help="address (default %(default)s); 0.0.0.0 allows other machines")
+    browse.add_argument("--no-open", action="store_true", help="do not open a browser")
+    browse.set_defaults(carry_out=_browse)
+
+
+def _browse(options: argparse.Namespace) -> int:
+    """Serve the page until Ctrl-C."""
+    try:
+        from ..web.browse.server import serve
+    except ModuleNotFoundError as error:
+        raise make_missing_library_error(error.name, "page") from None
+    if not 1 <= options.port <= 65535:
+        raise BenchError(f"--port is {options.port}, must be 1 to 65535")
+    print("reading the results ...", flush=True)
+    server = serve(options.folders, options.address, options.port,
+                   say=lambda text: print(text, flush=True))  # fmt: skip
+    try:
+        _print_start(server, options.no_open)
+        threading.Event().wait()
+    except KeyboardInterrupt:
+        return 0
+    finally:
+        server.close()
+    return 0
+
+
+def _print_start(server: BrowseServer, is_quiet: bool) -> None:
+    """Print the studies, and open a browser unless `is_quiet`."""
+    found = server.studies.read_snapshot()
+    lines = [f"{entry.name}: {entry.stored_run_count} of {entry.run_count} runs"
+             + (f"; {entry.note}" if entry.note else "") for entry in found.studies]  # fmt: skip
+    if not lines:
+        lines.append("no studies yet: the page shows them as soon as they exist")
+    if found.note:
+        lines.append(found.note)
+    if not is_quiet and not _open_browser(server.access.address):
+        lines.append("cannot open a browser: open the address in a browser yourself")
+    print(*lines, "press Ctrl-C to stop", sep="\n", flush=True)
+
+
+def _open_browser(address: str) -> bool:
+    """Open a graphical browser, and return whether this worked; text browsers are not used."""
+    if not (os.environ.get("DISPLAY") or os.environ.get("WAYLAND_DISPLAY")):
+        return False
+    try:
+        return webbrowser.open(address)
+    except webbrowser.Error:
+        return False

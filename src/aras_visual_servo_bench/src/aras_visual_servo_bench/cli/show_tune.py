@@ -1,0 +1,137 @@
+"""`bench show` repeats a run or prints a bag's experiment; `bench tune` optimizes settings."""
+
+from __future__ import annotations
+
+import argparse
+import dataclasses
+import traceback
+from pathlib import Path
+from typing import Any
+
+import yaml
+
+from ..errors import BenchError, StudyError, catch_write_errors, find_program_name
+from ..experiment import overrides
+from ..studies import engine
+from ..studies.progress import Progress
+from ..studies.study import Study
+from ..studies.study_folder import StudyFolder
+from . import run
+
+
+def add_parsers(commands: Any) -> None:
+    """Add the parsers of `show` and `tune`."""
+    show = commands.add_parser("show", help="repeat a run of a study, with report and video; print "
+                               "the experiment of a bag")  # fmt: skip
+    show.add_argument("folder", type=Path, metavar="DIR|BAG", help="study folder, or a bag")
+    show.add_argument("run", type=int, nargs="?", help="number of the run in the study")
+    show.add_argument("--out", type=Path, metavar="DIR", help="output folder; default for a run: "
+                      "show-RUN in the study folder. For a bag, the folder for its experiment, "
+                      "parameters, description and goal")
+    show.set_defaults(carry_out=_show)
+    tune = commands.add_parser("tune", help="search the settings that optimize a metric")
+    tune.add_argument("study", type=Path,
+                      help="YAML file of the study with which every candidate is evaluated")
+    tune.add_argument("overrides", nargs="*", metavar="key=value",
+                      help="changed settings, for example repeats=5")
+    tune.add_argument("--over", action="append", default=[], metavar="key=low:high",
+                      help="a setting and its range, for example gain=0.5:4; can be repeated")
+    tune.add_argument("--metric", default="settled",
+                      help="metric to optimize (default %(default)s)")
+    tune.add_argument("--evaluations", type=int, default=48, metavar="N",
+                      help="number of candidates (default %(default)s)")
+    tune.add_argument("--success", type=float, default=1.0, metavar="PART",
+                      help="required success rate, 0 to 1 (default %(default)s)")
+    tune.add_argument("--out", type=Path, required=True, help="output folder of the candidates")
+    run.add_workers(tune)
+    tune.set_defaults(carry_out=_tune)
+
+
+def _show(options: argparse.Namespace) -> int:
+    if options.folder.is_file():
+        return _show_bag(options)
+    if options.run is None:
+        raise StudyError(f"give the number of a run: {find_program_name()} show {options.folder} 0")
+    from ..studies import replay  # slow import (0.5 s), only needed here
+    from ..web.report.video import write_with_video
+
+    folder = StudyFolder.open(options.folder)
+    out = options.out or options.folder / f"show-{options.run}"
+    try:
+        run, changed = replay.replay(folder, options.run)
+    except StudyError as error:
+        if error.__cause__ is None or isinstance(error.__cause__, BenchError):
+            raise
+        raise StudyError(
+            f"{error}; traceback: {_write_traceback(error.__cause__, out)}"
+        ) from None
+    for path in write_with_video(run, out):
+        print(path)
+    for key, (old, new) in changed.items():
+        print(f"differs from the recorded run: {key} was {old}, is {new}")
+    return 0
+
+
+def _write_traceback(error: BaseException, out: Path) -> Path:
+    """Write the traceback of an exception into the folder, and return the path of the file."""
+    path = out / "traceback.txt"
+    with catch_write_errors(f"into {out}"):
+        out.mkdir(parents=True, exist_ok=True)
+        path.write_text("".join(traceback.format_exception(error)), encoding="utf-8")
+    return path
+
+
+def _show_bag(options: argparse.Namespace) -> int:
+    """Print the experiment of a bag, and write it with its source files into --out."""
+    from ..ros.bag import read_recorded_experiment
+
+    if options.run is not None:
+        raise StudyError(f"{options.folder} is a bag and contains only one run: omit the number")
+    found = read_recorded_experiment(options.folder)
+    text = yaml.safe_dump(found.make_mapping(), sort_keys=False, default_flow_style=None)
+    files = {**found.collect_files(), "experiment.yaml": text}
+    print(text, end="")
+    for note in found.notes:
+        print(f"# {note}")
+    if options.out is not None:
+        with catch_write_errors(f"into {options.out}"):
+            options.out.mkdir(parents=True, exist_ok=True)
+            for name, content in files.items():
+                (options.out / name).write_text(content, encoding="utf-8")
+    return 0
+
+
+def _tune(options: argparse.Namespace) -> int:
+    from ..studies.tuner import SearchRange, Tuner
+
+    study = Study.from_yaml(
+        run.find_study_file(options.study), overrides.parse_overrides(options.overrides)
+    )
+    ranges = [SearchRange.parse(text) for text in options.over]
+    keys = {r.key for r in ranges}  # the search replaces the variation of these settings
+    study = dataclasses.replace(
+        study, vary={key: values for key, values in study.vary.items() if key not in keys}
+    )
+    engine.check_study(study)
+    with run.make_pool(options) as workers:
+
+        def carry_out(generation: Study, path: Path) -> None:
+            text = yaml.safe_dump(generation.to_mapping(), sort_keys=False)
+            folder = StudyFolder.create(path, generation, text)
+            folder.check_code()
+            with folder.lock():
+                progress = Progress(generation.run_count, folder.count_stored_runs())
+                engine.carry_out(folder, workers, progress)
+                progress.close()
+
+        tuner = Tuner(study, ranges, options.metric, options.out, carry_out, options.success)
+        best = tuner.search(options.evaluations)
+    path = tuner.write()
+    settings = ", ".join(f"{r.key}={v:g}" for r, v in zip(ranges, best.values, strict=True))
+    print(f"{settings}: {options.metric} {abs(best.cost):.4g}, success {best.success:.0%}, image "
+          f"excursion {best.excursion:.2f}; best of {len(tuner.candidates)} candidates ({path})")
+    if best.violation:
+        raise StudyError(
+            "no candidate keeps the target in the image and reaches the required success rate"
+        )
+    return 0

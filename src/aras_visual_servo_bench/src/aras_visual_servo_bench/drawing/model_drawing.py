@@ -1,0 +1,88 @@
+"""Drawing of a model by a few shapes: its faces, and the edges between them."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_sim_bridge.description import parse_urdf
+from aras_sim_bridge.description.packages import ResolvePackage, find_package
+from aras_visual_servo_base.meshes.mesh import Mesh
+
+from .robot_visuals import Colour, collect_visuals
+from .shapes import FACES, LINES, Shape, transform_points
+
+# Edges are drawn between faces whose normals differ by at least 30 degrees.
+CREASE_COSINE = np.cos(np.radians(30.0))
+EDGE_COLOUR, EDGE_WIDTH = (0.55, 0.58, 0.64, 1.0), 0.001  # lighter than a dark face; width in m
+MAX_ELEMENTS = 2000  # edges or triangles per colour; larger models are cut off
+
+
+@dataclass(frozen=True, eq=False)
+class ModelDrawing:
+    """Edges and faces of a model's root link, in m, in the frame of this link.
+
+    Attributes:
+        edges: (2 n, 3) end points of the edges, in pairs.
+        faces: triangle corners (3 n, 3) by colour.
+    """
+
+    edges: np.ndarray
+    faces: Mapping[Colour, np.ndarray]
+
+    def make_shapes(self, base_T_link: np.ndarray | None) -> tuple[Shape, ...]:
+        """Return the shapes of a target at a pose (4, 4) of its link.
+
+        Without a pose, the edges have no points, so nothing is drawn.
+        """
+        if base_T_link is None:
+            return (Shape("target", LINES, EMPTY_DRAWING.edges, EDGE_COLOUR, EDGE_WIDTH),)
+        return (
+            Shape("target", LINES, transform_points(base_T_link, self.edges), EDGE_COLOUR,
+                EDGE_WIDTH),
+            *(Shape(f"target face {k}", FACES, transform_points(base_T_link, corners), colour)
+              for k, (colour, corners) in enumerate(self.faces.items())),
+        )  # fmt: skip
+
+
+EMPTY_DRAWING = ModelDrawing(np.empty((0, 3)), {})
+
+
+def draw_model(urdf: str, resolve: ResolvePackage = find_package) -> ModelDrawing:
+    """Return the visible edges and faces of a model's description.
+
+    Raises:
+        DescriptionError: the description, or one of its meshes, cannot be used.
+    """
+    robot = parse_urdf(urdf, resolve)
+    edges, faces = [EMPTY_DRAWING.edges], {}
+    for link, colour, mesh in collect_visuals(robot, urdf):
+        if link == robot.root:
+            edges.append(find_mesh_edges(mesh))
+            faces.setdefault(colour, []).append(mesh.positions[mesh.triangles.ravel()])
+    return ModelDrawing(
+        np.concatenate(edges)[: 2 * MAX_ELEMENTS],
+        {colour: np.concatenate(found)[: 3 * MAX_ELEMENTS] for colour, found in faces.items()},
+    )
+
+
+def find_mesh_edges(mesh: Mesh) -> np.ndarray:
+    """Return the end points (2 n, 3) of the edges at which a surface ends or bends."""
+    places, number = np.unique(mesh.positions.round(6), axis=0, return_inverse=True)
+    corners = number.ravel()[mesh.triangles]
+    a, b, c = (places[corners[:, k]] for k in range(3))
+    normals = np.cross(b - a, c - a)
+    normals /= np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-30)
+    edge_normals: dict[tuple[int, int], list[np.ndarray]] = {}
+    for triangle, normal in zip(corners.tolist(), normals, strict=True):
+        for k in range(3):
+            edge_normals.setdefault(tuple(sorted((triangle[k - 1], triangle[k]))), []).append(
+                normal
+            )
+    ends = [
+        pair for pair, faces in edge_normals.items()
+        if pair[0] != pair[1] and (len(faces) != 2 or float(faces[0] @ faces[1]) < CREASE_COSINE)
+    ]  # fmt: skip
+    return places[np.array(ends, int).reshape(-1)].reshape(-1, 3)

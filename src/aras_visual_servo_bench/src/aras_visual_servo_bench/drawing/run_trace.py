@@ -1,0 +1,266 @@
+"""3-D drawing of a run in progress: camera, goal, paths, twists, features and text.
+
+A RunTrace receives the messages of the graph and returns shapes in the frame of the arm's base. A
+run starts when servoing starts. From then on, the camera's path and the features' trajectories are
+recorded, together with the straight path to the goal.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.records.state import (
+    APPROACHING,
+    CONVERGED,
+    SERVOING,
+    STOPPED,
+    WAITING,
+    ServoState,
+)
+
+from ..plots.palette import LIVE, to_rgb
+from ..recording.image_tracks import number_points
+from .feature_units import find_feature_units
+from .shapes import (
+    ARROW,
+    LINES,
+    STRIP,
+    TEXT,
+    Rgba,
+    Shape,
+    compute_image_border,
+    make_axes,
+    make_frustum,
+    place_on_image_plane,
+    transform_points,
+)
+from .track import Track
+
+GOAL, NOW, PATH, IDEAL, FEATURE = (
+    to_rgb(LIVE[name]) for name in ("goal", "now", "path", "ideal", "feature")
+)
+
+FRUSTUM_SIZE = 0.16  # m, from the optical centre to a corner of the drawn image
+AXIS_LENGTH = 0.05  # m, axes of a drawn frame
+ARROW_SECONDS = 2.0  # s; a velocity arrow has the length of the path in this time
+TURN_LENGTH = 0.1  # m per rad/s, for arrows of angular velocity
+MAX_ARROW = 0.3  # m, longest arrow
+MIN_ARROW = 2e-3  # m; shorter arrows are not drawn
+IDEAL_PATH_POINTS = 24  # number of points of the straight path to the goal
+MIN_SPACING = 5e-4  # m between two points of the path
+MIN_IMAGE_SPACING = 2e-3  # between two points of a trajectory in the image, normalised
+# Offset of the text from the camera in the base frame, m; it places the text next to the arm.
+TEXT_OFFSET = (-0.29, 0.24, 0.19)
+MAX_ERRORS = 6  # errors that are listed in the text
+LETTER_HEIGHT, LINE_HEIGHT = 0.023, 0.028  # m, height of letters and spacing of lines
+LEGEND = (  # from the lowest line upwards
+    ("achieved rotation", to_rgb(LIVE["achieved-turn"])),
+    ("desired rotation", to_rgb(LIVE["desired-turn"])),
+    ("achieved velocity", to_rgb(LIVE["achieved"])), ("desired velocity", to_rgb(LIVE["desired"])),
+    ("target in the image", FEATURE), ("straight path to the goal", IDEAL), ("path", PATH),
+    ("goal", GOAL), ("camera", NOW),
+)  # fmt: skip
+
+
+NO_STATE = ServoState(0.0, "")  # placeholder until the controller reports its first state
+
+
+class RunTrace:
+    """Drawing of the run of one robot.
+
+    Attributes:
+        arm: kinematics of the robot.
+        camera: calibrated camera; None until it is known.
+        goal: (4, 4) base_T_camera at the goal; None until it is known.
+        outline: (n, 2) desired outline of the target, normalised.
+        state: latest state of the controller.
+        factor: real-time factor; None until it is known.
+        target: shapes of the target in the frame of the arm's base; empty if unknown.
+    """
+
+    def __init__(self, arm: Arm) -> None:
+        self.arm = arm
+        self.camera: CameraModel | None = None
+        self.goal: np.ndarray | None = None
+        self.outline = np.empty((0, 2))
+        self.state = NO_STATE
+        self.factor: float | None = None
+        self.target: tuple[Shape, ...] = ()
+        self._pose: np.ndarray | None = None
+        self._image_border: tuple[CameraModel, np.ndarray] | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Forget the run but not the robot, e.g. after a reset of the clock."""
+        self.state = NO_STATE
+        self.start_pose: np.ndarray | None = None
+        self._path = Track(3, MIN_SPACING)
+        self._trajectories: dict[str, Track] = {}
+
+    @property
+    def pose(self) -> np.ndarray | None:
+        """Pose base_T_camera (4, 4); None before the first joint state."""
+        return self._pose
+
+    @property
+    def path(self) -> np.ndarray:
+        """Positions (n, 3) of the camera since servoing started, m."""
+        return self._path.points
+
+    # -- inputs ----------------------------------------------------------------------------
+
+    def set_joints(self, positions: Sequence[float]) -> None:
+        """Set the joint positions (n,), in the order of the arm's joints."""
+        self._pose = self.arm.pose(np.asarray(positions, float))
+
+    def add_state(self, state: ServoState, positions: Sequence[float] = ()) -> None:
+        """Add a state of the controller, with its joint positions (n,) if it has any."""
+        last_state, self.state = self.state, state
+        is_moving = state.phase in (SERVOING, CONVERGED)
+        if not is_moving:
+            return
+        if last_state.phase in ("", APPROACHING, WAITING, STOPPED):
+            self.start_pose, self._trajectories = None, {}
+            self._path.clear()
+        if len(positions) == len(self.arm.names):
+            pose = self.arm.pose(np.asarray(positions, float))
+            if self.start_pose is None:
+                self.start_pose = np.array(pose)
+            self._path.add(pose[:3, 3])
+        features = () if state.scheme_output is None else state.scheme_output.features
+        for number, (x, y) in number_points(state.names).items():
+            self.add_image_point(f"point {number}", features[x], features[y])
+
+    def add_image_point(self, name: str, x: float, y: float) -> None:
+        """Add a normalised image point to the trajectory `name` of the target."""
+        if self.state.phase not in (SERVOING, CONVERGED):
+            return
+        if name not in self._trajectories:
+            self._trajectories[name] = Track(2, MIN_IMAGE_SPACING)
+        self._trajectories[name].add(np.array([x, y]))
+
+    # -- outputs ---------------------------------------------------------------------------
+
+    def compute_ideal_path(self) -> np.ndarray:
+        """Return points (n, 3) of the straight path from the start of servoing to the goal."""
+        if self.start_pose is None or self.goal is None:
+            return np.empty((0, 3))
+        along = np.linspace(0.0, 1.0, IDEAL_PATH_POINTS)[:, None]
+        start, end = self.start_pose[:3, 3], self.goal[:3, 3]
+        return start + along * (end - start)
+
+    def make_text_lines(self) -> list[str]:
+        """Return the lines of the text next to the robot."""
+        state = self.state
+        if not state.phase:
+            return ["no controller yet"]
+        lines = [" - ".join(w for w in (state.scheme.rpartition(":")[2], state.phase) if w)]
+        if state.outcome not in ("", "running", state.phase):
+            lines.append(state.outcome.replace("_", " "))
+        if state.reason:
+            lines.append(_wrap_text(state.reason))
+        if state.names:
+            units = find_feature_units(state.scheme, len(state.names)) or ("",) * len(state.names)
+            rows = zip(state.names[:MAX_ERRORS], state.error[:MAX_ERRORS], units, strict=False)
+            lines += [f"{name} {error:+z.4f} {unit}".rstrip() for name, error, unit in rows]
+            if len(state.names) > MAX_ERRORS:
+                lines.append(f"and {len(state.names) - MAX_ERRORS} more")
+        if self.factor is not None:
+            lines.append(f"real-time factor {self.factor:.2f}")
+        return lines
+
+    def make_shapes(self) -> list[Shape]:
+        """Return all shapes in the frame of the arm's base.
+
+        Shapes that cannot be drawn at the moment have no points.
+        """
+        shapes = [*self.target, self._make_line("path", self.path, (*PATH, 1.0), 0.006)]
+        ideal = self.compute_ideal_path()
+        shapes.append(Shape("ideal path", LINES, ideal, (*IDEAL, 0.9), 0.003))
+        border = self._find_image_border()
+        if self.goal is not None:
+            shapes += make_axes("desired", self.goal, 1.4 * AXIS_LENGTH, 0.9)
+            if border is not None:
+                shapes += make_frustum(
+                    "desired camera", self.goal, border, FRUSTUM_SIZE, (*GOAL, 0.9)
+                )
+        if self._pose is None:
+            return shapes
+        shapes += make_axes("camera", self._pose, AXIS_LENGTH)
+        if border is not None:
+            shapes += make_frustum("camera", self._pose, border, FRUSTUM_SIZE, (*NOW, 0.9))
+            shapes += self._make_image_shapes(border)
+        shapes += self._make_arrows()
+        return shapes + self._make_texts()
+
+    def _make_texts(self) -> list[Shape]:
+        """Return the text next to the camera, and above it the legend of the colours."""
+        words, place = "\n".join(self.make_text_lines()), (self._pose[:3, 3] + TEXT_OFFSET)[None]
+        shapes = [Shape("words", TEXT, place, (1.0, 1.0, 1.0, 1.0), LETTER_HEIGHT, words)]
+        above = 0.5 * (words.count("\n") + 1)  # lines; the text is centred on its position
+        for line, (text, colour) in enumerate(LEGEND, 1):
+            up = (0.0, 0.0, LINE_HEIGHT * (above + line))
+            shapes.append(
+                Shape(f"legend {text}", TEXT, place + up, (*colour, 1.0), LETTER_HEIGHT, text)
+            )
+        return shapes
+
+    def _find_image_border(self) -> np.ndarray | None:
+        if self.camera is None:
+            return None
+        if self._image_border is None or self._image_border[0] != self.camera:
+            self._image_border = self.camera, compute_image_border(self.camera)
+        return self._image_border[1]
+
+    def _make_image_shapes(self, border: np.ndarray) -> list[Shape]:
+        """Return the trajectories and the desired outline on the drawn image."""
+        shapes = []
+        outline = self.outline
+        if len(outline):
+            closed = place_on_image_plane(border, np.vstack([outline, outline[:1]]), FRUSTUM_SIZE)
+            shapes.append(self._make_line("desired outline", transform_points(self._pose, closed),
+                (*GOAL, 1.0),
+                                     0.002))  # fmt: skip
+        for name, track in self._trajectories.items():
+            points = transform_points(
+                self._pose, place_on_image_plane(border, track.points, FRUSTUM_SIZE)
+            )
+            shapes.append(self._make_line(f"trajectory {name}", points, (*FEATURE, 1.0), 0.002))
+        return shapes
+
+    def _make_arrows(self) -> list[Shape]:
+        state, shapes = self.state, []
+        for kind, twist, width, opacity in (
+            ("desired", state.desired_twist, 0.008, 1.0),
+            ("achieved", state.achieved_twist, 0.012, 0.55),
+        ):
+            for quantity, vector, name in (
+                ("velocity", np.array(twist[:3]) * ARROW_SECONDS, kind),
+                ("turn", np.array(twist[3:]) * TURN_LENGTH, f"{kind}-turn"),
+            ):
+                points, length = np.empty((0, 3)), float(np.linalg.norm(vector))
+                if np.isfinite(length) and length > MIN_ARROW:
+                    tip = vector * min(1.0, MAX_ARROW / length)
+                    points = transform_points(self._pose, np.array([np.zeros(3), tip]))
+                colour = (*to_rgb(LIVE[name]), opacity)
+                shapes.append(Shape(f"{kind} {quantity}", ARROW, points, colour, width))
+        return shapes
+
+    @staticmethod
+    def _make_line(name: str, points: np.ndarray, colour: Rgba, width: float) -> Shape:
+        """Return a curve, which is empty if it has only one point."""
+        return Shape(name, STRIP, points if len(points) > 1 else points[:0], colour, width)
+
+
+def _wrap_text(text: str, width: int = 44) -> str:
+    """Wrap a text to at most three lines."""
+    lines = [""]
+    for word in text.split():
+        if lines[-1] and len(lines[-1]) + len(word) >= width:
+            lines.append("")
+        lines[-1] += (" " if lines[-1] else "") + word
+    return "\n".join(lines[:3])

@@ -1,0 +1,1 @@
+"""Settings of an experiment: plant, robot, cameras, target, start, goal and control loop."""

@@ -1,0 +1,75 @@
+"""Links that an experiment adds to a robot description: camera frames and targets."""
+
+from __future__ import annotations
+
+import xml.etree.ElementTree as ElementTree
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import xyz_rpy_from_matrix
+
+from ..errors import ExperimentError
+
+
+@dataclass(frozen=True, eq=False)
+class MountedTarget:
+    """Target on a link of a robot.
+
+    link: link that carries the target. pose: link_T_target (4, 4). urdf: file with its visuals.
+    """
+
+    link: str
+    pose: np.ndarray
+    urdf: Path
+
+
+def with_link(urdf: str, name: str, parent: str, parent_T_link: np.ndarray) -> str:
+    """Return the robot description with one more link, fixed to the link `parent`.
+
+    parent_T_link: pose of the new link in its parent (4, 4).
+    """
+    robot = ElementTree.fromstring(urdf)
+    ElementTree.SubElement(robot, "link", name=name)
+    _attach(robot, parent, name, parent_T_link)
+    return ElementTree.tostring(robot, encoding="unicode")
+
+
+def _attach(
+    robot: ElementTree.Element, parent: str, child: str, parent_T_child: np.ndarray
+) -> None:
+    """Add a fixed joint between two links, at the pose parent_T_child (4, 4)."""
+    joint = ElementTree.SubElement(robot, "joint", name=f"{child}_joint", type="fixed")
+    ElementTree.SubElement(joint, "parent", link=parent)
+    ElementTree.SubElement(joint, "child", link=child)
+    xyz, rpy = (
+        " ".join(map(repr, map(float, part))) for part in xyz_rpy_from_matrix(parent_T_child)
+    )
+    ElementTree.SubElement(joint, "origin", xyz=xyz, rpy=rpy)
+
+
+def with_target(urdf: str, name: str, target: MountedTarget, where: str) -> str:
+    """Return the robot description with the visuals of a target, fixed to a link of the robot.
+
+    Args:
+        urdf: text of the robot description.
+        name: of the new link.
+        where: name of the description for the error message.
+
+    Raises:
+        ExperimentError: the robot has no link of this name.
+    """
+    robot, target_model = ElementTree.fromstring(urdf), ElementTree.parse(target.urdf).getroot()
+    links = {link.get("name") for link in robot.iter("link")}
+    if target.link not in links:
+        raise ExperimentError(f"{where} has no link '{target.link}' that could carry "
+                              f"a target: {suggest(target.link, sorted(links))}")  # fmt: skip
+    link = ElementTree.SubElement(robot, "link", name=name)
+    link.extend(target_model.iter("visual"))
+    for element in target_model.findall("gazebo[@reference]"):
+        element.set("reference", name)
+        robot.append(element)
+    _attach(robot, target.link, name, target.pose)
+    return ElementTree.tostring(robot, encoding="unicode")

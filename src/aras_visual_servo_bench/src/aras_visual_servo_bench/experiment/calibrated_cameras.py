@@ -1,0 +1,118 @@
+"""Camera poses from the files of hand-eye calibrations."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
+from aras_visual_servo_base.errors import SimError
+from aras_visual_servo_base.poses import inverse, xyz_rpy_from_matrix
+
+from ..errors import ExperimentError
+from .cameras import WORLD, CalibrationOffset, CameraSpec, HandEyeSpec
+from .experiment import FREE_CAMERA_PLANTS, Experiment
+from .packages import PackagePath
+from .robots import Robot
+
+
+def with_fixed_cameras(experiment: Experiment, packages: PackagePath) -> Experiment:
+    """Return the experiment with the pose of each fixed camera that has a hand-eye calibration.
+
+    Raises:
+        ExperimentError: a file cannot be used, or the calibration is of a camera in the hand and
+            the plant has no arm.
+    """
+    cameras = dict(experiment.cameras)
+    for name, spec in experiment.cameras.items():
+        if spec.hand_eye is None:
+            continue
+        if spec.hand_eye.link == WORLD:
+            pose = tuple(np.concatenate(xyz_rpy_from_matrix(_read_pose(
+                spec.hand_eye, packages, f"cameras.{name}.hand_eye"))))
+            cameras[name] = replace(spec, hand_eye=None, pose=pose)
+        elif experiment.plant in FREE_CAMERA_PLANTS:
+            raise ExperimentError(
+                f"cameras.{name}.hand_eye says where an arm carries the camera, and plant "
+                f"'{experiment.plant}' has no arm: use chain or bullet, or set its link to {WORLD} "
+                "if the camera is fixed")
+    return replace(experiment, cameras=cameras) if cameras else experiment
+
+
+def with_calibration_offsets(experiment: Experiment, robot: Robot) -> Experiment:
+    """Return the experiment with its calibration offsets as xyz and rpy.
+
+    A `calibration_offset.hand_eye` file gives the calibrated pose of a camera; it is replaced by
+    the offset of this pose from the true pose.
+
+    Raises:
+        ExperimentError: a file cannot be used, or a link does not carry the camera.
+    """
+    if experiment.cameras:
+        return replace(
+            experiment,
+            cameras={
+                name: replace(
+                    spec,
+                    calibration_offset=_read_calibration_offset(
+                        spec.calibration_offset,
+                        spec,
+                        experiment,
+                        robot,
+                        f"cameras.{name}.calibration_offset.hand_eye",
+                        name,
+                    ),
+                )
+                for name, spec in experiment.cameras.items()
+            },
+        )
+    ((name, spec),) = experiment.camera_specs.items()
+    return replace(experiment, calibration_offset=_read_calibration_offset(
+        spec.calibration_offset, spec, experiment, robot, "calibration_offset.hand_eye", name))
+
+
+def _read_calibration_offset(
+    offset: CalibrationOffset,
+    spec: CameraSpec,
+    experiment: Experiment,
+    robot: Robot,
+    where: str,
+    name: str,
+) -> CalibrationOffset:
+    """Return the calibration offset of camera `name` with its hand-eye file read.
+
+    where: key of the file, for error messages.
+    """
+    file = offset.hand_eye
+    if file is None:
+        return offset
+    if spec.pose is not None and file.link in ("", WORLD):
+        true_pose, calibrated_pose = spec.compute_pose(), _read_pose(file, robot.packages, where)
+    elif experiment.plant in FREE_CAMERA_PLANTS:
+        raise ExperimentError(
+            f"{where} says where an arm carries the camera, and plant "
+            f"'{experiment.plant}' has no arm: give calibration_offset.xyz and rpy, relative to "
+            "the camera's true pose"
+        )
+    else:
+        try:
+            calibration = file.read(robot.packages)
+            check_optical(calibration)
+            link = find_camera_link(robot.urdf, calibration, file.link)
+            true_pose = robot.compute_mounting(link, name)
+            calibrated_pose = calibration.link_T_camera
+        except SimError as error:
+            raise ExperimentError(f"{where}: {error}") from None
+    xyz, rpy = xyz_rpy_from_matrix(inverse(true_pose) @ calibrated_pose)
+    return replace(offset, hand_eye=None, xyz=tuple(map(float, xyz)), rpy=tuple(map(float, rpy)))
+
+
+def _read_pose(spec: HandEyeSpec, packages: PackagePath, where: str) -> np.ndarray:
+    """Read the pose (4, 4) of the camera's optical frame in the world from a calibration."""
+    try:
+        calibration = spec.read(packages)
+        check_optical(calibration)
+    except SimError as error:
+        raise ExperimentError(f"{where}: {error}") from None
+    return calibration.link_T_camera

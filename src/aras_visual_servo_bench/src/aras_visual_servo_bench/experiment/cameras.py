@@ -1,0 +1,441 @@
+"""Settings of an experiment's cameras: the true camera, and the controller's calibration of it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from types import MappingProxyType
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aras_sim_bridge.camera import CameraConfig
+from aras_sim_bridge.camera.calibration_file import CALIBRATION_KEY as CALIBRATION
+from aras_sim_bridge.camera.calibration_file import apply_calibration
+from aras_sim_bridge.camera.camera_file import read_camera
+from aras_sim_bridge.errors import CameraError
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import LENGTH_UNITS, inverse, matrix_from_xyz_rpy, optical_pose
+from aras_visual_servo_base.setting_values import merge
+from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_camera.errors import CalibrationError
+from aras_visual_servo_camera.undistortion import CameraModel, subdivide
+from aras_visual_servo_controller.observation.camera_rig import MAX_WAITING_IMAGES
+
+from ..errors import ExperimentError, require
+from ..targets.target_spec import PoseValues, TargetSpec
+from .packages import PackagePath
+
+if TYPE_CHECKING:
+    from aras_visual_servo_base.hand_eye import HandEyeCalibration
+
+HALF_TURN = 3.142  # rad; pi as rounded up in files
+MAX_DELAY = 10.0  # s
+PRESET_FOLDER = "config/cameras"
+# Key that names a preset, and the preset that is used by default.
+PRESET_KEY, DEFAULT_PRESET = "preset", "original"
+NO_SETTINGS: Mapping[str, Any] = MappingProxyType({})
+WORLD = "world"  # the link of a hand-eye calibration of a fixed camera
+# Grey levels of table and target, the same as in rendered images.
+WHITE_LEVEL, DARK_LEVEL = 255, 0
+
+
+@dataclass(frozen=True)
+class HandEyeSpec:
+    """File with the result of a hand-eye calibration; see aras_visual_servo_base.hand_eye.
+
+    file: path of the file. units: m, cm or mm, of the lengths in the file; '': as the file says,
+        else metres.
+    link: link that carries the camera; '': the link that the file names. 'world': the camera is
+        fixed, and the file gives its pose in the world (the arm's base).
+    """
+
+    file: str = parameter(shorthand=True)
+    units: str = parameter("", choices=("", *LENGTH_UNITS))
+    link: str = ""
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "hand_eye")
+
+    def read(self, packages: PackagePath) -> HandEyeCalibration:
+        """Read the file.
+
+        Raises:
+            HandEyeError: the file holds no calibration.
+            ExperimentError: there is no such file.
+        """
+        from aras_visual_servo_base.hand_eye import read_hand_eye
+
+        return read_hand_eye(packages.resolve(self.file), self.units)
+
+
+@dataclass(frozen=True)
+class CalibrationOffset:
+    """Difference between the camera that the controller assumes and the true camera.
+
+    focal: factor on the focal length. centre: offset of the principal point, px (right, down).
+    distortion: coefficients that the controller uses; None: the true ones.
+    xyz, rpy: offset of the assumed camera pose from the true one, m and rad, in the true optical
+        frame (z forward, x right, y down), on every plant.
+    hand_eye: file of a hand-eye calibration that gives the assumed camera pose, instead of xyz and
+        rpy.
+    depth: factor on the depths that the controller uses.
+    """
+
+    focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)
+    centre: tuple[float, float] = parameter((0.0, 0.0), "px")
+    distortion: tuple[float, ...] | None = None
+    xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
+    rpy: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
+    )
+    hand_eye: HandEyeSpec | None = None
+    depth: float = parameter(1.0, ", the factor on the true depth", above=0.0, most=10.0)
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "calibration_offset")
+        require(self.hand_eye is None or not self.is_moved,
+                "calibration_offset has xyz and rpy, or a hand_eye calibration: one of them")
+
+    @property
+    def is_moved(self) -> bool:
+        """True if the assumed camera pose differs from the true one."""
+        return any(self.xyz) or any(self.rpy)
+
+    def make_calibrated_camera(self, true_camera: CameraModel) -> CameraModel:
+        """Return the intrinsics that the controller uses.
+
+        Raises:
+            ExperimentError: the result is no valid camera.
+        """
+        K = np.array(true_camera.K).reshape(3, 3)
+        K[[0, 1], [0, 1]] *= self.focal
+        K[:2, 2] += self.centre
+        D = true_camera.D if self.distortion is None else self.distortion
+        try:
+            return CameraModel(
+                true_camera.width,
+                true_camera.height,
+                tuple(K.ravel().tolist()),
+                D,
+                true_camera.model,
+            )
+        except CalibrationError as error:
+            raise ExperimentError(f"calibration_offset: {error}") from None
+
+
+@dataclass(frozen=True)
+class CameraSpec:
+    """One of several cameras of an experiment.
+
+    model: the true camera: name of a preset, path of a YAML file or of a calibration, or settings.
+    rate: images per second; None: the rate of the model.
+    xyz, rpy: pose of a camera in the hand relative to the robot's own camera, in camera_link
+        (x forward, y left, z up), m and rad.
+    pose: pose of the optical frame of a fixed camera in the world (the arm's base): x, y, z (m),
+        roll, pitch, yaw (rad).
+    frame: optical frame of a camera that the robot description contains.
+    hand_eye: file of a hand-eye calibration that gives the pose of the camera, in the hand or in
+        the world; see HandEyeSpec.
+    delay: time from an exposure until the control loop receives the image, s.
+    calibration_offset: errors of the controller's calibration; see CalibrationOffset.
+    target: target that this camera observes instead of the experiment's: shape, size, pose, motion.
+    target_frame: link that carries this camera's target if the arm moves that: the poses of target
+        and camera are then in this link's frame; '': robot.target_frame.
+    """
+
+    renamed_keys = {"believed": "calibration_offset"}
+
+    model: str | Mapping[str, Any] = parameter(DEFAULT_PRESET, shorthand=True)
+    rate: float | None = parameter(None, "1/s", above=0.0)
+    xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
+    rpy: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
+    )
+    pose: PoseValues | None = parameter(None, "m, rad")
+    frame: str = ""
+    hand_eye: HandEyeSpec | None = None
+    delay: float = parameter(0.0, "s", least=0.0, most=MAX_DELAY)
+    calibration_offset: CalibrationOffset = CalibrationOffset()
+    target: TargetSpec | None = None
+    target_frame: str = ""
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "cameras")
+        placements = (self.pose is not None, any(self.xyz) or any(self.rpy), bool(self.frame),
+                      self.hand_eye is not None)  # fmt: skip
+        require(
+            sum(placements) < 2,
+            "a camera has a pose in the world, or xyz and rpy in the hand, or a frame of the "
+            "robot's description, or a hand_eye calibration: one of them",
+        )
+
+    @property
+    def is_in_description(self) -> bool:
+        """True if the robot description gives the pose: of the robot's camera, or of `frame`."""
+        has_pose = self.pose is not None or self.hand_eye is not None
+        return not has_pose and not (any(self.xyz) or any(self.rpy))
+
+    def compute_pose(self) -> np.ndarray:
+        """Return the pose (4, 4) of the optical frame.
+
+        It is in the world if `pose` is set, else in the optical frame of the robot's own camera.
+        """
+        if self.pose is not None:
+            return matrix_from_xyz_rpy(self.pose[:3], self.pose[3:])
+        link = optical_pose(np.eye(4))
+        return inverse(link) @ matrix_from_xyz_rpy(self.xyz, self.rpy) @ link
+
+
+@dataclass(frozen=True, eq=False)
+class CameraSetup:
+    """Camera of an experiment, with its files read.
+
+    overrides: keys that the experiment sets, itself or by a preset.
+    settings: `overrides` merged over the settings in the robot description.
+    config: configuration made of `settings`.
+    true_camera: intrinsics of the simulated camera.
+    calibrated_camera: intrinsics that the controller uses.
+    """
+
+    name: str
+    spec: CameraSpec
+    overrides: Mapping[str, Any]
+    settings: Mapping[str, Any]
+    config: CameraConfig
+    true_camera: CameraModel
+    calibrated_camera: CameraModel
+
+    @classmethod
+    def read(
+        cls, name: str, spec: CameraSpec, packages: PackagePath, robot: str,
+        description_settings: Mapping[str, Any] = NO_SETTINGS,
+    ) -> CameraSetup:
+        """Read the camera `name` of an experiment.
+
+        Args:
+            robot: package that holds the presets; see `read_preset`.
+            description_settings: settings of the camera in the robot description, which those of
+                `spec` override.
+        """
+        overrides = read_preset(spec.model, packages, robot)
+        if spec.rate is not None:
+            overrides["update_rate"] = spec.rate
+        settings = merge(description_settings, overrides)
+        config = make_camera_config(settings)
+        published = true = read_camera_model(config.make_intrinsics())
+        if config.legacy_camera_info:  # CameraInfo then has the values of Gazebo's formulas
+            true = make_camera_model({**settings, "legacy_camera_info": False})
+        return cls(
+            name,
+            spec,
+            overrides,
+            settings,
+            config,
+            true,
+            spec.calibration_offset.make_calibrated_camera(published),
+        )
+
+    @property
+    def rate(self) -> float:
+        """Images per second."""
+        return self.config.update_rate
+
+    @property
+    def delay(self) -> float:
+        """Time from an exposure until the control loop receives the image, s.
+
+        It is the sum of the camera's latency and of the `delay` of the experiment.
+        """
+        return self.spec.delay + self.config.latency
+
+
+def check_simultaneous_images(cameras: Sequence[CameraSetup], duration: float) -> None:
+    """Check that images of the same instant from all cameras are available at the same time.
+
+    Args:
+        cameras: the cameras that the scheme reads, the control camera first.
+        duration: of the run, s.
+
+    Raises:
+        ExperimentError: a camera delivers its first image too late, or the delays of two cameras
+            differ by more than the stored images cover.
+    """
+    control, *others = cameras
+    for other in others:
+        first = 1.0 / other.rate + other.delay
+        require(
+            first < duration,
+            f"camera '{other.name}' delivers its first image after {first:.3g} s, and the run "
+            f"lasts {duration:g} s: give it a higher rate, a shorter delay, or the run more time",
+        )
+        late, early = other, control
+        if late.delay < early.delay:
+            late, early = early, late
+        difference = late.delay - early.delay
+        stored = MAX_WAITING_IMAGES / early.rate
+        require(
+            difference < stored,
+            f"images of cameras '{early.name}' and '{late.name}' are never available together: "
+            f"those of '{late.name}' arrive {difference:.3g} s later, and of '{early.name}' only "
+            f"the last {MAX_WAITING_IMAGES} images ({stored:.3g} s) are stored: give the cameras "
+            f"delays that differ by less, or '{early.name}' a lower rate",
+        )
+
+
+def read_preset(
+    camera: str | Mapping[str, Any], packages: PackagePath, robot: str
+) -> dict[str, Any]:
+    """Return the camera settings that an experiment gives, as keys of the simulator.
+
+    Args:
+        camera: name of a preset of the package `robot`; path of a YAML file or of a calibration
+            (`path#name` for one of its cameras); or keys, which override those of the preset or
+            file that their key `preset` names.
+
+    Raises:
+        ExperimentError: there is no such preset, or a file cannot be used.
+    """
+    try:
+        if isinstance(camera, Mapping):
+            own = dict(camera)
+            base = own.pop(PRESET_KEY, None)
+            if isinstance(named := own.get(CALIBRATION), str):
+                own[CALIBRATION] = _resolve_file(named, packages)
+            own = apply_calibration(own)
+            if PRESET_KEY not in camera:
+                return own
+            require(
+                isinstance(base, str),
+                f"camera.{PRESET_KEY} is {base!r}, must be the name of a preset or the path of a "
+                "file",
+            )
+            return merge(read_preset(base, packages, robot), own)
+        if "/" in camera or Path(camera.partition("#")[0]).suffix:
+            return read_camera(_resolve_file(camera, packages))
+        folder = packages.resolve(f"package://{robot}/package.xml").parent / PRESET_FOLDER
+        known = sorted(path.stem for path in folder.glob("*.yaml"))
+        require(camera in known, f"camera '{camera}' is no preset: {suggest(camera, known)}")
+        return read_camera(folder / f"{camera}.yaml")
+    except CameraError as error:
+        raise ExperimentError(str(error)) from None
+
+
+def _resolve_file(name: str, packages: PackagePath) -> str:
+    """Return the absolute path of a camera's file, followed by the camera's `#name` if any."""
+    path, hash_, camera = name, "", ""
+    if "#" in name and not Path(name).expanduser().is_file():
+        path, hash_, camera = name.rpartition("#")
+    return f"{packages.resolve(path).resolve()}{hash_}{camera}"
+
+
+def make_camera_config(settings: Mapping[str, Any]) -> CameraConfig:
+    """Make the configuration of a camera.
+
+    Raises:
+        ExperimentError: the settings are invalid.
+    """
+    try:
+        return CameraConfig.from_mapping({"name": "camera", **settings})
+    except CameraError as error:
+        raise ExperimentError(str(error)) from None
+
+
+def make_camera_model(settings: Mapping[str, Any]) -> CameraModel:
+    """Return the intrinsics of a camera with these settings.
+
+    Raises:
+        ExperimentError: the settings are invalid.
+    """
+    return read_camera_model(make_camera_config(settings).make_intrinsics())
+
+
+def read_camera_model(info: Any) -> CameraModel:
+    """Convert the intrinsics of a simulated camera into a camera model."""
+    K = tuple(float(k) for k in np.ravel(info.K))
+    return CameraModel(info.width, info.height, K, tuple(map(float, info.D)), info.model)
+
+
+def is_in_view(outline: np.ndarray, camera: CameraModel, margin: float = 2.0) -> bool:
+    """Return True if an outline lies wholly inside the image.
+
+    Args:
+        outline: corners (n, 2) in normalised coordinates.
+        margin: least distance of the outline from the image border, px.
+    """
+    u, v = camera.project(*subdivide(outline).T)
+    return bool(
+        (u >= margin).all()
+        and (u <= camera.width - 1 - margin).all()
+        and (v >= margin).all()
+        and (v <= camera.height - 1 - margin).all()
+    )
+
+
+def draw_outline(outline: np.ndarray | None, camera: CameraModel) -> np.ndarray:
+    """Draw a dark polygon on a white background.
+
+    The grey level of a pixel is proportional to the part of it that the polygon covers. Edges are
+    curved by the distortion of the lens.
+
+    Args:
+        outline: corners (n, 2) of the polygon in normalised coordinates; None: no polygon.
+
+    Returns:
+        Image (rows, columns), uint8.
+    """
+    image = np.full((camera.height, camera.width), WHITE_LEVEL, np.uint8)
+    if outline is None:
+        return image
+    vertices = subdivide(outline) if camera.is_distorted else outline
+    pixels = np.column_stack(camera.project(*vertices.T))
+    low = np.maximum(np.floor(pixels.min(axis=0)).astype(int) - 1, 0)
+    high = np.minimum(np.ceil(pixels.max(axis=0)).astype(int) + 2, (camera.width, camera.height))
+    if (high <= low).any():
+        return image
+    coverage = _coverage(pixels - low, *(high - low).tolist())
+    part = np.round(WHITE_LEVEL + (DARK_LEVEL - WHITE_LEVEL) * coverage).astype(np.uint8)
+    image[low[1] : high[1], low[0] : high[0]] = part
+    return image
+
+
+def _coverage(polygon: np.ndarray, width: int, height: int) -> np.ndarray:
+    """Compute the exact part (height, width) of each pixel that a polygon covers.
+
+    Each edge adds the area of the pixel to its left, with the sign of its vertical direction.
+    Along the piece of an edge within one row of pixels, the covered width changes linearly
+    between 0 and 1.
+
+    Args:
+        polygon: corners (n, 2), px; pixel centres have integer coordinates.
+    """
+    ends = np.roll(polygon, -1, axis=0)
+    rising = ends[:, 1] != polygon[:, 1]
+    begin, end = polygon[rising], ends[rising]
+    sign = np.sign(end[:, 1] - begin[:, 1])
+    rows = np.arange(height)[:, None] - 0.5
+    low = np.clip(np.minimum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
+    high = np.clip(np.maximum(begin[:, 1], end[:, 1]), rows, rows + 1.0)
+    row, edge = np.nonzero(high > low)
+    low, high = low[row, edge], high[row, edge]
+    slope = ((end - begin)[:, 0] / (end - begin)[:, 1])[edge]
+    left = (np.arange(width) - 0.5)[None]
+    first = (begin[edge, 0] + slope * (low - begin[edge, 1]))[:, None] - left
+    last = (begin[edge, 0] + slope * (high - begin[edge, 1]))[:, None] - left
+    across = last - first
+    steep = np.abs(across) < 1e-6
+    mean = np.where(
+        steep,
+        np.clip(0.5 * (first + last), 0.0, 1.0),
+        (_ramp(last) - _ramp(first)) / np.where(steep, 1.0, across),
+    )
+    coverage = np.zeros((height, width))
+    np.add.at(coverage, row, (sign[edge] * (high - low))[:, None] * mean)
+    return np.clip(np.abs(coverage), 0.0, 1.0)
+
+
+def _ramp(x: np.ndarray) -> np.ndarray:
+    """Return the integral of clip(t, 0, 1) over t from -inf to x."""
+    within = np.clip(x, 0.0, 1.0)
+    return 0.5 * within * within + np.maximum(x - 1.0, 0.0)

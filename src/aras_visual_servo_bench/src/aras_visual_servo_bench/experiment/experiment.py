@@ -1,0 +1,394 @@
+"""Settings of one experiment: plant, target, cameras, start, goal, scheme and duration."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import Any
+
+from aras_sim_bridge.description.types import SUN
+from aras_sim_bridge.rendering import EXPOSURES, RENDERERS
+from aras_visual_servo_base.poses import matrix_from_xyz_rpy
+from aras_visual_servo_base.setting_values import format_value
+from aras_visual_servo_base.settings import KeywordSettings, build, check, parameter, to_mapping
+from aras_visual_servo_base.yaml_files import read_yaml
+from aras_visual_servo_controller.observation.observation import CAMERA
+
+from ..errors import ExperimentError, StudyError, require
+from ..targets.target_spec import MAX_TARGET_SIZE, TargetSpec, Vector2, check_times
+from .cameras import HALF_TURN, MAX_DELAY, CalibrationOffset, CameraSpec, HandEyeSpec
+from .robots import RobotSpec
+from .starts import CameraPose, RelativeStart, Sampler
+
+PLANTS = ("bullet", "chain", "free", "ideal")
+FREE_CAMERA_PLANTS = ("free", "ideal")
+FEATURES = ("auto", "images", "exact")
+COMMANDS = ("joint_states", "images")
+# Keys and values of earlier versions, with their new names, for the error messages.
+RENAMED_KEYS = {
+    "believed": "calibration_offset", "linger": "time_after_convergence",
+    "options": "controller_parameters", "traced": "record_peak_speeds",
+}  # fmt: skip
+RENAMED_FEATURES = {"pictures": "images"}
+# Controller parameters that are keys of the experiment itself.
+SHARED_PARAMETERS = ("scheme", "law", "gain", "duration")
+CLASS_HINT = "a name, a class, or 'package.module:Class'"
+
+
+@dataclass(frozen=True)
+class SunSpec:
+    """The sun over the Bullet arm's table: a white directional light in addition to ambient light.
+
+    direction: from the sun to the ground, in the world frame.
+    diffuse: brightness that the sun gives to a white face perpendicular to its light, 0 to 1;
+        ambient light adds 0.4.
+    exposure: 'unclipped' scales both lights so that their sum is at most 1; 'gazebo' clips
+        brightness above 1 to white, which shifts edges.
+    shines: intervals (start, end) in which the sun shines, s of simulated time; ambient light is
+        always on, and the goal is taught in the light of the start. None: always.
+    """
+
+    direction: tuple[float, float, float] = SUN.direction
+    diffuse: float = parameter(SUN.diffuse[0], least=0.0, most=1.0)
+    exposure: str = parameter(EXPOSURES[0], choices=EXPOSURES)
+    shines: tuple[Vector2, ...] | None = None
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "sun")
+        require(any(self.direction), "sun.direction must not be zero")
+        check_times(self.shines, "sun.shines")
+
+
+@dataclass(frozen=True)
+class IdealSpec:
+    """Speed limits, image bounds and end of a run on the plant 'ideal'.
+
+    speed: limits of the twist's components, m/s and rad/s; the whole twist is scaled to respect
+        them. None: no limit.
+    stop: sum of the squared feature errors at which the run has converged; None: the control
+        loop's usual criterion.
+    unbounded: features outside the image are visible; only those behind the camera are lost.
+    enough: fraction of the initial true distance and angle from the goal below which the run has
+        converged and ends. farthest: multiple of the initial distance at which the run has failed.
+    """
+
+    speed: Vector2 | None = parameter(None, above=0.0)
+    stop: float | None = parameter(None, above=0.0)
+    unbounded: bool = False
+    enough: float | None = parameter(None, above=0.0)
+    farthest: float | None = parameter(None, above=0.0)
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "ideal")
+
+
+@dataclass(frozen=True)
+class Experiment(KeywordSettings):
+    """Settings that determine a run completely: equal experiments give equal runs.
+
+    An experiment is immutable. `with_changes(gain=2.0)` returns a copy with other values,
+    `from_yaml(path)` reads a file, and `run(experiment)` runs it. Values may be those of a YAML
+    file or Python objects: paths, NumPy arrays and numbers, classes. For `target`, `robot` and the
+    entries of `cameras`, a value that is no mapping sets `target.shape`, `robot.urdf` or the
+    camera's `model`. A wrong key or value raises an ExperimentError that suggests a correct one.
+    Lengths are in m, angles in rad, times in s.
+
+    plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera
+        with the control loop's rate, limits and delay) or 'ideal' (camera that executes the
+        scheme's twist exactly, one motion per image, as simulations in papers do).
+    ideal: settings of the plant 'ideal'; see IdealSpec.
+    robot: see RobotSpec. friction: whether its joints have friction (bullet). lag: time constant
+        of each joint (chain, free), s.
+    target: see TargetSpec; 'aras' is part of the Bullet arm's robot description, and other targets
+        are placed in the world instead of it.
+    sun: see SunSpec (bullet). world: path of an SDF world file around the arm, or the name of a
+        shipped one such as 'workbench'; its models, lights and scene replace the sun and the plain
+        ground (bullet).
+    camera: the true camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV,
+        Kalibr, ViSP), or settings.
+    camera_xyz, camera_rpy: displacement of the camera in its link, m and rad; links that the camera
+        link carries move with it.
+    hand_eye: file of a hand-eye calibration that gives the pose of the camera on the arm, instead
+        of the robot description; see HandEyeSpec.
+    calibration_offset: errors of the controller's camera calibration; see CalibrationOffset.
+    cameras: several cameras by name, instead of camera, hand_eye and calibration_offset; see
+        CameraSpec. The scheme selects the cameras that it uses ('points@left+points@right', by
+        default the first one); the others only record.
+    features: 'images' measures features in images; 'exact' computes them from the true poses,
+        without image, tracker and noise; 'auto' is 'images' for the Bullet arm and else 'exact'.
+    noise: standard deviation of the image noise, grey levels. jitter: of exact features, px.
+    delay: time from an exposure until the resulting command takes effect, with computing time, s.
+    commands: 'joint_states' sends a command with each joint state, as a ROS graph does in real
+        time; 'images' sends one command per image, as a ROS graph in lockstep: a command takes
+        effect at the first image after the delay, which rounds the delay up to image periods.
+    start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
+    goal: name or path of a goal file; or joints or a CameraPose at which the goal is taught.
+    scheme: name, class, or 'package.module:Class'. law: name of the control law. gain: 1/s; None:
+        the default of the law.
+    controller_parameters: further parameters of the controller node, by name.
+    duration: run time after the first image, s. time_after_convergence: time for which the run
+        continues after it has converged, s; None: until `duration` is over.
+    reached: distance (m) and angle (rad) within which the goal counts as reached; None: 0.15 % of
+        the target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
+    seed: seed of all random numbers. renderer: accepted for compatibility; all names select the
+        same renderer.
+    record_peak_speeds: record each joint's peak speed over the physics steps (bullet).
+    """
+
+    fault = ExperimentError
+    renamed_keys = RENAMED_KEYS
+
+    plant: str = parameter("bullet", choices=PLANTS)
+    ideal: IdealSpec = IdealSpec()
+    robot: RobotSpec = RobotSpec()
+    friction: bool = True
+    lag: float = parameter(0.04, "s", least=0.0)
+    target: TargetSpec = TargetSpec()
+    sun: SunSpec = SunSpec()
+    world: str = ""
+    camera: str | Mapping[str, Any] = "original"
+    camera_xyz: tuple[float, float, float] = parameter((0.0, 0.0, 0.0), "m")
+    camera_rpy: tuple[float, float, float] = parameter(
+        (0.0, 0.0, 0.0), "rad", least=-HALF_TURN, most=HALF_TURN
+    )
+    hand_eye: HandEyeSpec | None = None
+    calibration_offset: CalibrationOffset = CalibrationOffset()
+    cameras: Mapping[str, CameraSpec] = parameter({})
+    features: str = parameter("auto", choices=FEATURES, renamed=RENAMED_FEATURES)
+    noise: float = parameter(0.0, "grey levels", least=0.0)
+    jitter: float = parameter(0.0, "px", least=0.0)
+    delay: float = parameter(0.015, "s", least=0.0, most=MAX_DELAY)
+    commands: str = parameter("joint_states", choices=COMMANDS)
+    start: str | tuple[float, ...] | CameraPose | Sampler | RelativeStart = parameter(
+        "2016", name=True
+    )
+    goal: str | tuple[float, ...] | CameraPose = parameter("auto", name=True)
+    scheme: str = parameter("moments", name=True, importable=True, expected=CLASS_HINT)
+    law: str = parameter("proportional", importable=True, expected=CLASS_HINT)
+    gain: float | None = parameter(None, "1/s", above=0.0)
+    controller_parameters: Mapping[str, Any] = parameter({})
+    duration: float = parameter(8.0, "s", above=0.0)
+    time_after_convergence: float | None = parameter(0.5, "s", least=0.0)
+    reached: Vector2 | None = parameter(None, above=0.0)
+    seed: int = parameter(0, least=0)
+    renderer: str = parameter("auto", choices=RENDERERS)
+    record_peak_speeds: bool = False
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError)
+        for name in SHARED_PARAMETERS:
+            require(
+                name not in self.controller_parameters,
+                f"controller_parameters.{name}: {name} is a key of the experiment itself; give it "
+                "there",
+            )
+        require(self.hand_eye is None or self.plant not in FREE_CAMERA_PLANTS,
+                f"hand_eye says where an arm carries the camera, and plant '{self.plant}' has no "
+                "arm: use chain or bullet")
+        self._check_cameras()
+        if self.plant == "bullet":
+            self._check_size()
+            require(
+                not self.world or replace(self.sun, exposure=EXPOSURES[0]) == SunSpec(),
+                "the lights are those of the world file: give sun.exposure alone, or no world",
+            )
+            require(bool(self.world) or not self.target.model,
+                    "target.model needs a world file: set world to its path or name")
+            has_own_pose = not self.target.motion.is_static or any(self.target.pose)
+            require(
+                not (self.target.is_in_description and has_own_pose),
+                "a target in the Bullet arm's robot description is fixed at the pose given there: "
+                "for a target with another pose or a motion, set target.shape and target.pose",
+            )
+            require(
+                self.target.occluder is None
+                or not (self.target.is_in_description or self.target.shape == "aras"),
+                "target.occluder is not available for 'aras' and targets in the robot description: "
+                "set another target.shape, such as square",
+            )
+            require(
+                self.target.is_in_description
+                or self.target.shape == "aras"
+                or any(self.target.pose),
+                "target.pose is missing, the pose of the target on the Bullet arm's table: its top "
+                "is at z = 0.59, so its middle is [0, 0, 0.591, 0, 0, 0]",
+            )
+            require(
+                not self.robot.target_frame or self.target.is_mountable,
+                "a target on a link of the arm (robot.target_frame) has no motion of its own: "
+                "leave out target.motion, occluded and box",
+            )
+        else:
+            require(not self.target.model,
+                    "target.model is for the Bullet arm: other plants have no world")
+            require(
+                not self.record_peak_speeds,
+                "record_peak_speeds is for the Bullet arm: other plants have no physics steps",
+            )
+            require(not self.world, "world is for the Bullet arm: other plants have none")
+            require(self.sun == SunSpec(), "sun is for the Bullet arm: other plants have no light")
+        require(
+            not self.has_images or not self.jitter,
+            "jitter is for exact features: give noise for images",
+        )
+        require(self.has_images or not self.noise, "noise is for images: give jitter, in px")
+
+    def _check_size(self) -> None:
+        """Check that the target fits on the table of the shipped robot.
+
+        Raises:
+            ExperimentError: the target is larger.
+        """
+        if self.world or self.robot.urdf != RobotSpec().urdf:
+            return
+        for i, length in enumerate(self.target.size or ()):
+            require(length <= MAX_TARGET_SIZE, f"target.size[{i}] is {length}, must be <= "
+                    f"{MAX_TARGET_SIZE:g} m, the size of the table: use your own world or robot")
+
+    def _check_cameras(self) -> None:
+        if not self.cameras:
+            return
+        require(
+            self.camera == "original"
+            and self.calibration_offset == CalibrationOffset()
+            and self.hand_eye is None,
+            "camera, hand_eye and calibration_offset are for an experiment with one camera: set "
+            "them for each entry of cameras",
+        )
+        require(self.plant != "ideal", "plant 'ideal' has one camera: use free, chain or bullet")
+        for name, camera in self.cameras.items():
+            require(
+                name.isidentifier(),
+                f"cameras: '{name}' is no valid name: use letters, digits and _",
+            )
+            if camera.target is not None or camera.target_frame:
+                self._check_own_target(name, camera)
+
+    def _check_own_target(self, name: str, camera: CameraSpec) -> None:
+        """Check the target that one of the cameras observes instead of the experiment's.
+
+        Raises:
+            ExperimentError: the plant or the settings do not allow this target.
+        """
+        target = camera.target
+        require(
+            not camera.target_frame or self.plant not in FREE_CAMERA_PLANTS,
+            f"cameras.{name}.target_frame is a link of the arm's, and plant '{self.plant}' has no "
+            "arm: use chain or bullet",
+        )
+        require(
+            not camera.target_frame or target is not None,
+            f"cameras.{name}.target_frame is the link that carries the camera's own target: give "
+            f"the target's shape, and its pose in that link, as cameras.{name}.target",
+        )
+        require(
+            target.is_mountable or not camera.target_frame and target.is_plain,
+            f"cameras.{name}.target may only have shape, size, pose"
+            + (" (its link moves it)" if camera.target_frame else " and motion")
+            + ": leave out the other keys",
+        )
+        require(
+            self.plant != "bullet" or target.shape != "aras" and (
+                bool(camera.target_frame) or any(target.pose)
+            ),
+            f"cameras.{name}.target needs a shape other than 'aras', and a pose",
+        )
+
+    @property
+    def camera_specs(self) -> Mapping[str, CameraSpec]:
+        """The cameras by name; without `cameras`, the one that `camera` describes."""
+        if self.cameras:
+            return self.cameras
+        return {CAMERA: CameraSpec(self.camera, calibration_offset=self.calibration_offset)}
+
+    @property
+    def has_images(self) -> bool:
+        """True if features are measured in images, False if they are exact."""
+        return self.features == "images" or (self.features == "auto" and self.plant == "bullet")
+
+    @classmethod
+    def from_mapping(cls, values: Mapping[str, Any]) -> Experiment:
+        """Make an experiment from keys and values; other keys have their defaults.
+
+        Raises:
+            ExperimentError: a key or value is wrong; the message suggests a correct one.
+        """
+        return build(cls, values, "", ExperimentError)
+
+    @classmethod
+    def from_yaml(cls, path: str | Path) -> Experiment:
+        """Read an experiment from a YAML file.
+
+        Raises:
+            ExperimentError: the file cannot be read, or a key or value is wrong.
+        """
+        require(isinstance(path, str | Path), f"{format_value(path)} is no path of a YAML file")
+        return cls.from_mapping(read_yaml(path, ExperimentError) or {})
+
+    @classmethod
+    def load(cls, source: Experiment | Mapping[str, Any] | str | Path | None) -> Experiment:
+        """Return an experiment unchanged, or make one from keys and values or from a YAML file.
+
+        Raises:
+            ExperimentError: the source is none of these, or a key or value is wrong.
+        """
+        if isinstance(source, cls):
+            return source
+        if isinstance(source, Mapping):
+            return cls.from_mapping(source)
+        if isinstance(source, str | Path):
+            return cls.from_yaml(source)
+        raise ExperimentError(
+            f"{format_value(source)} is no experiment: give Experiment(...), keys with values, or "
+            "the path of a YAML file; for several experiments use a Study"
+        )
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the keys whose values differ from the defaults, as input of `from_mapping`."""
+        return to_mapping(self)
+
+    @property
+    def with_absolute_start(self) -> Experiment:
+        """This experiment with a start relative to the goal replaced by a camera pose.
+
+        Raises:
+            ExperimentError: the start is relative to the goal, and the goal is no CameraPose.
+        """
+        if not isinstance(self.start, RelativeStart):
+            return self
+        require(
+            isinstance(self.goal, CameraPose),
+            f"start.kind '{self.start.kind}' is relative to the goal: give the goal as a pose",
+        )
+        poses = (
+            matrix_from_xyz_rpy(pose[:3], pose[3:]) for pose in (self.goal.pose, self.target.pose)
+        )
+        return self.with_changes(start=CameraPose(self.start.compute_pose(*poses, self.seed)))
+
+    def with_changes(self, **changes: Any) -> Experiment:
+        """Return this experiment with some values changed, and nothing else.
+
+        A mapping changes only the keys that it names: `with_changes(target={"size": [0.1, 0.1]})`
+        keeps the target's shape. Keys may be dotted paths:
+        `with_changes(**{"camera.effects.gain": 2.0})`. To replace a whole value, give an object,
+        such as `TargetSpec(shape="square")`.
+
+        Raises:
+            ExperimentError: a key or value is wrong; the message suggests a correct one.
+        """
+        from .overrides import with_overrides
+
+        merged = {
+            key.partition(".")[0] for key, value in changes.items()
+            if "." in key or isinstance(value, Mapping)
+        }  # fmt: skip
+        here = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)
+                if f.name not in merged}  # fmt: skip
+        keys = {key: value for key, value in self.to_mapping().items() if key in merged}
+        try:
+            values = with_overrides({**here, **keys}, changes)
+        except StudyError as error:
+            raise ExperimentError(str(error)) from None
+        return self.from_mapping(values)

@@ -1,0 +1,81 @@
+"""Dotted keys of an experiment: check that a key exists, and find its unit."""
+
+from __future__ import annotations
+
+import dataclasses
+import types
+import typing
+from collections.abc import Mapping
+from typing import Any
+
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_controller.settings import Settings
+
+from ..errors import StudyError
+from .experiment import Experiment
+
+
+def find_unit(key: str) -> str:
+    """Return the unit of the value of a dotted key, such as `start.side`.
+
+    It is '' if the value has no unit, if there is no such key, or if the unit depends on other
+    keys: start.turn is in rad for a random start, in degrees for a relative one.
+    """
+    head, _, rest = key.partition(".")
+    kind, path = (Settings, rest) if head == "controller_parameters" and rest else (Experiment, key)
+    try:
+        found = _find_fields(path, kind)
+    except StudyError:  # the name of a study's cases, for example
+        return ""
+    units = {field.metadata.get("unit", "") for field in found}
+    return units.pop().partition(", the")[0].replace(", ", " or ") if len(units) == 1 else ""
+
+
+def check_key(key: str) -> None:
+    """Check that an experiment has this dotted key.
+
+    Raises:
+        StudyError: it has no such key; the message names the most similar one.
+    """
+    _find_fields(key, Experiment)
+
+
+def _find_fields(key: str, kind: type) -> list[dataclasses.Field]:
+    """Return the fields of dataclass `kind` that a dotted key can refer to.
+
+    The list is empty if the key lies below a mapping whose keys are not fixed.
+    """
+    kinds: tuple[type, ...] = (kind,)
+    so_far = ""
+    for part in key.split("."):
+        known = [f for kind in kinds for f in dataclasses.fields(kind)]
+        found = [f for f in known if f.name == part]
+        if not found:
+            renamed = {old: new for kind in kinds
+                       for old, new in getattr(kind, "renamed_keys", {}).items()}  # fmt: skip
+            if part in renamed:
+                raise StudyError(f"key '{so_far}{part}' is now called '{so_far}{renamed[part]}'")
+            near = suggest(part, [f.name for f in known]).replace("'", "")
+            remedy = near.replace("did you mean ", f"did you mean {so_far}")
+            raise StudyError(f"an experiment has no '{key}': {remedy}")
+        so_far += f"{part}."
+        hints = [typing.get_type_hints(kind) for kind in kinds]
+        hint = next(h[part] for h in hints if part in h)
+        options = _split_union(hint)
+        if any(_has_free_keys(option) for option in options):
+            return found if so_far == f"{key}." else []  # checked where they are used
+        kinds = tuple(option for option in options if dataclasses.is_dataclass(option))
+        if not kinds and so_far != f"{key}.":
+            raise StudyError(f"an experiment has no '{key}': {so_far[:-1]} has no keys below it")
+    return found
+
+
+def _split_union(hint: Any) -> tuple:
+    if typing.get_origin(hint) in (typing.Union, types.UnionType):
+        return typing.get_args(hint)
+    return (hint,)
+
+
+def _has_free_keys(hint: Any) -> bool:
+    origin = typing.get_origin(hint)
+    return isinstance(origin, type) and issubclass(origin, Mapping)

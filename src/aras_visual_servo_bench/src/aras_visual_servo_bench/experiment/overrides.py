@@ -1,0 +1,107 @@
+"""Change the keys of an experiment by dotted paths such as `start.side`."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from aras_visual_servo_base.setting_values import merge
+from aras_visual_servo_base.yaml_files import parse_yaml
+
+from ..errors import StudyError
+from .cameras import DEFAULT_PRESET, PRESET_KEY
+from .starts import CameraPose, RelativeStart, Sampler
+
+CAMERAS_KEY = "cameras"
+PLACE_KEYS = ("start", "goal")  # keys of an experiment whose values have several types
+PLACE_TYPES = (CameraPose, Sampler, RelativeStart)
+
+
+def parse_overrides(arguments: Iterable[str]) -> dict[str, Any]:
+    """Parse the overrides of a command line: `key=value`, with the value in YAML.
+
+    Raises:
+        StudyError: an argument has no '=', or its value is no YAML.
+    """
+    found = {}
+    for word in arguments:
+        key, equals, text = word.partition("=")
+        if not (equals and key.strip()):
+            raise StudyError(f"'{word}' is no override: write key=value, as in gain=2.0")
+        found[key.strip()] = parse_yaml(text, f"the value of '{key.strip()}'", StudyError)
+    return found
+
+
+def with_override(values: Mapping[str, Any], key: str, value: Any) -> dict[str, Any]:
+    """Return a copy of an experiment's keys with the value of one dotted key changed.
+
+    All other keys stay as they are. A mapping is merged with the present value. A key below
+    `camera` or below a camera's `model` is merged with the preset that these name. There are two
+    exceptions: a `start` or `goal` of another type replaces the present one, and `cameras` replaces
+    all cameras.
+
+    Raises:
+        StudyError: the dotted key leads through a value that has no keys.
+    """
+    changes, base, path = value, dict(values), key.split(".")
+    for part in reversed(path):
+        changes = {part: changes}
+    if key == CAMERAS_KEY or key in PLACE_KEYS and not _is_same_kind(base.get(key), value):
+        base.pop(key, None)
+    return merge(_expand_presets(base, changes, key), changes)
+
+
+def with_overrides(values: Mapping[str, Any], settings: Mapping[str, Any]) -> dict[str, Any]:
+    """Return a copy of an experiment's keys with the values of several dotted keys changed.
+
+    Shorter paths are applied first, so that `start` precedes `start.side`; otherwise the order of
+    `settings` counts.
+    """
+    changed = dict(values)
+    for key, value in sorted(settings.items(), key=lambda item: item[0].count(".")):
+        changed = with_override(changed, key, value)
+    return changed
+
+
+def _expand_presets(
+    base: Mapping[str, Any], changes: Mapping[str, Any], key: str, above: str = ""
+) -> dict[str, Any]:
+    """Return `base` with names of camera presets replaced by mappings where `changes` adds keys.
+
+    Args:
+        key: the dotted key that is changed, for the error message.
+        above: dotted path of `base`, with a final dot; '' at the root.
+    """
+    found = dict(base)
+    for name, value in changes.items():
+        place = f"{above}{name}"
+        if not isinstance(value, Mapping) or name not in found and not is_camera_key(place):
+            continue
+        here = found.get(name, DEFAULT_PRESET)
+        if isinstance(here, str) and is_camera_key(place):
+            here = {PRESET_KEY: here}
+        if isinstance(here, Mapping):
+            found[name] = _expand_presets(here, value, key, f"{place}.")
+        elif key.startswith(f"{place}."):
+            raise StudyError(
+                f"'{key}' cannot be set: {place} is {here!r}, which has no keys; write {place} as "
+                "keys with values"
+            )
+    return found
+
+
+def is_camera_key(key: str) -> bool:
+    """Return True if the value of a dotted key can be the name of a camera preset."""
+    parts = key.split(".")
+    return parts == ["camera"] or len(parts) == 3 and (parts[0], parts[2]) == ("cameras", "model")
+
+
+def _is_same_kind(current: Any, value: Any) -> bool:
+    """Return True if the keys of a new start or goal fit the type of the current one."""
+    if not (isinstance(current, Mapping) and isinstance(value, Mapping)):
+        return False
+    if "kind" in value and value["kind"] != current.get("kind"):
+        return False
+    names = {*current, *value}
+    return any(names <= {f.name for f in dataclasses.fields(kind)} for kind in PLACE_TYPES)

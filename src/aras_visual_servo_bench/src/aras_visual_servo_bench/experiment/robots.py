@@ -1,0 +1,457 @@
+"""Robot of an experiment: description, settings of its controllers, and frames, without ROS."""
+
+from __future__ import annotations
+
+import functools
+import runpy
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aras_sim_bridge.camera.from_description import read_settings as sensor_settings
+from aras_sim_bridge.errors import CameraError, DescriptionError, SimError
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import (
+    inverse,
+    matrix_from_xyz_rpy,
+    optical_pose,
+    xyz_rpy_from_matrix,
+)
+from aras_visual_servo_base.settings import check, parameter
+from aras_visual_servo_base.urdf import Joint, parse_tree
+from aras_visual_servo_base.yaml_files import read_text, read_yaml
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.kinematics.arm import find_camera_path
+from aras_visual_servo_controller.observation.camera_rig import (
+    CameraKinematics,
+    FixedCameraKinematics,
+    make_camera_kinematics,
+)
+
+from ..errors import ExperimentError
+from .cameras import CameraSpec, HandEyeSpec
+from .packages import PackagePath
+
+if TYPE_CHECKING:
+    from aras_sim_bridge.description import CameraDescription, RobotDescription
+
+    from .added_links import MountedTarget
+
+ROBOT = "robot"  # name of the robot's model in the simulated world
+# Prefix of the optical frame of a camera that the robot description does not contain.
+CAMERA_FRAME_PREFIX = "camera_frame_of_"
+# Prefixes of the frames of a displaced camera and of a camera at its calibrated pose.
+MOVED_FRAME_PREFIX, CALIBRATED_FRAME_PREFIX = "moved_", "believed_"
+CAMERA_LINK = "camera_link"  # the link that the launch files move
+TARGET_LINK_PREFIX = "target_of_"  # prefix of the link of a camera's own target
+NO_CAMERAS: Mapping[str, CameraSpec] = {}
+# Keys of a camera in a robot description that affect its images; the others concern its pose and
+# its topics.
+IMAGING_SETTINGS = frozenset((
+    "width", "height", "horizontal_fov", "update_rate", "format", "near", "far", "lens",
+    "camera_matrix", "cutoff_angle", "distortion_model", "distortion_coefficients", "effects",
+))  # fmt: skip
+NO_TARGETS: Mapping[str, MountedTarget] = {}
+
+
+@dataclass(frozen=True)
+class RobotSpec:
+    """Settings of the robot; the defaults describe the shipped one.
+
+    urdf: path or package:// URL of the robot description. config: of the controllers' YAML file.
+    namespace: namespace of the robot, below which the YAML file may have its controllers.
+    camera_frame: optical frame of the robot's camera. camera: name of this camera in the
+        description; '': the first camera.
+    target_frame: link that carries the target (eye-to-hand): the poses of target and goal are then
+        in this link's frame; '': the target is fixed in the world.
+    controllers: names of the joint controllers to use; empty: all controllers of a single joint.
+    joint_states: name of the controller that publishes the joint states.
+    cameras: package whose folder config/cameras contains the camera presets.
+    search: folders that contain packages, for package:// URLs.
+    """
+
+    urdf: str = parameter(
+        "package://aras_visual_servo_gazebo/robots/aras_visual_servo.urdf", shorthand=True
+    )
+    config: str = "package://aras_visual_servo_gazebo/config/aras_visual_servo_control.yaml"
+    namespace: str = "/aras_visual_servo"
+    camera_frame: str = "camera_optical_frame"
+    camera: str = ""
+    target_frame: str = ""
+    controllers: tuple[str, ...] = ()
+    joint_states: str = "joint_state_controller"
+    cameras: str = "aras_visual_servo_gazebo"
+    search: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self, ExperimentError, "robot")
+
+    def find_carrier(self, camera: CameraSpec | None) -> str:
+        """Return the link that carries the target of a camera; '' if the world does.
+
+        camera: None for the robot's own camera.
+        """
+        own = "" if camera is None else camera.target_frame
+        return own or self.target_frame
+
+
+class Robot:
+    """Robot with its files read.
+
+    Attributes:
+        spec: settings of the robot. packages: search path for its packages. urdf: text of the robot
+            description, with added cameras and targets. parameters: of its controllers, by name.
+    """
+
+    def __init__(
+        self,
+        spec: RobotSpec,
+        xyz: Sequence[float] = (0.0,) * 3,
+        rpy: Sequence[float] = (0.0,) * 3,
+        friction: bool = True,
+        cameras: Mapping[str, CameraSpec] = NO_CAMERAS,
+        mounted_targets: Mapping[str, MountedTarget] = NO_TARGETS,
+        hand_eye: HandEyeSpec | None = None,
+    ) -> None:
+        """Read the files.
+
+        Args:
+            xyz, rpy: displacement of the camera in its link, m and rad.
+            friction: False removes the joints' dry friction from the description.
+            cameras: the cameras by name; a camera that is missing in the description is added.
+            mounted_targets: targets on links of the robot, by the names of their new links.
+            hand_eye: calibration with the camera's pose; None: the pose in the description.
+
+        Raises:
+            ExperimentError: a file is missing or cannot be used.
+        """
+        self.spec, self._cameras = spec, cameras
+        self.packages = PackagePath(spec.search)
+        self._original_urdf = read_text(self.packages.resolve(spec.urdf), ExperimentError)
+        if not friction:
+            self._original_urdf = self._adapt("remove_friction", self._original_urdf)
+        if hand_eye is not None:
+            self._original_urdf = self._apply_hand_eye(hand_eye)
+        self._own_frame = spec.camera_frame
+        self.urdf = self._add_camera_frames(self._move_camera(matrix_from_xyz_rpy(xyz, rpy)))
+        if mounted_targets:
+            from .added_links import with_target
+        for name, target in mounted_targets.items():
+            self.urdf = with_target(self.urdf, name, target, spec.urdf)
+        tree = read_yaml(self.packages.resolve(spec.config), ExperimentError)
+        if not isinstance(tree, Mapping):
+            raise ExperimentError(
+                f"{spec.config} has no controllers: set robot.config to the YAML file of this "
+                "robot's controllers"
+            )
+        for part in filter(None, spec.namespace.split("/")):
+            tree = tree.get(part, tree)
+        self.parameters: dict[str, Any] = dict(tree)
+
+    def parse_description(self) -> RobotDescription:
+        """Return the robot description in the form that the simulator uses.
+
+        Raises:
+            ExperimentError: the description is invalid.
+        """
+        try:
+            return parse_robot_description(self.urdf, self.spec.search)
+        except DescriptionError as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+
+    def read_camera_settings(self) -> dict[str, Any]:
+        """Return the imaging settings of the robot's camera in the description, {} without one.
+
+        Raises:
+            ExperimentError: the description has invalid settings of the camera.
+        """
+        try:
+            found = [camera for camera in parse_camera_descriptions(self.urdf)
+                     if self.spec.camera in ("", find_camera_name(camera))]
+            settings = sensor_settings(found[0]) if found else {}
+        except (DescriptionError, CameraError) as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+        return {key: value for key, value in settings.items() if key in IMAGING_SETTINGS}
+
+    def find_optical_frame(self, camera: str) -> str:
+        """Return the name of a camera's optical frame in the description."""
+        spec = self._cameras.get(camera)
+        if spec is None or spec.is_in_description:
+            return self._own_frame if spec is None or not spec.frame else spec.frame
+        return f"{CAMERA_FRAME_PREFIX}{camera}"
+
+    def has_camera_on(self, link: str) -> bool:
+        """Return True if the optical frame of the robot's camera is this link or fixed to it."""
+        for joint in reversed(_find_joint_path(self.urdf, self._own_frame, self.spec.urdf)):
+            if joint.child == link or joint.kind == "fixed" and joint.parent == link:
+                return True
+            if joint.kind != "fixed":
+                break
+        return False
+
+    def find_target_frame(self, camera: str) -> str:
+        """Return the link that carries the target of a camera; '' if the target is in the world."""
+        return self.spec.find_carrier(self._cameras.get(camera))
+
+    def find_fixed_pose(self, camera: str) -> np.ndarray | None:
+        """Return the pose (4, 4) of a fixed camera in the world.
+
+        None means that a joint moves the camera or its target.
+        """
+        if self.find_target_frame(camera):
+            return None
+        return Arm.find_fixed_pose(self.urdf, self.find_optical_frame(camera))
+
+    def compute_mounting(self, link: str, camera: str = "") -> np.ndarray:
+        """Return the pose (4, 4) of a camera's optical frame in a link that carries the camera.
+
+        Raises:
+            ExperimentError: the link does not carry the camera, or a joint between them moves.
+        """
+        pose = None
+        for joint in _find_joint_path(self.urdf, self.find_optical_frame(camera), self.spec.urdf):
+            if joint.parent == link:
+                pose = np.eye(4)
+            if pose is None:
+                continue
+            if joint.kind != "fixed":
+                raise ExperimentError(f"joint '{joint.name}' moves the camera relative to link "
+                                      f"'{link}': a hand-eye calibration needs a link to which the "
+                                      "camera is fixed")
+            pose = pose @ joint.pose.matrix()
+        if pose is None:
+            raise ExperimentError(f"link '{link}' does not carry the camera: set hand_eye.link to "
+                                  "one that does")
+        return pose
+
+    def make_arm(self, camera: str = "") -> Arm:
+        """Return the true kinematics of the arm up to a camera; '' for the robot's own camera."""
+        return self._read_arm(self.urdf, camera)
+
+    def make_camera_kinematics(
+        self, camera: str, control: Arm, is_calibrated: bool = False
+    ) -> CameraKinematics:
+        """Return the kinematics of a camera other than the control camera.
+
+        Args:
+            control: kinematics of the control camera.
+            is_calibrated: include the offset of the controller's calibration.
+
+        Raises:
+            ConfigurationError: the joints that move both cameras do not fit together, see
+                `camera_rig.make_camera_kinematics`.
+        """
+        offset, pose = self._cameras[camera].calibration_offset, self.find_fixed_pose(camera)
+        if pose is not None:
+            true_T_calibrated = matrix_from_xyz_rpy(offset.xyz, offset.rpy)
+            return FixedCameraKinematics(pose @ true_T_calibrated if is_calibrated else pose)
+        urdf, frame = self.urdf, self.find_optical_frame(camera)
+        if is_calibrated:
+            urdf, frame = self._add_calibrated_frame(offset.xyz, offset.rpy, camera)
+        return make_camera_kinematics(urdf, control, self._read_arm(urdf, camera, frame), camera)
+
+    def make_calibrated_arm(
+        self, xyz: Sequence[float], rpy: Sequence[float], camera: str = ""
+    ) -> Arm:
+        """Return the kinematics of the arm up to a camera with a calibration error.
+
+        Args:
+            xyz, rpy: offset of the calibrated camera pose in the true optical frame (z forward,
+                x right, y down), m and rad.
+            camera: name of the camera; '' for the robot's own.
+        """
+        urdf, frame = self._add_calibrated_frame(xyz, rpy, camera)
+        return self._read_arm(urdf, camera, frame)
+
+    def _add_calibrated_frame(
+        self, xyz: Sequence[float], rpy: Sequence[float], camera: str
+    ) -> tuple[str, str]:
+        """Return the description with a camera at its calibrated pose, and its optical frame."""
+        frame = self.find_optical_frame(camera)
+        if not (any(xyz) or any(rpy)):
+            return self.urdf, frame
+        calibrated = f"{CALIBRATED_FRAME_PREFIX}{frame}"
+        urdf = self._with_frame(self.urdf, calibrated, frame, matrix_from_xyz_rpy(xyz, rpy))
+        return urdf, calibrated
+
+    def _add_camera_frames(self, urdf: str) -> str:
+        """Return the description with an optical frame for each camera that it does not contain."""
+        if self._cameras:
+            from .added_links import with_link
+        for name, camera in self._cameras.items():
+            if camera.pose is not None:
+                child, root = f"{CAMERA_FRAME_PREFIX}{name}", parse_tree(urdf).root
+                urdf = with_link(urdf, child, root, camera.compute_pose())
+            elif camera.hand_eye is not None:
+                urdf = with_link(
+                    urdf,
+                    f"{CAMERA_FRAME_PREFIX}{name}",
+                    *self._read_calibrated_mounting(urdf, name),
+                )
+            elif not camera.is_in_description:
+                urdf = self._with_frame(
+                    urdf, f"{CAMERA_FRAME_PREFIX}{name}", self._own_frame, camera.compute_pose()
+                )
+        return urdf
+
+    def find_controllers(self, joints: Sequence[str]) -> tuple[dict[str, str], str]:
+        """Find the controller of each joint.
+
+        Returns:
+            The controllers by joint, and the kind of command that they receive.
+
+        Raises:
+            ExperimentError: a joint has no controller, or the controllers are of different kinds.
+        """
+        from aras_visual_servo_controller.kinematics.joint_controllers import find_joint_controllers
+
+        names = self.spec.controllers or tuple(self.parameters)
+        known = {
+            controller.name: controller
+            for controller in find_joint_controllers(self.parameters) if not controller.is_group
+        }  # fmt: skip
+        found: dict[str, str] = {}
+        kinds = set()
+        for name in names:
+            if name not in self.parameters:
+                raise ExperimentError(
+                    f"controller '{name}' is not in {self.spec.config}: "
+                    + suggest(name, self.parameters)
+                )
+            controller = known.get(name)
+            if controller is not None and controller.joints[0] in joints:
+                found.setdefault(controller.joints[0], name)
+                kinds.add(controller.kind)
+        missing = [joint for joint in joints if joint not in found]
+        if missing:
+            raise ExperimentError(
+                f"{self.spec.config} has no single-joint controller for {', '.join(missing)}, of a "
+                "type that ends in /JointPositionController, /JointVelocityController or "
+                "/JointEffortController: set robot.config to the YAML file of this robot's "
+                "controllers, or use plant chain"
+            )
+        if len(kinds) > 1:
+            raise ExperimentError(
+                f"{self.spec.config} has controllers of several kinds ({', '.join(sorted(kinds))}):"
+                " list controllers of one kind in robot.controllers"
+            )
+        return {joint: found[joint] for joint in joints}, kinds.pop()
+
+    def _read_arm(self, urdf: str, camera: str, frame: str = "") -> Arm:
+        try:
+            return read_arm(
+                urdf, frame or self.find_optical_frame(camera), self.find_target_frame(camera)
+            )
+        except ConfigurationError as error:
+            raise ExperimentError(f"{self.spec.urdf}: {error}") from None
+
+    def _with_frame(
+        self, urdf: str, name: str, frame: str, frame_T_child: np.ndarray
+    ) -> str:
+        """Return the description with one more link, fixed to an optical frame.
+
+        The description need not contain the link of the optical frame: the new link is then fixed
+        to the parent of that link.
+        """
+        last = _find_joint_path(urdf, frame, self.spec.urdf)[-1]
+        if last.child not in parse_tree(urdf).links:
+            frame, frame_T_child = last.parent, last.pose.matrix() @ frame_T_child
+        from .added_links import with_link
+
+        return with_link(urdf, name, frame, frame_T_child)
+
+    def _read_calibrated_mounting(self, urdf: str, name: str) -> tuple[str, np.ndarray]:
+        """Read a camera's hand-eye calibration: the link that carries it, and link_T_camera."""
+        from aras_visual_servo_base.camera_mounting import check_optical, find_camera_link
+
+        camera = self._cameras[name]
+        try:
+            calibration = camera.hand_eye.read(self.packages)
+            check_optical(calibration)
+            link = find_camera_link(urdf, calibration, camera.hand_eye.link)
+        except SimError as error:
+            raise ExperimentError(f"cameras.{name}.hand_eye: {error}") from None
+        return link, calibration.link_T_camera
+
+    def _apply_hand_eye(self, spec: HandEyeSpec) -> str:
+        """Return the description with the robot's camera at the pose of a hand-eye calibration."""
+        from aras_visual_servo_base.camera_mounting import mount_camera
+
+        try:
+            calibration = spec.read(self.packages)
+            return mount_camera(
+                self._original_urdf, calibration, spec.link, self.spec.camera_frame
+            )
+        except SimError as error:
+            raise ExperimentError(f"hand_eye: {error}") from None
+
+    def _move_camera(self, link_T_link: np.ndarray) -> str:
+        """Return the description with the robot's camera displaced in its link.
+
+        If camera_link carries the optical frame, camera_link is moved as in the launch files;
+        otherwise a new frame is added.
+        """
+        if np.array_equal(link_T_link, np.eye(4)):
+            return self._original_urdf
+        path = _find_joint_path(self._original_urdf, self._own_frame, self.spec.urdf)
+        if not any(joint.child == CAMERA_LINK for joint in path):
+            link = optical_pose(np.eye(4))  # the axes of a camera's link: x forward, y left, z up
+            frame, self._own_frame = self._own_frame, f"{MOVED_FRAME_PREFIX}{self._own_frame}"
+            moved = inverse(link) @ link_T_link @ link
+            return self._with_frame(self._original_urdf, self._own_frame, frame, moved)
+        texts = (" ".join(map(repr, numbers)) for numbers in xyz_rpy_from_matrix(link_T_link))
+        try:
+            return self._adapt("move_camera", self._original_urdf, *texts)
+        except ValueError as error:
+            raise ExperimentError(f"{self.spec.urdf}: camera cannot be moved: {error}") from None
+
+    def _adapt(self, function: str, *texts: str) -> str:
+        """Return the description after a function of the script that the launch files use."""
+        script = self.packages.resolve("package://aras_visual_servo_gazebo/scripts/adapt_description")
+        return _load_functions(script)[function](*texts)
+
+
+def _find_joint_path(urdf: str, camera_frame: str, name: str) -> list[Joint]:
+    """Return the joints from the root link to an optical frame.
+
+    Raises:
+        ExperimentError: there is no such frame; the message starts with the description's `name`.
+    """
+    try:
+        return find_camera_path(parse_tree(urdf), "", camera_frame)
+    except DescriptionError as error:
+        raise ExperimentError(f"{name}: robot description: {error}") from None
+
+
+_load_functions = functools.cache(runpy.run_path)
+
+
+@functools.lru_cache(maxsize=32)
+def read_arm(urdf: str, camera_frame: str, target_frame: str) -> Arm:
+    """Return the kinematics of an arm, cached because all runs of a study share it."""
+    return Arm.from_urdf(urdf, camera_frame, target_frame=target_frame)
+
+
+def find_camera_name(camera: CameraDescription) -> str:
+    """Return the name of a camera in the robot description, which is its topics' namespace."""
+    plugin_name = camera.plugin.camera_name if camera.plugin is not None else ""
+    return (plugin_name or camera.name).strip("/")
+
+
+@functools.lru_cache(maxsize=32)
+def parse_camera_descriptions(urdf: str) -> tuple[CameraDescription, ...]:
+    """Parse the cameras of a robot description, cached because the runs of a study share it."""
+    from aras_sim_bridge.description import parse_cameras
+
+    return parse_cameras(urdf)
+
+
+@functools.lru_cache(maxsize=8)
+def parse_robot_description(urdf: str, search: tuple[str, ...]) -> RobotDescription:
+    """Parse a robot description, cached because the runs of a study share it."""
+    from aras_sim_bridge.description import parse_urdf
+
+    return parse_urdf(urdf, PackagePath(search).find)

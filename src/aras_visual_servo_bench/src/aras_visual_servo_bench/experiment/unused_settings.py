@@ -1,0 +1,144 @@
+"""Check that every setting of an experiment has an effect; others raise a one-line error."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import fields
+from typing import Any
+
+from aras_sim_bridge.camera.config import CameraConfig
+from aras_sim_bridge.camera.effects import Effects
+from aras_visual_servo_base.settings import get_default
+
+from ..errors import ExperimentError, require
+from .cameras import CameraSetup
+from .experiment import FREE_CAMERA_PLANTS, Experiment, IdealSpec
+
+# Keys of an experiment, each with the plants on which it acts, the value that is also accepted on
+# other plants, and its meaning.
+PLANT_SETTINGS = (
+    ("friction", ("bullet",), True, "the friction of simulated joints"),
+    ("lag", ("chain", "free"), 0.0, "the lag of joints without dynamics"),
+    ("delay", ("bullet", "chain", "free"), 0.0, "the time until a command takes effect, and plant "
+     "ideal executes commands at once"),
+    ("commands", ("bullet", "chain", "free"), "images", "how commands are sent, and plant ideal "
+     "executes one twist per image"),
+    ("target.box", ("bullet",), None, "a body in the simulated world"),
+    ("ideal", ("ideal",), IdealSpec(), "how the ideal camera moves, and when its run ends"),
+)  # fmt: skip
+# Settings that change images but not exact features.
+IMAGE_SETTINGS = ("target.perturbed", "target.occluder", "target.marker", "sun")
+# Camera effects that also act on exact features: exposure times of the rows and lost images. All
+# other effects change grey levels.
+FEATURE_EFFECTS = {"row_time", "rows_together", "drop_probability"}
+# Keys of a robot that give the folders of presets and packages, also for a camera without an arm.
+FILE_SETTINGS = ("cameras", "search")
+# Effects that the ideal camera, which exposes its image at one instant, cannot have.
+TIMED_EFFECTS = ("row_time", "exposure_time")
+LINK_OFFSETS = ("xyz", "rpy")
+GRAPH_SETTINGS = ("link", "trigger_topic")
+
+
+def check_settings(experiment: Experiment) -> None:
+    """Check that every setting of an experiment has an effect.
+
+    Raises:
+        ExperimentError: a setting has no effect on this plant or on exact features.
+    """
+    plain = Experiment()
+    for key, plants, neutral, meaning in PLANT_SETTINGS:
+        require(
+            experiment.plant in plants
+            or _read_value(experiment, key) in (neutral, _read_value(plain, key)),
+            f"{key} is {meaning}: leave it out on plant '{experiment.plant}', or use plant "
+            f"{' or '.join(plants)}",
+        )
+    for key in () if experiment.has_images else IMAGE_SETTINGS:
+        require(
+            _read_value(experiment, key) == _read_value(plain, key),
+            f"{key} changes images, and exact features have none: set features: images, or leave "
+            "it out",
+        )
+    by_pose = not isinstance(experiment.start, str | tuple) and not isinstance(
+        experiment.goal, tuple)
+    require(
+        experiment.plant not in FREE_CAMERA_PLANTS or not by_pose
+        or not (any(experiment.camera_xyz) or any(experiment.camera_rpy)),
+        f"camera_xyz and camera_rpy move the camera in its link, and plant '{experiment.plant}' "
+        "has no links: change the poses start and goal instead, or set calibration_offset for an "
+        "error of the controller's calibration",
+    )
+    robot_keys = [f"robot.{f.name}" for f in fields(plain.robot) if f.name not in FILE_SETTINGS
+                  and getattr(experiment.robot, f.name) != f.default]  # fmt: skip
+    require(
+        experiment.plant not in FREE_CAMERA_PLANTS or not by_pose or not robot_keys,
+        f"{', '.join(robot_keys)}: plant '{experiment.plant}' has no arm, and start and goal are "
+        "poses of the camera: leave robot out, or use plant chain or bullet",
+    )
+
+
+def check_camera(camera: CameraSetup, experiment: Experiment) -> None:
+    """Check that every setting of a camera has an effect in an experiment.
+
+    Raises:
+        ExperimentError: a setting has no effect on this plant or on exact features.
+    """
+    plant, where = experiment.plant, f"camera '{camera.name}': "
+    changed = _find_changed_keys(camera.overrides)
+    graph_keys = [key for key in GRAPH_SETTINGS if key in changed]
+    require(
+        not graph_keys,
+        f"{where}{' and '.join(graph_keys)}: only for the ROS graph; in an experiment a camera is "
+        "where the robot description has it, and takes images continuously; leave it out",
+    )
+    for key in TIMED_EFFECTS:
+        if plant == "ideal" and (time := getattr(camera.config.effects, key)):
+            raise ExperimentError(
+                f"{where}has a {key} of {time:g} s, and plant ideal exposes all rows at the same "
+                f"instant: use plant free, or leave {key} out"
+            )
+    require(
+        plant != "ideal" or "latency" not in changed,
+        f"{where}latency: plant ideal has no delays; use plant free, or leave it out",
+    )
+    offsets = [key for key in LINK_OFFSETS if key in changed]
+    require(
+        plant == "bullet" and experiment.has_images or not offsets,
+        f"{where}{' and '.join(offsets)}: moves the sensor of rendered images in its link; for an "
+        "error of the controller's calibration, set calibration_offset",
+    )
+    if not experiment.has_images:
+        image_keys = sorted(
+            key for key in changed
+            if key == "format" or key.startswith("effects.") and key[8:] not in FEATURE_EFFECTS
+        )
+        require(
+            not image_keys,
+            f"{where}{', '.join(image_keys)}: changes images, and exact features have none: set "
+            "features: images, or leave it out (jitter is the noise of exact features)",
+        )
+
+
+def _read_value(experiment: Experiment, key: str) -> Any:
+    """Return the value of a dotted key of an experiment."""
+    value: Any = experiment
+    for part in key.split("."):
+        value = getattr(value, part)
+    return value
+
+
+def _find_changed_keys(overrides: Mapping[str, Any]) -> set[str]:
+    """Return the camera keys that differ from their defaults; effects have the form 'effects.KEY'.
+    """
+    effects = overrides.get("effects", {})
+    found = {f.name for f in fields(CameraConfig)
+             if f.name != "effects" and f.name in overrides
+             and _to_plain(overrides[f.name]) != _to_plain(f.default)}  # fmt: skip
+    # exposure_samples alone has no effect: it divides an exposure time that may be 0.
+    return found | {f"effects.{f.name}" for f in fields(Effects)
+                    if f.name in effects and effects[f.name] != get_default(f)
+                    and f.name != "exposure_samples"}  # fmt: skip
+
+
+def _to_plain(value: Any) -> Any:
+    return tuple(value) if isinstance(value, list) else value

@@ -1,0 +1,207 @@
+"""Feature with the camera's pose as predicted by a network from an image, and its training command.
+
+    python3 -m aras_visual_servo_bench.learning.learned_pose [--pictures 24000] [--out FILE]
+
+The image is reduced in size and normalised in brightness and contrast. A small network predicts the
+camera's pose from it. It is trained on simulated images of the poster, with and without the
+perturbations of the convergence domain. The prediction for the current image is compared with that
+for the goal's image, so there is no bias at the goal. References: Q. Bateux and others, Training
+deep neural networks for visual servoing, IEEE ICRA 2018; S. Felton and others, Siame-se(3), IEEE
+ICRA 2021, whose convergence domain is used for training. This network is smaller by a factor of a
+thousand and is trained in minutes on a processor.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import cv2
+import numpy as np
+
+from aras_visual_servo_base.poses import (
+    exponential,
+    inverse,
+    logarithm,
+    matrix_from_xyz_rpy,
+    relative_pose,
+    rotation_vector,
+    rotation_vector_rate,
+)
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.features.base import Feature, FeatureMeasurement
+from aras_visual_servo_controller.features.luminance import get_grey_image
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.observation.observation import Need, Observation
+
+from .regressor import Regressor, fit_network, run_training
+
+COLUMNS, ROWS = 28, 21  # of the network's input image
+HIDDEN_LAYERS = (160, 96)
+PROTOCOL, EPOCHS = "convergence_domain", 60
+TEXTURE_COUNT, PLACES_BETWEEN = 120, 3  # perturbed posters, and poses on the path from each start
+# Standard deviation of these poses from the straight path, m and degrees.
+PATH_DEVIATION = (0.02, 2.0)
+
+
+def make_inputs(grey: np.ndarray) -> np.ndarray:
+    """Return an image (rows, columns) uint8 as ROWS * COLUMNS values of mean 0 and deviation 1."""
+    return shrink_image(grey, COLUMNS, ROWS)
+
+
+def shrink_image(grey: np.ndarray, columns: int, rows: int) -> np.ndarray:
+    """Return an image uint8 as rows * columns values of mean 0 and deviation 1."""
+    small = cv2.resize(grey, (columns, rows), interpolation=cv2.INTER_AREA).astype(float).ravel()
+    return (small - small.mean()) / max(float(small.std()), 1.0)
+
+
+def relu(values: np.ndarray) -> np.ndarray:
+    """Return max(x, 0) of each value."""
+    return np.maximum(values, 0.0)
+
+
+class PoseNetwork(Regressor):
+    """Network with ReLU layers; Regressor describes its arrays."""
+
+    user, module = "the learned feature", "learned_pose"
+    activation = staticmethod(relu)
+
+    def __call__(self, x: np.ndarray) -> np.ndarray:
+        """Predict the logarithm (6,) of the pose for an input, m and rad; see `make_training_data`.
+        """
+        return self.predict(x)
+
+
+class LearnedPose(Feature):
+    """The pose (g_t_c, theta u) of the camera in the goal's frame, m and rad, from a network.
+
+    L = diag(g_R_c, J), as in position-based servoing.
+    """
+
+    name, is_geometric = "learned_pose", False
+    needs = frozenset((Need.IMAGE,))
+    names = ("tx", "ty", "tz", "ux", "uy", "uz")
+    tolerances, units = (0.002,) * 3 + (0.005,) * 3, ("m",) * 3 + ("rad",) * 3
+
+    def __init__(self) -> None:
+        self._network = PoseNetwork.load()
+        self._goal: Goal | None = None
+
+    def teach(self, observation: Observation) -> Mapping[str, Any]:
+        """Return the prediction for the goal's image, as `Feature.teach` requires."""
+        return {"pose": self._network(make_inputs(get_grey_image(observation))).tolist()}
+
+    def check(self, goal: Goal) -> None:
+        """Check the goal and read its stored prediction, as `Feature.check` requires."""
+        prediction = np.array(dict(goal.features.get(self.name, {})).get("pose", ()), float)
+        if prediction.shape != (6,) or not np.isfinite(prediction).all():
+            raise ConfigurationError(f"{goal.name} holds no {self.name}: teach it again")
+        self._goal, self._goal_T_reference = goal, inverse(exponential(prediction))
+
+    def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
+        """Compute s and L of an image, as `Feature.measure` requires."""
+        if self._goal is not goal:
+            self.check(goal)
+        reference_T_c = exponential(self._network(make_inputs(get_grey_image(observation))))
+        g_T_c = self._goal_T_reference @ reference_T_c
+        turn = rotation_vector(g_T_c[:3, :3])
+        s, L = np.concatenate([g_T_c[:3, 3], turn]), np.zeros((6, 6))
+        L[:3, :3], L[3:, 3:] = g_T_c[:3, :3], rotation_vector_rate(turn)
+        return FeatureMeasurement(s, np.zeros(6), s, L)
+
+
+def make_training_data(count: int, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Make training inputs (n, ROWS * COLUMNS) and outputs (n, 6) from images of the poster.
+
+    An output is the logarithm of the camera's pose relative to the goal of the convergence domain.
+    Poses are the domain's starts and other poses on the paths to the goal. Every other image is
+    perturbed.
+    """
+    from ..cli.run import find_study_file
+    from ..experiment.experiment import Experiment
+    from ..setup.assembly import assemble
+    from ..studies.study import Study
+    from ..targets.rendering import render_target
+
+    study = Study.from_yaml(find_study_file(Path(PROTOCOL)))
+    starts = study.combinations[0].set["start"]
+    base = Experiment.from_mapping({**study.experiment, "scheme": "luminance", "start": starts})
+    parts = assemble(base)
+    poster, goal = parts.target.shape, parts.goal_pose
+    camera = _reduce_camera(parts.calibrated_camera)
+    random = np.random.default_rng((seed, 4711))
+    textures = [poster.perturb(100_000 * (seed + 1) + i) for i in range(TEXTURE_COUNT)]
+    x, y = [], []
+    for number in range(-(-count // (1 + PLACES_BETWEEN))):
+        # Use other seeds than the runs of the protocol.
+        pose = base.with_changes(
+            seed=1_000_000 * (seed + 1) + number
+        ).with_absolute_start.start.pose
+        displacement = logarithm(relative_pose(goal, matrix_from_xyz_rpy(pose[:3], pose[3:])))
+        for step in range(1 + PLACES_BETWEEN):
+            part = 1.0 if step == 0 else random.uniform(0.0, 1.0)
+            deviation = (
+                random.normal(size=6)
+                * part
+                * np.repeat((PATH_DEVIATION[0], np.radians(PATH_DEVIATION[1])), 3)
+            )
+            motion = part * displacement + (deviation if step else 0.0)
+            shape = poster if step % 2 == 0 else textures[random.integers(len(textures))]
+            grey = render_target(
+                shape, camera, parts.target.target_T_camera(goal @ exponential(motion))
+            )
+            x.append(make_inputs(grey))
+            y.append(motion)
+    return np.array(x[:count]), np.array(y[:count])
+
+
+def train(x: np.ndarray, y: np.ndarray, seed: int = 0) -> dict[str, np.ndarray]:
+    """Train a PoseNetwork on outputs y (n, 6) for inputs x (n, k); return its arrays.
+
+    Raises:
+        ExperimentError: scikit-learn is not installed.
+    """
+    return fit_network(
+        x, y, 1e-6, np.float16, hidden_layer_sizes=HIDDEN_LAYERS, activation="relu", solver="adam",
+        alpha=1e-4, batch_size=100, learning_rate_init=1e-3, max_iter=EPOCHS, tol=0.0,
+        n_iter_no_change=EPOCHS, random_state=seed,
+    )  # fmt: skip
+
+
+def _reduce_camera(camera: CameraModel) -> CameraModel:
+    """Return a camera with the same view and a quarter of the columns and rows."""
+    fx, _, cx, _, fy, cy, *_ = camera.K
+    K = (fx / 4, 0.0, (cx + 0.5) / 4 - 0.5, 0.0, fy / 4, (cy + 0.5) / 4 - 0.5, 0.0, 0.0, 1.0)
+    return CameraModel(camera.width // 4, camera.height // 4, K)
+
+
+def compute_errors(predicted: np.ndarray, y: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Compute the errors of predictions (n, 6) with respect to outputs (n, 6).
+
+    Returns:
+        Distances (n,), m, and angles (n,), rad.
+    """
+    return tuple(
+        np.linalg.norm((predicted - y)[:, part], axis=1) for part in (np.s_[:3], np.s_[3:])
+    )
+
+
+def main(argv: list[str] | None = None) -> int:
+    """Train the network; return the exit status."""
+    return run_training(
+        PoseNetwork,
+        argv,
+        __doc__.splitlines()[0],
+        24_000,
+        400,
+        make_training_data,
+        train,
+        compute_errors,
+    )
+
+
+if __name__ == "__main__":
+    sys.exit(main())

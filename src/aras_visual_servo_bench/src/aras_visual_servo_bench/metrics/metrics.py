@@ -1,0 +1,476 @@
+"""Table of all metrics, which describe a run by one number each, with unit and formula.
+
+Studies, protocols, reports and the analysis of bags use this table. A user's own metric is named
+'package.module:function' and decorated in the same way:
+
+    @metric(unit="m", better="smaller", source="this paper, equation 3")
+    def closest(run: Run) -> float: ...
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_base.names import import_object, suggest
+from aras_visual_servo_base.poses import inverse, pose_difference
+
+from ..errors import StudyError, ViewError
+from ..recording.run import Run, compute_settling_time, normalize_errors
+from . import decay
+
+SMALLER, GREATER, NEITHER = "smaller", "greater", ""
+LIMIT_MARGIN = 1e-3  # a joint within this fraction of its range from a limit is at the limit
+SETTLING_BAND, DECAY_START, DECAY_END = 0.02, 0.80, 0.15  # relative to the first error
+REDUCTION = 0.1  # largest final distance and angle of a reduced error, relative to the first
+LATE_PERIODS = 1.5  # image periods after which an image is late
+
+
+@dataclass(frozen=True)
+class Metric:
+    """A function of a run that returns a number, or NaN if the run has no such number.
+
+    name: column in the results.
+    unit: '' for none.
+    better: 'smaller', 'greater' or ''.
+    source: formula, or its reference.
+    measure: the function.
+    is_feature_based: True if it depends on the scheme's features, so that it cannot be compared
+    between
+        schemes.
+    default: True if it is measured in studies that name no metrics.
+    """
+
+    name: str
+    unit: str
+    better: str
+    source: str
+    measure: Callable[[Run], float]
+    is_feature_based: bool = False
+    default: bool = False
+
+    @property
+    def text(self) -> str:
+        """One-line description of the metric."""
+        return (self.measure.__doc__ or "").strip().splitlines()[0]
+
+
+def metric(
+    unit: str, better: str, source: str, is_feature_based: bool = False, default: bool = False
+) -> Callable[[Callable], Metric]:
+    """Return a decorator that makes a metric of a function from a `Run` to a number.
+
+    The function's name is the column in results, the first line of its docstring the description.
+
+    Args:
+        unit: unit of the number; '' if it has none.
+        better: 'smaller', 'greater', or '' if neither is better.
+        source: formula, or its reference.
+        is_feature_based: True if it depends on the scheme's features, so that values of different
+            schemes cannot be compared.
+        default: True if it is measured in studies that name no metrics.
+
+    Raises:
+        StudyError: `better` is none of these.
+    """
+    if better not in (SMALLER, GREATER, NEITHER):
+        raise StudyError(f"better is '{better}', must be {SMALLER} or {GREATER}")
+    return lambda measure: Metric(
+        measure.__name__, unit, better, source, measure, is_feature_based, default
+    )
+
+
+def list_default_metrics() -> tuple[str, ...]:
+    """Return the names of the metrics of a study that names none."""
+    return tuple(name for name, one in METRICS.items() if one.default)
+
+
+def find_metric(name: str) -> Metric:
+    """Return the metric of a name, built in or a user's own.
+
+    Raises:
+        StudyError: there is no such metric; the message suggests a similar name.
+    """
+    if ":" not in name:
+        if name not in METRICS:
+            raise StudyError(f"unknown metric '{name}': {suggest(name, METRICS)}")
+        return METRICS[name]
+    found = import_object("metric", name, StudyError)
+    if not isinstance(found, Metric):
+        raise StudyError(f"{name} is no metric: decorate it with @metric(unit, better, source)")
+    return found
+
+
+# -- result of the run ------------------------------------------------------------------------
+
+
+@metric("", GREATER, "outcome of the loop and verdict of the physics together", default=True)
+def success(run: Run) -> float:
+    """1 if the loop has converged and the camera is truly at its goal."""
+    return _score_verdict(run, run.is_success)
+
+
+@metric("", GREATER, "verdict of the physics only, within the experiment's `reached`")
+def reached(run: Run) -> float:
+    """1 if the camera is truly at its goal, for any outcome of the loop."""
+    return _score_verdict(run, run.verdict.is_reached)
+
+
+@metric("", GREATER, "final distance and angle relative to those at the start, both at most 0.1")
+def reduced(run: Run) -> float:
+    """1 if both the distance and the angle are at most a tenth of those at the start."""
+    distance, angle = _compute_initial_pose_error(run)
+    near = run.verdict.distance <= REDUCTION * distance and run.verdict.angle <= REDUCTION * angle
+    return _score_verdict(run, near)
+
+
+@metric("", SMALLER, "outcome of the loop compared with the verdict of the physics", default=True)
+def contradicts(run: Run) -> float:
+    """1 if the loop reports convergence away from the goal, or no convergence at the goal.
+
+    A loop that has converged up to an undetermined motion makes no statement, and does not count.
+    """
+    up_to = run.outcome.startswith("converged up to ")
+    return _score_verdict(run, not up_to and run.converged != run.verdict.is_reached)
+
+
+@metric("", NEITHER, "processed images, without the one that ended the run")
+def iterations(run: Run) -> float:
+    """Number of camera motions up to the last image."""
+    return float(max(len(run.stamp) - 1, 0))
+
+
+@metric("s", SMALLER, "2 % settling time of the camera's true distance", default=True)
+def settled(run: Run) -> float:
+    """Time until the camera stays within 2 % of its first distance from the goal."""
+    return _to_finite(run.compute_settling_time())
+
+
+@metric(
+    "",
+    SMALLER,
+    "overshoot in the sense of control, of the worst feature",
+    is_feature_based=True,
+    default=True,
+)
+def overshoot(run: Run) -> float:
+    """Overshoot of a feature's error beyond its goal, relative to its first error."""
+    error = run.error[_find_measured_images(run)]
+    if not error.size:
+        return np.nan
+    size = np.abs(error[0])
+    # A feature that starts at its goal has no first error as reference.
+    moving = size > SETTLING_BAND * np.max(size, initial=0.0)
+    if not moving.any():
+        return 0.0
+    excess = -np.sign(error[0, moving]) * error[:, moving] / size[moving]
+    return float(max(excess.max(), 0.0))
+
+
+# -- positions of the camera ------------------------------------------------------------------
+
+
+@metric("m", SMALLER, "true pose of the physics", default=True)
+def final_distance(run: Run) -> float:
+    """Distance of the camera from its goal at the end."""
+    return run.verdict.distance
+
+
+@metric("rad", SMALLER, "true pose of the physics", default=True)
+def final_angle(run: Run) -> float:
+    """Angle between the camera and its goal at the end."""
+    return run.verdict.angle
+
+
+@metric("m", SMALLER, "99.7 % bound of the loop; NaN if it has not converged")
+def open_distance(run: Run) -> float:
+    """Largest distance from the goal that the loop cannot exclude."""
+    left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
+    return np.nan if left is None else left.distance
+
+
+@metric("rad", SMALLER, "99.7 % bound of the loop; NaN if it has not converged")
+def open_angle(run: Run) -> float:
+    """Largest angle to the goal that the loop cannot exclude."""
+    left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
+    return np.nan if left is None else left.angle
+
+
+@metric("m", NEITHER, "true_pose of the first joint state since the first image")
+def start_distance(run: Run) -> float:
+    """Distance of the camera from its goal at the first image."""
+    return _compute_initial_pose_error(run)[0]
+
+
+@metric("rad", NEITHER, "true_pose of the first joint state since the first image")
+def start_angle(run: Run) -> float:
+    """Angle between the camera and its goal at the first image."""
+    return _compute_initial_pose_error(run)[1]
+
+
+@metric(
+    "m", SMALLER, "sum of the distances between joint states since the first image", default=True
+)
+def path_length(run: Run) -> float:
+    """Length of the camera's path."""
+    places = run.true_pose[run.servoing, :3, 3]
+    if not len(places):
+        return np.nan
+    return float(np.linalg.norm(np.diff(places, axis=0), axis=1).sum())
+
+
+@metric("", SMALLER, "path_length / start_distance; 1 is a straight line", default=True)
+def path_ratio(run: Run) -> float:
+    """Length of the camera's path relative to the distance from its start to its goal."""
+    straight = _compute_initial_pose_error(run)[0]
+    return path_length.measure(run) / straight if straight > 1e-6 else np.nan
+
+
+@metric("m", SMALLER, "z of the target's middle in the true camera, largest of all images")
+def largest_depth(run: Run) -> float:
+    """Largest depth of the target along the optical axis."""
+    if run.target is None or not len(run.stamp):
+        return np.nan
+    middle = np.array([0.0, 0.0, run.target.shape.height, 1.0])
+    middles = (inverse(pose) @ run.target.world_T_target(float(stamp)) @ middle
+            for pose, stamp in zip(run.pose, run.stamp, strict=True))  # fmt: skip
+    return float(max(z for _, _, z, _ in middles))
+
+
+# -- joints ------------------------------------------------------------------------------------
+
+
+@metric(
+    "rad²/s", SMALLER, "integral of the squared joint speeds; m²/s for prismatic joints",
+    default=True,
+)  # fmt: skip
+def energy(run: Run) -> float:
+    """Integral of the sum of the squared joint speeds."""
+    after = run.servoing
+    if after.sum() < 2:
+        return np.nan
+    power = np.square(run.measured_velocities[after]).sum(axis=1)
+    return float(np.trapezoid(power, run.joint_stamp[after]))
+
+
+@metric("s", SMALLER, "joint states and limits of the description", default=True)
+def limit_time(run: Run) -> float:
+    """Time during which a joint is at one of its limits."""
+    after = run.servoing
+    lower, upper = run.position_limits
+    if after.sum() < 2:
+        return np.nan
+    if lower.shape != run.measured_positions.shape[1:]:
+        return 0.0
+    margin = LIMIT_MARGIN * np.where(np.isfinite(upper - lower), upper - lower, 0.0)
+    q = run.measured_positions[after]
+    is_at_limit = ((q <= lower + margin) | (q >= upper - margin)).any(axis=1)
+    return float(np.diff(run.joint_stamp[after])[is_at_limit[:-1]].sum())
+
+
+# -- the image ---------------------------------------------------------------------------------
+
+
+@metric("", SMALLER, "exact projection of the target's corners by the true camera", default=True)
+def image_excursion(run: Run) -> float:
+    """Largest distance of a corner from the image centre, in half image sizes.
+
+    Above 1 the corner was outside the image.
+    """
+    target, camera = run.target, run.camera
+    if target is None or camera is None:
+        return np.nan
+    half = np.array([camera.width, camera.height]) / 2.0
+    worst = np.nan
+    for stamp, pose in zip(run.stamp, run.pose, strict=True):
+        try:
+            points = target.shape.points(target.target_T_camera(pose, float(stamp)))
+        except ViewError:
+            return float("inf")
+        pixels = np.column_stack(camera.project(*points.T)) + 0.5
+        worst = np.fmax(worst, np.abs(pixels / half - 1.0).max())
+    return float(worst)
+
+
+# -- errors of the features --------------------------------------------------------------------
+
+
+@metric(
+    "1/s", GREATER, "logarithm of the error between 80 and 15 % of its first value",
+    is_feature_based=True, default=True,
+)  # fmt: skip
+def decay_rate(run: Run) -> float:
+    """Decay rate of the norm of the features' errors, each relative to its first."""
+    known = _find_measured_images(run)
+    stamp, error = run.stamp[known], run.error[known]
+    if not len(stamp):
+        return np.nan
+    first = np.abs(error[0])
+    error = error[:, first > SETTLING_BAND * first.max()]
+    if not error.size:
+        return np.nan
+    norm = np.linalg.norm(error / np.abs(error[0]), axis=1)
+    norm = norm / norm[0]
+    start, end = int(np.argmax(norm < DECAY_START)), int(np.argmax(norm < DECAY_END)) or len(norm)
+    if end - start < 4:
+        return np.nan
+    return float(-np.polyfit(stamp[start:end], np.log(norm[start:end]), 1)[0])
+
+
+@metric("1/s", NEITHER, "slowest root of the sampled, delayed loop: metrics/decay.py")
+def decay_predicted(run: Run) -> float:
+    """Decay rate of the errors as predicted from the experiment's gain and delay."""
+    if run.experiment is None or run.experiment.gain is None or len(run.stamp) < 2:
+        return np.nan
+    period = float(np.median(np.diff(run.stamp)))
+    return decay.predict_decay_rate(
+        run.experiment.gain, decay.compute_delay(run.experiment), period
+    )
+
+
+@metric(
+    "s", SMALLER, "2 % settling time of the norm of the errors, each relative to its largest",
+    is_feature_based=True,
+)  # fmt: skip
+def error_settled(run: Run) -> float:
+    """Time until the norm of the features' errors stays under 2 % of its first."""
+    known = _find_measured_images(run)
+    return _to_finite(
+        compute_settling_time(
+            run.stamp[known], np.linalg.norm(normalize_errors(run.error[known]), axis=1)
+        )
+    )
+
+
+# -- the loop ----------------------------------------------------------------------------------
+
+
+@metric("s", NEITHER, "stamps of the images")
+def servoing_time(run: Run) -> float:
+    """Time from the first to the last processed image."""
+    return float(np.ptp(run.stamp)) if len(run.stamp) else 0.0
+
+
+@metric("m/s", NEITHER, "linear velocity of the twist that results from the joint velocities")
+def top_speed(run: Run) -> float:
+    """Largest linear speed of the camera at the commanded joint velocities."""
+    return float(np.nanmax(np.linalg.norm(run.achieved_twist[:, :3], axis=1), initial=0.0))
+
+
+@metric("", GREATER, "L J of each image", is_feature_based=True)
+def smallest_singular_value(run: Run) -> float:
+    """Smallest singular value of the task's Jacobian L J."""
+    return _to_finite(np.nanmin(run.singular_LJ, initial=np.inf))
+
+
+@metric(
+    "", SMALLER, "largest over smallest singular value of L, largest of all images",
+    is_feature_based=True,
+)  # fmt: skip
+def condition_L(run: Run) -> float:
+    """Largest condition number of L in the servoed directions."""
+    found = condition_number(run.singular_L)
+    return float(np.nanmax(found)) if not np.isnan(found).all() else np.nan
+
+
+@metric("", GREATER, "sqrt(det(L J J^T L^T)), smallest of all images", is_feature_based=True)
+def manipulability(run: Run) -> float:
+    """Smallest product of the singular values of L J."""
+    return _to_finite(np.nanmin(run.manipulability, initial=np.inf))
+
+
+@metric("", GREATER, "scale factor of the differential IK, smallest of all images")
+def scale(run: Run) -> float:
+    """Smallest factor by which limits slowed the task; 1 if they never did."""
+    return _to_finite(np.nanmin(run.scale, initial=np.inf))
+
+
+# -- time and computer -------------------------------------------------------------------------
+
+
+@metric("", NEITHER, "exposures")
+def images(run: Run) -> float:
+    """Number of recorded images."""
+    return float(len(run.control_record.stamp))
+
+
+@metric("Hz", NEITHER, "images per second of simulated time")
+def image_rate(run: Run) -> float:
+    """Images per second of simulated time."""
+    gaps = np.diff(run.control_record.stamp)
+    return float(gaps.size / gaps.sum()) if gaps.size else np.nan
+
+
+@metric("", SMALLER, "a gap of n periods counts as n - 1, an image later than 1.5 periods as 1")
+def images_late(run: Run) -> float:
+    """Number of images that are missing or arrived more than 1.5 periods after their exposure."""
+    gaps = np.diff(run.control_record.stamp)
+    if not gaps.size:
+        return 0.0
+    period = float(np.median(gaps))
+    missing = np.maximum(np.round(gaps / period) - 1.0, 0.0).sum()
+    return float(
+        missing
+        + np.count_nonzero(
+            run.control_record.arrival - run.control_record.stamp > LATE_PERIODS * period
+        )
+    )
+
+
+@metric(
+    "ms", NEITHER, "clock of the recorder; negative if the recorder had not yet received the time"
+)
+def delay(run: Run) -> float:
+    """Mean time from an exposure to the recorder."""
+    late = 1e3 * (run.control_record.arrival - run.control_record.stamp)
+    return float(late.mean()) if late.size else np.nan
+
+
+@metric("ms", NEITHER, "processor time")
+def computing(run: Run) -> float:
+    """Mean processing time of the scheme per image."""
+    known = run.computation_time[np.isfinite(run.computation_time)]
+    return 1e3 * float(known.mean()) if known.size else np.nan
+
+
+@metric("", NEITHER, "simulated time over wall time")
+def real_time_factor(run: Run) -> float:
+    """Ratio of simulated time to wall time while servoing."""
+    stamp, factor = run.real_time_factors.reshape(-1, 2).T
+    during = (stamp >= run.start_stamp) & np.isfinite(factor)
+    return float(factor[during].mean()) if during.any() else np.nan
+
+
+def condition_number(singular: np.ndarray) -> np.ndarray:
+    """Compute largest over smallest singular value per image, (n, p) -> (n,); NaN if there is none.
+    """
+    if not singular.shape[1]:
+        return np.full(len(singular), np.nan)
+    least = np.nanmin(np.where(np.isnan(singular), np.inf, singular), axis=1)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(np.isfinite(least), singular[:, 0] / least, np.nan)
+
+
+def _compute_initial_pose_error(run: Run) -> tuple[float, float]:
+    """Compute the distance, m, and angle, rad, from the camera at the first image to its goal."""
+    poses = run.true_pose[run.servoing]
+    return pose_difference(run.goal_pose, poses[0]) if len(poses) else (np.nan, np.nan)
+
+
+def _score_verdict(run: Run, is_true: bool) -> float:
+    """Return 1 or 0, or NaN if the goal and thus the verdict is unknown."""
+    return float(is_true) if run.verdict.name else np.nan
+
+
+def _find_measured_images(run: Run) -> np.ndarray:
+    """Return a mask (n,) of the images in which all errors are known."""
+    return np.isfinite(run.error).all(axis=1) & bool(run.names)
+
+
+def _to_finite(value: float) -> float:
+    return float(value) if np.isfinite(value) else np.nan
+
+
+METRICS: dict[str, Metric] = {m.name: m for m in list(vars().values()) if isinstance(m, Metric)}

@@ -1,1 +1,0 @@
-"""Figures: one style, curves, views, and those of studies."""

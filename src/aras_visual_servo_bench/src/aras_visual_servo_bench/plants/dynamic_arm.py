@@ -1,0 +1,408 @@
+"""Simulated arm with Bullet physics, ros_control controllers and rendered images."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import lru_cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aras_sim_bridge.description import (
+    CameraDescription,
+    RobotDescription,
+    parse_urdf,
+    world_file,
+)
+from aras_sim_bridge.description.types import is_present
+from aras_sim_bridge.description.world_file import WorldFile
+from aras_sim_bridge.errors import SimError
+from aras_sim_bridge.rendering import EXPOSURES
+from aras_sim_bridge.simulation import Simulation, SimulationConfig
+from aras_sim_bridge.world.labels import list_links_by_label
+from aras_sim_bridge.world.model import Model
+from aras_sim_bridge.world.overlaps import find_overlaps
+from aras_visual_servo_base.poses import (
+    Pose,
+    exponential,
+    inverse,
+    logarithm,
+    matrix_from_xyz_rpy,
+    optical_pose,
+    relative_pose,
+    xyz_rpy_from_matrix,
+)
+from aras_visual_servo_camera.errors import SegmentationError
+from aras_visual_servo_camera.labels import TargetLabels
+from aras_visual_servo_controller.observation.frame import Frame
+
+from ..errors import ExperimentError
+from ..experiment import cameras
+from ..experiment.robots import ROBOT, Robot, find_camera_name
+from ..targets.geometry import PlacedTarget, PoseHistory
+from .base import CAMERA, JointListener, JointReading, Plant, Reading
+from .imaging import ImagingSettings, collect_vibrations, make_exposure_schedules
+
+if TYPE_CHECKING:
+    from aras_visual_servo_controller.runner.loop_runner import LoopRunner
+
+TARGET, OCCLUDER = "target", "occluder"
+NS = 1_000_000_000
+HIDDEN_POSE = Pose((0.0, 0.0, -1e4), (0.0, 0.0, 0.0, 1.0))
+NO_CAMERAS: Mapping[str, Mapping[str, Any]] = {}
+
+
+@dataclass(frozen=True, eq=False)
+class TargetModel:
+    """Target, or occluder on a target, as a separate model in the simulated world.
+
+    target: the target with its motion. urdf: file with the visuals.
+    offset: x, y, z (m) of the model's origin in the target frame.
+    visible_times: intervals (start, end) in which the model is visible, s; None: always.
+    name: of the model.
+    """
+
+    target: PlacedTarget
+    urdf: Path
+    offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    visible_times: tuple[tuple[float, float], ...] | None = None
+    name: str = TARGET
+
+    @property
+    def is_static(self) -> bool:
+        """True if the model is always visible and does not move."""
+        return self.visible_times is None and self.target.motion.is_static
+
+    def compute_pose(self, time: float) -> Pose:
+        """Compute the pose of the model in the world at `time` (s), far away while it is invisible.
+        """
+        if not is_present(self.visible_times, time):
+            return HIDDEN_POSE
+        world_T_target = self.target.world_T_target(time)
+        return Pose.from_matrix(world_T_target @ matrix_from_xyz_rpy(self.offset, (0.0,) * 3))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedLink:
+    """Link of a model in the world that is the target; its poses are added to `pose_history`."""
+
+    model: str
+    link: str
+    pose_history: PoseHistory
+
+
+class DynamicArm(Plant):
+    """Robot arm in the bridge's Simulation, with 1 000 physics steps per second."""
+
+    def __init__(
+        self,
+        robot: Robot,
+        camera: Mapping[str, Any],
+        joints: Mapping[str, float],
+        seed: int = 0,
+        renderer: str = "auto",
+        record_peak_speeds: bool = False,
+        target_models: Sequence[TargetModel] = (),
+        imaging_settings: Sequence[ImagingSettings] = (),
+        surroundings: WorldFile = WorldFile(),  # noqa: B008 (frozen)
+        name: str = "",
+        other_cameras: Mapping[str, Mapping[str, Any]] = NO_CAMERAS,
+        exposure: str = EXPOSURES[0],
+        labelled_link: str = "",
+        tracked_link: TrackedLink | None = None,
+    ) -> None:
+        """Spawn the robot and start its controllers and cameras.
+
+        Args:
+            camera: settings of the control camera, which override those in the description.
+            joints: initial positions by name, rad or m.
+            record_peak_speeds: record each joint's maximum speed over the steps, for `peak_speed`.
+            target_models: targets and occluders that are spawned in the world.
+            imaging_settings: exact features that replace the rendered images, for the control
+                camera first; empty: images are rendered.
+            surroundings: world around the robot: models, lights and scene.
+            name: of the control camera; '': the only camera of the robot description.
+            other_cameras: settings of the other cameras, by name; `robot` has their frames.
+            exposure: conversion of light into grey levels, one of EXPOSURES.
+            labelled_link: model, or 'model::link', that label images mark as the target; '': none.
+            tracked_link: the target, if it is a link of a model in the world.
+
+        Raises:
+            ExperimentError: the robot, its cameras or the world cannot be simulated.
+        """
+        description = robot.parse_description()
+        mounted = [c for c in description.cameras if robot.spec.camera in ("", find_camera_name(c))]
+        if robot.spec.camera and not mounted:
+            known = ", ".join(map(find_camera_name, description.cameras)) or "none"
+            raise ExperimentError(
+                f"robot.camera: the robot has no camera '{robot.spec.camera}'; it has: {known}"
+            )
+        self._name, self._other_cameras = name or CAMERA, other_cameras
+        self.control_camera_name = self._name
+        first = mounted[0] if mounted else _make_default_camera(robot.find_optical_frame(""))
+        if not (name or mounted and robot.has_camera_on(first.link)):
+            name = CAMERA  # the description has no sensor at the optical frame
+        self._link = first.link
+        own: dict[str, Any] = {}
+        for part in reversed(find_camera_name(first).split("/")):
+            own = {part: own or dict(camera)}
+        for settings in (camera, *other_cameras.values()):
+            # Raise an error for invalid settings, with which the simulator only leaves the camera
+            # out.
+            cameras.make_camera_model(settings)
+        if name:
+            described = [_rename_camera(first, new, robot) for new in (name, *other_cameras)]
+            own, self._link = {name: dict(camera), **other_cameras}, described[0].link
+            description = replace(description, cameras=tuple(described))
+        else:
+            name = find_camera_name(first)
+        self._arm = robot.make_arm(self._name)
+        self.joint_names = self._arm.names
+        controllers, kind = robot.find_controllers(self.joint_names)
+        self.outputs = frozenset((kind,))
+        self._controllers = list(controllers.values())
+        self._readings: list[Reading] = []
+        self._moving_models: list[tuple[TargetModel, Model]] = []
+        self._peak_speed = np.zeros(len(self.joint_names)) if record_peak_speeds else None
+        self._exposures = [] if not imaging_settings else make_exposure_schedules(
+            imaging_settings[0], imaging_settings[1:], np.random.default_rng(seed), seed
+        )
+        self.vibrations = collect_vibrations(*imaging_settings)
+        self._simulation = Simulation(
+            SimulationConfig(
+                renderer=renderer, seed=seed, lights=surroundings.lights, scene=surroundings.scene,
+                ground_plane=surroundings.ground_plane, exposure=exposure,
+            )
+        )
+        try:
+            world_file.populate(self._simulation.spawn, surroundings)
+            self._spawn(robot, description, name, own, joints)
+            for target_model in target_models:
+                self._place_target(target_model)
+            self._tracked_link = tracked_link
+            self._record_target_pose()
+            self._labels = None
+            if labelled_link:
+                self._labels = TargetLabels(labelled_link)
+                self._labels.set_links(list_links_by_label(self._simulation.world.models))
+                self._labels.find_target_labels()
+        except (SimError, SegmentationError) as error:
+            self.close()
+            raise ExperimentError(str(error)) from error
+
+    def _spawn(
+        self,
+        robot: Robot,
+        description: Any,
+        camera: str,
+        settings: Mapping[str, Any],
+        joints: Mapping[str, float],
+    ) -> None:
+        simulation, spec = self._simulation, robot.spec
+        simulation.spawn(
+            description, ROBOT, namespace=spec.namespace, parameters=robot.parameters,
+            joint_positions=joints, cameras=settings,
+        )  # fmt: skip
+        self._robot = simulation.robots[ROBOT]
+        self._model = self._robot.model
+        self._rows = [self._model.joint_names.index(name) for name in self.joint_names]
+        self._robot.start([spec.joint_states, *self._controllers])
+        # Switch the controllers before the first step, as the switching service does at time 0:
+        # they then accept commands from the first step, and joint states have the same stamps as
+        # on a ROS graph.
+        self._robot.hardware.read()
+        self._robot.manager.carry_out_switches(simulation.time_ns)
+        self._joint_states, self._compiled_controller = spec.joint_states, None
+        self._robot.manager.get(spec.joint_states).on_state = self._on_joints
+        self._command_kind = [self._robot.manager.get(name) for name in self._controllers]
+        mounted = simulation.camera(f"/{camera}")
+        for name, spawned in {self._name: mounted, **{
+            name: simulation.camera(f"/{name}") for name in self._other_cameras
+        }}.items():
+            spawned.on_frame, spawned.enabled = partial(self._on_frame, name), not self._exposures
+            if spawned.sensor.vibration is not None and not self._exposures:
+                self.vibrations = {**self.vibrations, name: spawned.sensor.vibration}
+        self._link_T_camera = np.array(mounted.parent_T_optical)
+        self._carrier = robot.find_target_frame(self._name)
+        self.camera = cameras.read_camera_model(mounted.sensor.info)
+
+    def _place_target(self, target: TargetModel) -> None:
+        """Spawn a target; the pose of a moving one is set at every step."""
+        described = _parse_target(target.urdf)
+        model = self._simulation.spawn(described, target.name, target.compute_pose(0.0))
+        if not target.is_static:
+            self._moving_models.append((target, model))
+
+    @property
+    def time_ns(self) -> int:
+        """Simulated time, ns."""
+        return self._simulation.time_ns
+
+    @property
+    def simulation(self) -> Simulation:
+        """The simulation, with the models `robot` and `target`, for grippers and other extensions.
+        """
+        return self._simulation
+
+    def advance(self, until_ns: int) -> list[Reading]:
+        """Simulate until the next measurement, or until `until_ns`; see Plant.advance."""
+        simulation, readings = self._simulation, self._readings
+        step = partial(simulation.step, compiled_controller=self._compiled_controller)
+        if self._peak_speed is not None:
+            step = self._step_recording_speeds
+        if self._moving_models:
+            step = partial(self._step_moving_targets, step)
+        if self._exposures:
+            step = partial(self._step_exposing, step)
+        while not readings and simulation.time_ns < until_ns:
+            step(until_ns)
+            self._record_target_pose()
+        self._readings = []
+        return readings
+
+    def command(self, kind: str, values: Sequence[float]) -> None:
+        """Command all joints; see Plant.command."""
+        if kind not in self.outputs:
+            raise ExperimentError(
+                f"the robot's controllers accept {', '.join(self.outputs)} commands, not {kind}"
+            )
+        for controller, value in zip(self._command_kind, values, strict=True):
+            controller.set_command(value)
+
+    def attach_loop(
+        self, driver: LoopRunner, listener: JointListener, read_end_ns: Callable[[], float]
+    ) -> None:
+        """Process joint states in compiled code; see Plant.attach_loop."""
+        # Imported here because most plants do not need it.
+        from .compiled_arm_controller import CompiledArmController
+
+        (kind,) = self.outputs
+        self._compiled_controller = CompiledArmController(
+            driver, listener, self._robot, self._joint_states, self.joint_names,
+            partial(self.command, kind), read_end_ns,
+        )  # fmt: skip
+
+    def read_rest_pose(self) -> np.ndarray:
+        """Return world_T_camera (4, 4) from the physics, without vibration.
+
+        If the arm carries the target, the pose is in the link that carries it.
+        """
+        pose = self._model.link_pose(self._link).matrix() @ self._link_T_camera
+        if not self._carrier:
+            return pose
+        return relative_pose(self._model.link_pose(self._carrier).matrix(), pose)
+
+    def compute_rest_poses(self, positions: np.ndarray) -> np.ndarray:
+        """Compute camera poses from the robot description; see Plant.compute_rest_poses."""
+        return self._model.pose().matrix() @ self._arm.poses(positions)
+
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
+        """Compute the joint origins from the robot description; see Plant.joint_origins."""
+        world_T_base = self._model.pose().matrix()
+        return self._arm.joint_origins(positions) @ world_T_base[:3, :3].T + world_T_base[:3, 3]
+
+    def read_joints(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return positions and velocities (n,) from the physics."""
+        positions, velocities = self._model.read_joints()[:2]
+        return np.array(positions)[self._rows], np.array(velocities)[self._rows]
+
+    def find_collision(self) -> tuple[str, str] | None:
+        """Return a link of the arm in collision at the last step, and the other model."""
+        for overlap in find_overlaps(self._simulation.world, self._model):
+            return overlap.link, overlap.model
+        return None
+
+    @property
+    def peak_speed(self) -> np.ndarray | None:
+        """Maximum speed (n,) of each joint over all steps; None if it is not recorded."""
+        return self._peak_speed
+
+    def close(self) -> None:
+        """Close the simulation."""
+        self._simulation.close()
+
+    def _record_target_pose(self) -> None:
+        """Record the pose of a target that is a link of a model in the world."""
+        if self._tracked_link is None:
+            return
+        pose = self._simulation.world.models[self._tracked_link.model].link_pose(
+            self._tracked_link.link
+        )
+        self._tracked_link.pose_history.add(self.time_ns / NS, pose.matrix())
+
+    def _step_recording_speeds(self, until_ns: int) -> None:
+        self._simulation.step()
+        np.maximum(self._peak_speed, np.abs(self.read_joints()[1]), out=self._peak_speed)
+
+    def _step_moving_targets(self, step: Callable[[int], None], until_ns: int) -> None:
+        """Make a step at whose end moving targets and occluders are at their current poses."""
+        simulation = self._simulation
+        time_ns = simulation.time_ns + simulation.step_ns
+        for target, model in self._moving_models:
+            model.set_pose(target.compute_pose(time_ns / NS))
+        step(time_ns)
+
+    def _step_exposing(self, step: Callable[[int], None], until_ns: int) -> None:
+        """Make a step with exposures of exact features at camera poses interpolated within it."""
+        due, simulation = min(e.due_ns for e in self._exposures), self._simulation
+        start = simulation.time_ns
+        end = start + simulation.step_ns
+        if end < due:
+            step(min(until_ns, due - simulation.step_ns))
+            return
+        before = self.read_rest_pose()
+        step(end)
+        motion = logarithm(relative_pose(before, self.read_rest_pose()))
+        for exposure in self._exposures:
+            while exposure.due_ns <= end:
+                fraction = (exposure.due_ns - start) / simulation.step_ns
+                pose = before @ exponential(fraction * motion)
+                if (frame := exposure.expose(pose)) is not None:
+                    self._readings.append(frame)
+
+    def _on_joints(self, state: Any) -> None:
+        self._readings.append(
+            JointReading(state.stamp_ns, tuple(state.names), state.positions, state.velocities)
+        )
+
+    def _on_frame(self, camera: str, frame: Any) -> None:
+        mask = None
+        if self._labels is not None and frame.segmentation is not None:
+            mask = self._labels.make_mask(frame.segmentation)
+        self._readings.append(Frame(
+            frame.stamp_ns, frame.image, frame.encoding, frame.depth, name=camera,
+            target_mask=mask,
+        ))  # fmt: skip
+
+
+@lru_cache(maxsize=64)
+def _parse_target(urdf: Path) -> RobotDescription:
+    return parse_urdf(urdf.read_text(encoding="utf-8"))
+
+
+def _rename_camera(camera: CameraDescription, name: str, robot: Robot) -> CameraDescription:
+    """Copy the robot description's camera under another name, at the optical frame of that name."""
+    plugin = None if camera.plugin is None else replace(
+        camera.plugin, camera_name=name, robot_namespace="", trigger_topic=""
+    )
+    renamed = replace(camera, name=name, plugin=plugin, shutter="")
+    frame = robot.find_optical_frame(name)
+    if frame == robot.find_optical_frame("") and robot.has_camera_on(camera.link):
+        return renamed
+    return replace(renamed, link=frame, pose=_compute_sensor_pose())
+
+
+def _make_default_camera(frame: str) -> CameraDescription:
+    """Make a camera with SDF's default settings, for a robot description without a camera."""
+    return CameraDescription(
+        CAMERA, frame, _compute_sensor_pose(), "camera", 0.0, 1.047, 320, 240, "R8G8B8", 0.1, 100.0
+    )
+
+
+def _compute_sensor_pose() -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Return the pose of a sensor frame (x forward, z up) in its optical frame: xyz (m), rpy (rad).
+    """
+    xyz, rpy = xyz_rpy_from_matrix(inverse(optical_pose(np.eye(4))))
+    return tuple(xyz), tuple(rpy)

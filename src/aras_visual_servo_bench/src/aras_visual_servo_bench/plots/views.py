@@ -1,0 +1,256 @@
+"""Figures of the image plane, strips of images, and the camera's path in space."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection
+
+from aras_visual_servo_base.poses import exponential, rotation_vector
+
+from ..recording.image_tracks import ImageTracks, find_milestones
+from ..recording.image_tracks import compute_tracks as tracks_of
+from ..recording.run import Run
+from .palette import COLOURS, FAINT, GOAL, GRID, INK, START
+from .style import (
+    Margins,
+    add_legend_below,
+    add_title,
+    escape_math,
+    find_figure_width,
+    is_paper,
+    make_axes,
+)
+from .time_plots import make_curve_styles
+
+IMAGE_CONTRAST = 0.35  # factor on the contrast of an image behind curves
+MIN_AXIS_RATIO = 0.35  # smallest extent of an axis, relative to the largest
+MAX_HEIGHT_RATIO = 1.5  # height of the scene over the larger of its other sides
+FRUSTUM_SIZE = 0.12  # length of a drawn camera, relative to the scene
+LEGEND_HEIGHT = 0.5  # inches, for the camera's path
+GOAL_FRUSTUM_SCALE = 1.5  # the goal's camera is larger, so that the final camera does not hide it
+# Inches around all images, above each image, and between two images.
+IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_GAP = 0.03, 0.3, 0.07
+
+
+def draw_image_trajectory(runs: Sequence[Run]) -> Figure | None:
+    """Draw the paths of the target's points in the image, over the first run's last image."""
+    found = [(run, tracks_of(run)) for run in runs]
+    found = [(run, tracks) for run, tracks in found if tracks is not None]
+    if not found:
+        return None
+    camera = found[0][0].camera
+    width = plt.rcParams["figure.figsize"][0]
+    part = 0.66 if is_paper() else 1.0
+    figure, (axis,) = make_axes(1, (width / part - 0.97) * camera.height / camera.width,
+                             margins=Margins(0.85, 0.12, 0.36, 0.89))  # fmt: skip
+    axis.grid(False)
+    for side in axis.spines.values():
+        side.set_visible(True)
+    images = found[0][0].control_record.images
+    if images and images[-1][1].shape[:2] == (camera.height, camera.width):
+        axis.imshow((255.0 - IMAGE_CONTRAST * (255.0 - images[-1][1])).astype(np.uint8))
+    styles = make_curve_styles(len(found))
+    for number, (run, tracks) in enumerate(found):
+        _draw_tracks(axis, run, tracks, None if len(found) == 1 else styles[number])
+    axis.set(xlabel="column (pixel)", ylabel="row (pixel)", aspect="equal",
+             xlim=(-0.5, camera.width - 0.5), ylim=(camera.height - 0.5, -0.5))  # fmt: skip
+    if len(found) == 1:
+        tracks = found[0][1]
+        handles = [
+            Line2D([], [], marker="o", ls="", color=START, ms=6, label="start"),
+            Line2D([], [], marker="o", ls="", mfc="none", mec=GOAL, mew=1.6, ms=9, label="goal"),
+        ]
+        if len(tracks.names) <= 6:
+            handles = [Line2D([], [], color=_choose_colour(tracks, i), label=escape_math(name))
+                       for i, name in enumerate(tracks.names)] + handles  # fmt: skip
+        kind = (
+            "points that the scheme measures"
+            if tracks.is_measured
+            else "target's corners and centre"
+        )
+        add_title(axis, f"Path of the {kind} in the image")
+    else:
+        handles = [Line2D([], [], label=escape_math(run.name), **style)
+                   for (run, _), style in zip(found, styles, strict=True)]  # fmt: skip
+        add_title(axis, "Paths of the target in the image")
+    add_legend_below(figure, 5, handles)
+    return figure
+
+
+def _choose_colour(tracks: ImageTracks, i: int) -> str:
+    """Return the colour of a track; if there are corners and a centre, the centre stands out."""
+    if not tracks.is_measured:
+        return COLOURS[0] if tracks.names[i].startswith("centre") else FAINT
+    return COLOURS[i % len(COLOURS)]
+
+
+def _draw_tracks(
+    axis: Axes, run: Run, tracks: ImageTracks, style: dict[str, object] | None
+) -> None:
+    for i in range(len(tracks.names)):
+        pixels = tracks.pixels[:, i]
+        known = np.isfinite(pixels).all(axis=1)
+        if not known.any():
+            continue
+        is_main = tracks.is_measured or tracks.names[i].startswith("centre")
+        shown = pixels[known]
+        emphasis = {"alpha": 1.0 if is_main else 0.8, "zorder": 4 if is_main else 3}
+        if style is None:
+            curve_style = {"color": _choose_colour(tracks, i), "lw": 1.8 if is_main else 0.9}
+        else:
+            curve_style = style if is_main else {**style, "lw": 0.5 * style["lw"], "marker": ""}
+        axis.plot(*shown.T, **{**curve_style, **emphasis})
+        axis.plot(*shown[0], "o", color=START if style is None else style["color"],
+                  ms=6 if is_main else 3, zorder=5)  # fmt: skip
+        if np.isfinite(tracks.desired[i]).all():
+            axis.plot(*tracks.desired[i], "o", mfc="none", mec=GOAL, mew=1.6 if is_main else 0.9,
+                      ms=9 if is_main else 5, zorder=6)  # fmt: skip
+
+
+def draw_filmstrip(runs: Sequence[Run]) -> Figure | None:
+    """Draw images at milestones of the decreasing error, each with the desired outline."""
+    runs = [r for r in runs if r.control_record.images]
+    if not runs:
+        return None
+    strips = [(r, find_milestones(r) or [r.control_record.images[0][0]]) for r in runs]
+    columns = max(len(stamps) for _, stamps in strips)
+    shape = runs[0].control_record.images[0][1].shape
+    part = 0.66 if is_paper() else 1.0
+    across = (
+        find_figure_width(is_wide=True) / part - 2.0 * IMAGE_MARGIN - (columns - 1) * IMAGE_GAP
+    ) / columns
+    figure, axes = make_axes(
+        len(runs) * columns, across * shape[0] / shape[1], columns, is_wide=True,
+        margins=Margins(IMAGE_MARGIN, IMAGE_MARGIN, TITLE_HEIGHT, IMAGE_MARGIN, TITLE_HEIGHT,
+            IMAGE_GAP),
+    )  # fmt: skip
+    for number, (run, stamps) in enumerate(strips):
+        row = axes[number * columns : (number + 1) * columns]
+        for axis in row[len(stamps) :]:
+            axis.set_visible(False)
+        desired_outline = run.project_desired_outline()
+        for axis, stamp in zip(row, stamps, strict=False):
+            axis.imshow(run.control_record.find_nearest_image(stamp))
+            axis.set(xticks=[], yticks=[])
+            axis.grid(False)
+            for side in axis.spines.values():
+                side.set(visible=True, color=FAINT, linewidth=0.6)
+            if desired_outline is not None:
+                axis.plot(*np.vstack([desired_outline, desired_outline[:1]]).T, color=GOAL, lw=1.1)
+            axis.set(xlim=(-0.5, shape[1] - 0.5), ylim=(shape[0] - 0.5, -0.5))
+            axis.set_title(f"{stamp - run.start_stamp:.2f} s", fontweight="normal", loc="center",
+                           fontsize=7 if is_paper() else 10, pad=3)  # fmt: skip
+        if len(runs) > 1:
+            row[0].text(0.03, 0.95, escape_math(run.name), transform=row[0].transAxes, va="top",
+                        fontsize=7 if is_paper() else 10,
+                        bbox={"facecolor": "white", "alpha": 0.7, "pad": 0.5, "lw": 0})  # fmt: skip
+    return figure
+
+
+def draw_camera_path(runs: Sequence[Run]) -> Figure | None:
+    """Draw the camera's path in the world, the straight path, and the target."""
+    runs = [r for r in runs if len(select_servoing_poses(r))]
+    if not runs:
+        return None
+    width, part = find_figure_width(), 0.66 if is_paper() else 1.0
+    figure, (axis,) = make_axes(
+        1, 0.72 * width / part - LEGEND_HEIGHT,
+        margins=Margins(bottom=(1.5 if is_paper() else 1.0) * LEGEND_HEIGHT),
+        subplot_kw={"projection": "3d", "computed_zorder": False},
+    )  # fmt: skip
+    drawn_points: list[np.ndarray] = []
+    single = len(runs) == 1
+    styles = [{"color": COLOURS[0], "lw": 2.0}] if single else make_curve_styles(len(runs))
+    for run, style in zip(runs, styles, strict=True):
+        poses, colour = select_servoing_poses(run), style["color"]
+        path = poses[:, :3, 3]
+        drawn_points += [path]
+        axis.plot(*path.T, zorder=4, label="camera" if single else escape_math(run.name), **style)
+        goal = run.goal_pose
+        if np.isfinite(goal).all():
+            ideal = interpolate_poses(poses[0], goal)
+            axis.plot(*ideal[:, :3, 3].T, color=GOAL if single else colour, lw=1.1, ls="--",
+                      zorder=3, label="straight" if single else None)  # fmt: skip
+            drawn_points.append(goal[None, :3, 3])
+    target = _draw_target(axis, runs[0])
+    points = np.vstack(drawn_points + ([target] if target is not None else []))
+    low, high = points.min(axis=0), points.max(axis=0)
+    size = max(float((high - low).max()), 1e-3)
+    for number, (run, style) in enumerate(zip(runs, styles, strict=True)):
+        poses, colour = select_servoing_poses(run), style["color"]
+        _draw_camera(axis, poses[0], FRUSTUM_SIZE * size, START if single else colour, "start"
+            if single
+                else None)  # fmt: skip
+        if np.isfinite(run.goal_pose).all():
+            _draw_camera(axis, run.goal_pose, GOAL_FRUSTUM_SCALE * FRUSTUM_SIZE * size, GOAL
+                if single else INK,
+                    "goal" if number == 0 else None, "--")  # fmt: skip
+        _draw_camera(axis, poses[-1], FRUSTUM_SIZE * size, colour, "end" if single else None)
+    room = 0.5 * FRUSTUM_SIZE * size
+    # The axes of a planar path get some thickness, so that the box is not flat.
+    padding = np.maximum(0.5 * (MIN_AXIS_RATIO * size - (high - low)), room)
+    low, high = low - padding, high + padding
+    axis.set(xlabel="x (m)", ylabel="y (m)", zlabel="z (m)",
+             xlim=(low[0], high[0]), ylim=(low[1], high[1]), zlim=(low[2], high[2]))  # fmt: skip
+    extent = high - low
+    # The lower end of a tall scene would overlap the legend.
+    is_tall = extent[2] > MAX_HEIGHT_RATIO * extent[:2].max()
+    paper_scale = 0.82 if is_paper() else 1.0  # space for the letters, which are large in a paper
+    axis.set_box_aspect(extent, zoom=paper_scale * (0.82 if is_tall else 0.97))
+    axis.view_init(elev=20, azim=-58)
+    for pane in (axis.xaxis, axis.yaxis, axis.zaxis):
+        pane.set_pane_color((1.0, 1.0, 1.0, 0.0))
+        pane.set_major_locator(plt.MaxNLocator(2 if is_tall and pane is not axis.zaxis else 4))
+        pane._axinfo["grid"].update(color=GRID, linewidth=0.6)
+    add_legend_below(figure, 5)
+    if not is_paper():
+        figure.text(0.1 / width, 0.995, "Path of the camera in the world  (dashed: straight to the "
+                    "goal)", va="top", fontweight="bold", fontsize=10.5)  # fmt: skip
+    return figure
+
+
+def select_servoing_poses(run: Run) -> np.ndarray:
+    """Return the known poses of the camera while servoing, (m, 4, 4)."""
+    poses = run.true_pose[run.servoing]
+    return poses[np.isfinite(poses).all(axis=(1, 2))]
+
+
+def interpolate_poses(start: np.ndarray, goal: np.ndarray, count: int = 40) -> np.ndarray:
+    """Interpolate poses (count, 4, 4) on the shortest path.
+
+    The position moves on a line, and the orientation rotates about a fixed axis.
+    """
+    turn = rotation_vector(start[:3, :3].T @ goal[:3, :3])
+    poses = np.tile(np.eye(4), (count, 1, 1))
+    for pose, part in zip(poses, np.linspace(0.0, 1.0, count), strict=True):
+        pose[:3, :3] = start[:3, :3] @ exponential((0.0, 0.0, 0.0, *(part * turn)))[:3, :3]
+        pose[:3, 3] = (1.0 - part) * start[:3, 3] + part * goal[:3, 3]
+    return poses
+
+
+def _draw_target(axis: Axes, run: Run) -> np.ndarray | None:
+    """Draw the target's face; return its corners (c, 3) in the world."""
+    if run.target is None:
+        return None
+    world_T_target = run.target.world_T_target(run.start_stamp)
+    corners = run.target.shape.vertices() @ world_T_target[:3, :3].T + world_T_target[:3, 3]
+    if len(corners) > 2:
+        axis.add_collection3d(Poly3DCollection([corners], facecolor=INK, edgecolor=INK, zorder=1))
+    return corners
+
+
+def _draw_camera(axis: Axes, pose: np.ndarray, size: float, colour: str, label: str | None,
+            line: str = "-") -> None:  # fmt: skip
+    """Draw a frustum with its tip at the camera, open along the optical axis."""
+    rim = size * np.array([[-0.4, -0.3, 1.0], [0.4, -0.3, 1.0], [0.4, 0.3, 1.0], [-0.4, 0.3, 1.0]])
+    rim = rim * [1.0, 1.0, 0.7] @ pose[:3, :3].T + pose[:3, 3]
+    tip = pose[:3, 3]
+    axis.plot(*np.vstack([rim, rim[:1]]).T, color=colour, lw=1.0, ls=line, zorder=6, label=label)
+    for corner in rim:
+        axis.plot(*np.array([tip, corner]).T, color=colour, lw=0.8, ls=line, zorder=6)

@@ -1,0 +1,50 @@
+"""Messages of a run from a ROS graph or a bag, from which a MessageRunBuilder builds a Run."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+
+class GraphRecording:
+    """Messages of one run, in the order of arrival.
+
+    Attributes:
+        path: of the bag, for messages.
+        states, joints: state messages of the loop, and joint states.
+        reports, moments: reports of the loop and measured moments, by stamp (ns).
+        info: last CameraInfo, or None.
+        real_time_factors: stamp (s) and real-time factor.
+        stamps: exposure and arrival of each image (s), and where the bag has it.
+        poses: stamp (s) and base_T_optical (4, 4) from tf.
+        experiment_text: description of the experiment. notes: problems of the recording.
+    """
+
+    def __init__(self, path: Path) -> None:
+        self.path = path
+        self.states: list[Any] = []
+        self.reports: dict[int, Any] = {}
+        self.moments: dict[int, Any] = {}
+        self.joints: list[Any] = []
+        self.real_time_factors: list[tuple[float, float]] = []
+        self.stamps: list[tuple[float, float, Any]] = []
+        self.poses: list[tuple[float, np.ndarray]] = []
+        self.info: Any = None
+        self.experiment_text = ""
+        self.notes: list[str] = []
+
+    def add_report(self, message: Any) -> None:
+        """Add a report of the controller."""
+        self.reports[message.header.stamp.to_nsec()] = message
+
+    def add_moments(self, message: Any) -> None:
+        """Add a measurement of the camera node, if it is valid."""
+        if message.valid:
+            self.moments[message.header.stamp.to_nsec()] = message
+
+    def read_images(self, stamps: Iterable[float]) -> Iterator[tuple[float, np.ndarray]]:
+        """Read the images nearest to these stamps (s), as rgb; here there are none."""
+        yield from ()

@@ -1,0 +1,275 @@
+"""Description of a recorded run in a bag: settings, goal, limits, and the experiment itself."""
+
+from __future__ import annotations
+
+import contextlib
+import json
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import yaml
+
+from aras_visual_servo_base.yaml_files import parse_yaml, read_yaml
+from aras_visual_servo_controller.errors import ServoError
+from aras_visual_servo_controller.features.base import DepthFraction
+from aras_visual_servo_controller.goals.goal import Goal
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.settings import Settings
+
+from ..errors import BenchError, ExperimentError
+from ..experiment.experiment import Experiment
+from ..experiment.packages import PackagePath
+from ..experiment.robots import RobotSpec
+from .parameters import find_branch
+from .run_recorder import describe_settings
+
+# Parameters of the controller node that an experiment has under another key, or not at all.
+OWN_KEYS = {
+    "scheme", "law", "gain", "start", "desired", "listeners", "package", "namespace",
+    "camera_namespace", "description", "lockstep", "autostart", "dry", "duration", "command_topic",
+    "controllers", "gains", "delay",
+}  # fmt: skip
+GOAL_FILE = re.compile(r"\w[\w .-]*\.ya?ml")  # a file name without a path to another folder
+DEFAULT_DURATION = 8.0  # s; the default of an experiment, for a graph without a duration
+
+
+def find_preset(settings: Mapping[str, Any]) -> str | dict[str, Any]:
+    """Return the name of the shipped camera preset with these settings, else the settings."""
+    folder = Path(PackagePath().find(RobotSpec().cameras)) / "config" / "cameras"
+    for file in sorted(folder.glob("*.yaml")):
+        if read_yaml(file, ExperimentError) == dict(settings):
+            return file.stem
+    return dict(settings) if settings else "original"
+
+
+@dataclass
+class RecordedExperiment:
+    """Recorded description of a run; properties whose data cannot be read are None or empty.
+
+    Attributes:
+        content: of the message; empty if the bag has none. notes: errors of the parts that cannot
+            be read.
+    """
+
+    content: Mapping[str, Any] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @classmethod
+    def from_text(cls, text: str) -> RecordedExperiment:
+        """Read the text of the message; '' if the bag has none."""
+        if not text:
+            return cls({}, [
+                "the bag is from an older version or from another recorder: its goal, limits and "
+                "settings are unknown (no topic .../experiment)"
+            ])  # fmt: skip
+        try:
+            content = json.loads(text)
+            if not isinstance(content, Mapping) or not isinstance(
+                content.get("parameters"), Mapping
+            ):
+                raise ValueError("it has no parameters")
+            for key, kind in (("goals", dict), ("versions", dict), ("launch", list)):
+                if not isinstance(content.get(key, kind()), kind):
+                    raise ValueError(f"its '{key}' is no {'list' if kind is list else 'mapping'}")
+        except ValueError as error:
+            return cls({}, [f"the bag's description of its run cannot be read: {error}"])
+        return cls(content)
+
+    @cached_property
+    def controller(self) -> dict[str, Any]:
+        """Parameters of the controller node."""
+        parameters = find_branch(
+            self.content.get("parameters", {}), self.content.get("controller", "")
+        )
+        parameters.pop("gains", None)  # added by dynamic_reconfigure
+        return parameters
+
+    @cached_property
+    def urdf(self) -> str:
+        """Robot description; '' if none was recorded."""
+        name = str(self.controller.get("description", "robot_description"))
+        return str(self.content.get("parameters", {}).get(name, ""))
+
+    @cached_property
+    def settings(self) -> Settings | None:
+        """Settings of the control loop, as in the controller node."""
+        if not self.content:
+            return None
+        from aras_visual_servo_base.urdf import read_robot_name
+
+        package = Path(PackagePath().find("aras_visual_servo_controller"))
+        with self._note_errors("the recorded parameters cannot be used"):
+            settings = Settings.from_mapping(self.controller, package)
+            return settings.for_robot(read_robot_name(self.urdf), self.controller)
+        return None
+
+    @cached_property
+    def arm(self) -> Arm | None:
+        """Kinematics of the recorded robot description."""
+        if self.settings is None or not self.urdf:
+            return None
+        with self._note_errors("the recorded description cannot be used"):
+            return self.settings.make_arm(self.urdf)
+        return None
+
+    @cached_property
+    def goal(self) -> Goal | None:
+        """Goal of the control loop, completed with the kinematics of the arm."""
+        if self.settings is None:
+            return None
+        name = self.settings.find_goal_file().name
+        text = self.content.get("goals", {}).get(name)
+        if text is None:
+            self.notes.append(f"the goal {name} was not recorded")
+            return None
+        with self._note_errors("the recorded goal cannot be used"):
+            goal = Goal.from_mapping(parse_yaml(text, name, ExperimentError), name)
+            return goal if self.arm is None else goal.for_arm(self.arm)
+        return None
+
+    def read_limits(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Return lower and upper joint limits (rad or m) and speed limits; empty if unknown."""
+        if self.arm is None:
+            return (np.zeros(0),) * 3
+        with self._note_errors("the recorded limits cannot be used"):
+            limits = self.settings.make_limits(self.arm)
+            return limits.lower, limits.upper, limits.velocity
+        return (np.zeros(0),) * 3
+
+    def read_features(self, scheme: str, count: int) -> tuple[tuple[str, ...], tuple[float, ...]]:
+        """Return units and tolerances of the `count` features of a scheme; empty if unknown."""
+        settings = self.settings or Settings()
+        with self._note_errors("units of the features are unknown"):
+            instance = settings.make_scheme() if settings.scheme == scheme else \
+                Settings(scheme=scheme).make_scheme()
+            if self.goal is not None:
+                instance.check(self.goal)
+            if len(instance.units) == count:
+                known = not any(isinstance(t, DepthFraction) for t in instance.tolerances)
+                return tuple(instance.units), tuple(instance.tolerances) if known else ()
+            self.notes.append(
+                f"units of the features are unknown: '{scheme}' has other features than in the bag"
+            )
+        return (), ()
+
+    @contextlib.contextmanager
+    def _note_errors(self, what: str):
+        """Convert an error of the `with` block into a note that starts with `what`."""
+        try:
+            yield
+        except (ServoError, BenchError, ValueError, TypeError) as error:
+            self.notes.append(f"{what}: {error}")
+
+    # -- the experiment --------------------------------------------------------------------
+
+    @property
+    def arguments(self) -> dict[str, str]:
+        """Launch arguments of all roslaunch commands; later ones override earlier ones."""
+        words = [word for launch in self.content.get("launch", []) for word in launch]
+        return dict(word.split(":=", 1) for word in words if ":=" in word)
+
+    def make_experiment(self) -> Experiment:
+        """Make the experiment that repeats the run without a ROS graph.
+
+        Raises:
+            BenchError: the bag has no description, or the run cannot be repeated.
+        """
+        if not self.content:
+            raise BenchError(self.notes[0])
+        try:
+            return Experiment.from_mapping(self._make_keys())
+        except ExperimentError as error:
+            raise BenchError(
+                f"the bag's run cannot be repeated as an experiment: {error}"
+            ) from error
+
+    def make_mapping(self) -> dict[str, Any]:
+        """Return the checked keys of the experiment.
+
+        Raises:
+            BenchError: as of `make_experiment`.
+        """
+        self.make_experiment()
+        return self._make_keys()
+
+    def collect_files(self) -> dict[str, str]:
+        """Return the files of the run by name: goals, parameters, robot and launch commands.
+
+        Goals whose names are no file names are left out with a note.
+        """
+        launch = "".join(f"roslaunch {' '.join(map(str, words))}\n"
+                         for words in self.content.get("launch", []))  # fmt: skip
+        parameters = dict(self.content.get("parameters", {}))
+        versions, goals = self.content.get("versions", {}), {}
+        for name, text in self.content.get("goals", {}).items():
+            if GOAL_FILE.fullmatch(name):
+                goals[name] = str(text)
+            else:
+                self.notes.append(f"the goal {name[:80]!r} is left out: that is no file name")
+        return {
+            **goals,
+            "parameters.yaml": yaml.safe_dump(parameters, sort_keys=False),
+            "robot.urdf": self.urdf,
+            "launch.txt": launch,
+            "versions.txt": "".join(f"{name} {value}\n" for name, value in versions.items()),
+        }
+
+    def _make_keys(self) -> dict[str, Any]:
+        """Return the keys of the experiment that differ from its defaults."""
+        loop, launch, simulator = self.controller, self.arguments, find_branch(
+            self.content["parameters"], "/gazebo")  # fmt: skip
+        keys: dict[str, Any] = {"scheme": loop.get("scheme", "moments")}
+        keys.update({k: loop[k] for k in ("law", "gain", "start") if loop.get(k) not in (None, "")})
+        if loop.get("desired", "auto") != "auto":
+            keys["goal"] = loop["desired"]
+        start = keys.get("start")
+        if isinstance(start, str) and len(start.split()) > 1:
+            keys["start"] = [float(number) for number in start.split()]
+        elif start is not None and not isinstance(start, (list, Mapping)):
+            keys["start"] = str(start)
+        keys["camera"] = launch.get("camera") or find_preset(
+            next(iter(find_branch(simulator, "cameras/labrob").values()), {}))  # fmt: skip
+        for key in ("camera_xyz", "camera_rpy"):
+            if launch.get(key):
+                keys[key] = [float(number) for number in launch[key].split()]
+        if launch.get("hand_eye"):
+            parts = {"file": "hand_eye", "units": "hand_eye_units", "link": "hand_eye_link"}
+            keys["hand_eye"] = {key: launch[arg] for key, arg in parts.items() if launch.get(arg)}
+        if launch.get("joint_friction", "true").lower() == "false":
+            keys["friction"] = False
+        if "urdf" in launch or "gains" in launch:
+            keys["robot"] = {k: launch[a] for k, a in (("urdf", "urdf"), ("config", "gains"))
+                             if a in launch}  # fmt: skip
+        keys["seed"] = int(simulator.get("seed", 0))
+        keys["duration"] = float(loop.get("duration") or DEFAULT_DURATION)
+        parameters = {k: v for k, v in loop.items() if k not in OWN_KEYS}
+        return {**keys, "controller_parameters": parameters} if parameters else keys
+
+    def make_yaml(self) -> str:
+        """Return the experiment as YAML; '' if the run cannot be repeated."""
+        try:
+            self.make_experiment()
+        except BenchError as error:
+            if self.content:
+                self.notes.append(str(error))
+            return ""
+        return yaml.safe_dump(self._make_keys(), sort_keys=False, default_flow_style=None)
+
+    def describe_settings(self) -> dict[str, str]:
+        """Return the main settings as text, by name, for a report."""
+        try:
+            settings = describe_settings(self.make_experiment())
+        except BenchError:
+            return {k: str(self.controller[k]) for k in ("scheme", "law", "start")
+                    if k in self.controller}  # fmt: skip
+        keys = ("scheme", "law", "gain", "start", "goal", "camera", "seed")
+        settings = {key: settings[key] for key in keys if key in settings}
+        launch = self.arguments
+        moved = {k: launch[k] for k in ("camera_xyz", "camera_rpy", "hand_eye") if launch.get(k)}
+        command = "; ".join(" ".join(words) for words in self.content.get("launch", []))
+        return {**settings, **moved, **({"launched by": command} if command else {})}

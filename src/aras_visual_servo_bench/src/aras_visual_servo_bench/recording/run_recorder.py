@@ -1,0 +1,154 @@
+"""Recorder that collects the data of a run while it is simulated."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.kinematics import Arm
+from aras_visual_servo_controller.observation.frame import Frame
+from aras_visual_servo_controller.records.run_record import Record
+from aras_visual_servo_controller.records.state import APPROACHING, ServoState
+from aras_visual_servo_controller.schemes import JointController, Scheme
+
+from ..experiment.experiment import Experiment
+from ..plants import Plant
+from ..setup.assembly import Assembly
+from .run import CameraRecord, Run
+
+
+class RunRecorder:
+    """Recorder of the loop's states, the joint states and the images of a run.
+
+    Attributes:
+        records: input of the diagnosis: one record per image, and events between images.
+    """
+
+    def __init__(self, joint_count: int, records_films: bool = False) -> None:
+        """Prepare the recorder.
+
+        Args:
+            joint_count: number of joints.
+            records_films: record the images of cameras other than the control camera.
+        """
+        self.records: list[Record] = []
+        self._states: list[ServoState] = []
+        self._poses: list[np.ndarray] = []
+        self._stamps: list[float] = []
+        self._joints: list[tuple[np.ndarray, ...]] = []
+        self._count, self._command = joint_count, np.full(joint_count, np.nan)
+        self._shot: Callable[[Frame, CameraModel], bytes] | None = None
+        if records_films:
+            from .film import shot
+
+            self._shot = shot
+        self._camera_images: dict[str, list[tuple[float, np.ndarray, bytes]]] = {}
+
+    def add_state(self, state: ServoState, pose: np.ndarray) -> None:
+        """Add the loop's state after an image, and the true camera pose (4, 4) at that time."""
+        self._states.append(state)
+        self._poses.append(pose)
+
+    def add_image(self, reading: Frame, pose: np.ndarray, model: CameraModel) -> None:
+        """Add an image of a camera other than the control camera.
+
+        Args:
+            pose: true world_T_camera (4, 4) at the exposure.
+            model: true intrinsics.
+        """
+        jpeg = b"" if self._shot is None else self._shot(reading, model)
+        self._camera_images.setdefault(reading.name, []).append((reading.stamp, pose, jpeg))
+
+    def on_command(self, values: np.ndarray) -> None:
+        """Store the latest joint command (n,)."""
+        self._command = values
+
+    def on_joints(self, stamp: float, positions: np.ndarray, velocities: np.ndarray) -> None:
+        """Add a joint state, positions and velocities (n,), with the latest command."""
+        self._stamps.append(stamp)
+        self._joints.append((positions, velocities, self._command))
+
+    def make_run(self, plant: Plant, experiment: Experiment, parts: Assembly, **end: Any) -> Run:
+        """Make the run, with camera poses from the plant.
+
+        end: further fields of the Run, such as outcome and verdict.
+        """
+        columns = np.array(self._joints).reshape(len(self._joints), 3, self._count)
+        positions, velocities, commands = columns.swapaxes(0, 1)
+        scheme: Scheme | JointController = parts.servo.scheme
+        arm = parts.servo.arm
+        # The run starts after the motion to the start, if the loop has made one.
+        approach = [i for i, state in enumerate(self._states) if state.phase == APPROACHING]
+        first = approach[-1] + 1 if approach else 0
+        states, poses = self._states[first:], self._poses[first:]
+        stamp = np.array([state.stamp for state in states])
+        limits = tuple(np.asarray(getattr(arm, side, ()), float) for side in ("lower", "upper"))
+        run = Run(
+            states=tuple(states), pose=np.array(poses).reshape(-1, 4, 4),
+            joint_stamp=np.array(self._stamps), measured_positions=positions,
+            measured_velocities=velocities,
+            joint_commands=commands, true_pose=plant.compute_rest_poses(positions),
+            units=tuple(scheme.units or ()),
+            tolerances=tuple(float(t) for t in scheme.tolerances), position_limits=limits,
+            cameras=self._make_camera_records(parts, stamp, np.array(poses).reshape(-1, 4, 4)),
+            target=parts.target, goal=parts.goal, settings=describe_settings(experiment),
+            experiment=experiment, **end,
+        )  # fmt: skip
+        if isinstance(arm, Arm):
+            run.speed_limits, run.joint_units = (
+                parts.settings.make_limits(arm).velocity,
+                find_joint_units(arm),
+            )
+        if "xg" in run.names and "yg" in run.names:
+            run.centres = run.features[:, [run.names.index("xg"), run.names.index("yg")]]
+        return run
+
+    def _make_camera_records(
+        self, parts: Assembly, stamp: np.ndarray, pose: np.ndarray
+    ) -> dict[str, CameraRecord]:
+        """Make the record of each camera, by name.
+
+        stamp, pose: (p,) and (p, 4, 4) of the control camera's images.
+        """
+        records = {}
+        for name, camera in parts.cameras.items():
+            if name == parts.rig.control.name:
+                records[name] = CameraRecord(parts.plant.camera, stamp, stamp, pose)
+                continue
+            images = self._camera_images.get(name, [])
+            stamps = np.array([stamp for stamp, _, _ in images])
+            poses = np.array([pose for _, pose, _ in images]).reshape(-1, 4, 4)
+            film = tuple((stamp, jpeg) for stamp, _, jpeg in images if jpeg)
+            records[name] = CameraRecord(
+                camera.true_camera, stamps, stamps + camera.delay, poses, film=film
+            )
+        return records
+
+
+def describe_settings(experiment: Experiment) -> dict[str, str]:
+    """Return the main settings of an experiment as text, by name; numbers are without units."""
+    settings = {key: getattr(experiment, key) for key in (
+        "plant", "scheme", "law", "gain", "start", "goal", "camera", "delay", "seed",
+    )}  # fmt: skip
+    settings["target"] = experiment.target.shape
+    return {
+        key: _describe_setting(key, value) for key, value in settings.items() if value is not None
+    }
+
+
+def _describe_setting(key: str, value: Any) -> str:
+    if key == "camera" and not isinstance(value, str):
+        return "own settings"
+    if isinstance(value, tuple):
+        if key == "target":
+            return f"polygon of {len(value)} corners"
+        return f"joints {' '.join(f'{q:g}' for q in value)}"
+    return f"{value:g}" if isinstance(value, float) else str(value)
+
+
+def find_joint_units(arm: Arm) -> tuple[str, ...]:
+    """Return the unit of each joint: 'm' for prismatic joints, 'rad' for revolute ones."""
+    return tuple("m" if is_prismatic else "rad" for is_prismatic in arm.is_prismatic)

@@ -1,0 +1,95 @@
+"""Observation of the graph by the demo: state of the controller, arrival of joint states."""
+
+import contextlib
+import time
+import xmlrpc.client
+from dataclasses import dataclass
+from pathlib import Path
+
+import rosgraph
+
+
+@dataclass
+class RunProgress:
+    """Progress of a run, updated by the subscribers; times in s.
+
+    Attributes:
+        phase, reason: latest state of the controller, '' before its first message.
+        start_stamp: stamp at the start of servoing, or None.
+        convergence_stamp: stamp at which the controller converged, or None while it has not.
+        stamp: stamp of the latest state of the controller.
+        has_joint_states: a joint state has been received.
+    """
+
+    phase: str = ""
+    reason: str = ""
+    start_stamp: float | None = None
+    convergence_stamp: float | None = None
+    stamp: float = 0.0
+    has_joint_states: bool = False
+
+
+class ControllerWatch:
+    """Subscribers of the demo process, which do not use simulated time."""
+
+    def __init__(self) -> None:
+        import rospy
+        from aras_visual_servo_controller.msg import ServoState
+        from sensor_msgs.msg import JointState
+
+        from aras_visual_servo_ros.connections import find_publishers
+        from aras_visual_servo_ros.log_folder import check_log_folder
+
+        self.progress = RunProgress()
+        find_publishers()
+        check_log_folder("aras_visual_servo_demo")
+        rospy.init_node(
+            "aras_visual_servo_demo", anonymous=True, disable_signals=True, disable_rostime=True
+        )
+        rospy.Subscriber(
+            "/aras_visual_servo/controller/state", ServoState, self._on_state, queue_size=10
+        )
+        self._joints = rospy.Subscriber(
+            "/aras_visual_servo/joint_states", JointState, self._on_joints, queue_size=1
+        )
+
+    def _on_joints(self, message) -> None:
+        self.progress.has_joint_states = True
+        self._joints.unregister()
+
+    def _on_state(self, message) -> None:
+        progress, stamp = self.progress, message.header.stamp.to_sec()
+        progress.phase, progress.reason, progress.stamp = message.phase, message.reason, stamp
+        if progress.start_stamp is None and message.phase in ("servoing", "converged"):
+            progress.start_stamp = stamp
+        if message.phase != "converged":
+            progress.convergence_stamp = None
+        elif progress.convergence_stamp is None:
+            progress.convergence_stamp = stamp
+
+
+def wait_for_master(uri: str, is_alive, timeout: float) -> bool:
+    """Return whether the master answers within `timeout` (s); give up when is_alive() is false."""
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline and is_alive():
+        with contextlib.suppress(OSError):
+            if rosgraph.is_master_online(uri):
+                return True
+        time.sleep(0.1)
+    return False
+
+
+def stop_recorder(uri: str, bag: Path, timeout: float = 15.0) -> bool:
+    """Stop the node `record`, and return whether its bag is closed within `timeout` (s)."""
+    active = bag.with_name(bag.name + ".active")
+    if not active.exists():
+        return bag.exists()
+    with contextlib.suppress(OSError, rosgraph.MasterException, xmlrpc.client.Error):
+        node = rosgraph.Master("/aras_visual_servo_demo", uri).lookupNode("/record")
+        xmlrpc.client.ServerProxy(node).shutdown("/aras_visual_servo_demo", "the run has ended")
+    deadline = time.monotonic() + timeout
+    while time.monotonic() < deadline:
+        if bag.exists() and not active.exists():
+            return True
+        time.sleep(0.1)
+    return False

@@ -1,0 +1,197 @@
+"""Subscriber of one robot's topics that updates a RunTrace.
+
+The trace restarts when another robot is spawned or the clock is reset.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable, Sequence
+
+import genpy
+import numpy as np
+import rospy
+from aras_visual_servo_camera.msg import ImageMoments
+from aras_visual_servo_controller.msg import ServoReport, ServoState
+from geometry_msgs.msg import PolygonStamped, PoseStamped
+from sensor_msgs.msg import CameraInfo, JointState
+
+from aras_visual_servo_base.poses import Pose, normalise
+from aras_visual_servo_base.urdf import read_robot_name
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.messages import read_outline_message
+from aras_visual_servo_camera.undistortion import CameraModel
+from aras_visual_servo_controller.errors import MeasurementError
+from aras_visual_servo_controller.records.state import ServoState as State
+from aras_visual_servo_controller.ros.description import DescriptionWatch
+from aras_visual_servo_controller.ros.node_settings import find_package_folder
+from aras_visual_servo_controller.ros.read_back import read_state
+from aras_visual_servo_controller.settings import Settings
+
+from ..drawing.run_trace import NO_STATE, RunTrace
+from ..drawing.track import RealTimeFactor
+
+# s of wall time without a joint state after which the real-time factor is unknown
+SILENCE_TIMEOUT = 2.0
+
+
+class GraphListener:
+    """Subscribers of one robot's topics, with the trace of its run and the latest values.
+
+    Attributes:
+        on_state: called with each controller state and its joint positions, or None.
+        robot_name, robot_count: name of the robot, and number of robots so far.
+        run_trace: trace of the run; None without a robot.
+        urdf: description of the robot.
+        restart_count: number of new robots and clock resets.
+        positions, velocities: (n,) joint positions and velocities in the order of the arm.
+        stamp: stamp (s) of the latest joint state.
+        no_target_reason: why the latest image has no target; '' if it has one.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        """Subscribe to the topics that the controller's `settings` name."""
+        self.settings = settings
+        self.on_state: Callable[[State, Sequence[float]], None] | None = None
+        self.robot_name, self.robot_count = "", 0
+        self.run_trace: RunTrace | None = None
+        self.urdf = ""
+        self.restart_count = 0
+        self.positions: np.ndarray | None = None
+        self.velocities: np.ndarray | None = None
+        self.report: ServoReport | None = None
+        self.stamp = 0.0
+        self.no_target_reason = ""
+        self.lock = threading.RLock()
+        self._description = DescriptionWatch(settings.description)
+        self._real_time_factor, self._joints_message, self._last_joints_time = (
+            RealTimeFactor(),
+            b"",
+            -math.inf,
+        )
+        self._goal: np.ndarray | None = None
+        self._outline = np.zeros((0, 2))
+        self._camera: CameraModel | None = None
+        space = settings.namespace.rstrip("/")
+        for topic, kind, callback, queue_size in (
+            # Joint states arrive at 100 Hz; they are deserialized only in `refresh`.
+            (f"{space}/joint_states", rospy.AnyMsg, self._on_joints, 1),
+            (f"{space}/controller/state", ServoState, self._on_state, 10),
+            (f"{space}/controller/diagnosis", ServoReport, self._on_report, 1),
+            (f"{space}/controller/goal", PoseStamped, self._on_goal, 1),
+            (f"{space}/controller/desired_outline", PolygonStamped, self._on_outline, 1),
+            (f"{space}/camera/moments", ImageMoments, self._on_moments, 10),
+            (f"{settings.camera_namespace.rstrip('/')}/camera_info", CameraInfo, self._on_info, 1),
+        ):
+            rospy.Subscriber(topic, kind, callback, queue_size=queue_size, tcp_nodelay=True)
+
+    def update(self) -> RunTrace | None:
+        """Look for another robot, and return the updated trace; None without a robot.
+
+        Raises:
+            ConfigurationError: the robot description is invalid.
+        """
+        watched = None if self.run_trace is None else self.restart_count
+        if urdf := self._description.find_new(watched):
+            name = read_robot_name(urdf)
+            arm = self.settings.for_robot(name, ()).make_arm(urdf)
+            with self.lock:
+                self.urdf, self.run_trace, self.robot_name = urdf, RunTrace(arm), name
+                self.robot_count += 1
+                self.positions = self.velocities = None
+                self.restart_count += 1
+        return self.refresh()
+
+    def refresh(self) -> RunTrace | None:
+        """Return the trace, updated with the latest messages; None without a robot."""
+        trace = self.run_trace
+        if trace is None:
+            return None
+        with self.lock:
+            trace.goal, trace.outline, trace.camera = self._goal, self._outline, self._camera
+            self._read_joints(trace)
+            is_silent = time.monotonic() - self._last_joints_time > SILENCE_TIMEOUT
+            trace.factor = None if is_silent else self._real_time_factor.factor
+        return trace
+
+    def clear_controller(self) -> None:
+        """Forget the last state and diagnosis of a controller that has ended."""
+        with self.lock:
+            self.report = None
+            if self.run_trace is not None:
+                self.run_trace.state = NO_STATE
+
+    def _read_joints(self, run_trace: RunTrace) -> None:
+        content, self._joints_message = self._joints_message, b""
+        if not content:
+            return
+        message = JointState()
+        try:
+            message.deserialize(content)
+            sample = run_trace.arm.read_joints(message.name, message.position, message.velocity)
+        except (MeasurementError, genpy.MessageException, ValueError):
+            return  # invalid or of another type; the controller reports this
+        stamp = message.header.stamp.to_sec()
+        if stamp < self.stamp:
+            run_trace.clear()
+            self.restart_count += 1
+        self.stamp = stamp
+        self._real_time_factor.add(time.monotonic(), stamp)
+        self.positions, self.velocities = sample.positions, sample.velocities
+        run_trace.set_joints(sample.positions)
+
+    def _on_joints(self, message: rospy.AnyMsg) -> None:
+        self._last_joints_time, self._joints_message = time.monotonic(), message._buff
+
+    def _on_report(self, message: ServoReport) -> None:
+        self.report = message
+
+    def _on_state(self, message: ServoState) -> None:
+        report = self.report
+        same = report is not None and report.phase == message.phase
+        state = read_state(message, report if same else None)
+        with self.lock:
+            if self.run_trace is not None:
+                is_ours = (
+                    state.joints is not None and state.joints.names == self.run_trace.arm.names
+                )
+                joints = state.joints.positions if is_ours else ()
+                self.run_trace.add_state(state, joints)
+                if self.on_state is not None:
+                    self.on_state(state, joints)
+
+    def _on_goal(self, message: PoseStamped) -> None:
+        position, orientation = message.pose.position, message.pose.orientation
+        with contextlib.suppress(ZeroDivisionError):  # a zero quaternion
+            quat = normalise((orientation.x, orientation.y, orientation.z, orientation.w))
+            pose = Pose((position.x, position.y, position.z), quat).matrix()
+            if np.isfinite(pose).all():
+                self._goal = pose
+
+    def _on_outline(self, message: PolygonStamped) -> None:
+        with contextlib.suppress(VisionError):
+            self._outline = np.array(read_outline_message(message)).reshape(-1, 2)
+
+    def _on_moments(self, message: ImageMoments) -> None:
+        self.no_target_reason = "" if message.valid else message.reason
+        if message.valid and len(message.m) > 2 and message.m[0] > 0.0:
+            with self.lock:
+                if self.run_trace is not None:
+                    x, y = message.m[1] / message.m[0], message.m[2] / message.m[0]
+                    self.run_trace.add_image_point("centre", x, y)
+
+    def _on_info(self, message: CameraInfo) -> None:
+        with contextlib.suppress(VisionError):  # the camera node reports the error
+            self._camera = CameraModel.from_message(message)
+
+
+def make_listener_settings(parameters: dict[str, object]) -> Settings:
+    """Return the controller settings of a node that only listens, from its parameters.
+
+    Raises:
+        ConfigurationError: a parameter is invalid.
+    """
+    return Settings.from_mapping(parameters, find_package_folder())

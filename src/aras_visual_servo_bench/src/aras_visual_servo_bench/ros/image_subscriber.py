@@ -1,0 +1,90 @@
+"""Subscriber of the camera images for the live page, as JPEG."""
+
+from __future__ import annotations
+
+import threading
+
+import cv2
+import numpy as np
+import rospy
+from sensor_msgs.msg import Image as ImageMessage
+
+from aras_visual_servo_camera.errors import VisionError
+from aras_visual_servo_camera.images import decode
+
+QUALITY = 80
+BUFFER_BYTES = 2**24  # room for several images, so that old ones do not queue up in the socket
+OVERLAY_NOTE = "green: detected target \u2002 blue: desired view"
+PLAIN_NOTE = "camera image; the camera node is not running"
+
+
+class ImageSubscriber:
+    """Subscriber of the camera node's overlay, or of the raw image if this node is not running.
+
+    Attributes:
+        note: text that explains the image.
+    """
+
+    def __init__(self, space: str, camera: str) -> None:
+        """Create a subscriber.
+
+        Args:
+            space: namespace of the camera node's topics.
+            camera: namespace of the camera's topics.
+        """
+        self._topics = f"{space}/camera/overlay", f"{camera}/image_raw"
+        self._subscribers: list[rospy.Subscriber | None] = [None, None]
+        self._lock = threading.Lock()
+        self._newest: ImageMessage | None = None
+        self.note = PLAIN_NOTE
+
+    def set_viewer_count(self, viewers: int) -> None:
+        """Subscribe for the first viewer, and unsubscribe after the last one.
+
+        Without a subscriber the camera node draws no overlay.
+        """
+        with self._lock:
+            if viewers and self._subscribers[0] is None:
+                self._subscribe(0)
+            elif not viewers:
+                for which in (0, 1):
+                    self._unsubscribe(which)
+                self._newest = None
+
+    def choose_topic(self) -> None:
+        """Switch to the raw image if no overlay is published, and back if it is."""
+        with self._lock:
+            if self._subscribers[0] is None:
+                return
+            has_overlay = self._subscribers[0].get_num_connections() > 0
+            self.note = OVERLAY_NOTE if has_overlay else PLAIN_NOTE
+            if has_overlay:
+                self._unsubscribe(1)
+            elif self._subscribers[1] is None:
+                self._subscribe(1)
+
+    def take_jpeg(self) -> bytes | None:
+        """Return the newest image as JPEG; None without a new one since the last call."""
+        message, self._newest = self._newest, None
+        if message is None:
+            return None
+        try:
+            bgr = np.ascontiguousarray(decode(message).rgb[:, :, ::-1])
+        except VisionError:
+            return None  # the camera node reports the error
+        done, content = cv2.imencode(".jpg", bgr, (cv2.IMWRITE_JPEG_QUALITY, QUALITY))
+        return content.tobytes() if done else None
+
+    def _on_image(self, message: ImageMessage) -> None:
+        self._newest = message
+
+    def _subscribe(self, index: int) -> None:
+        self._subscribers[index] = rospy.Subscriber(
+            self._topics[index], ImageMessage, self._on_image, queue_size=1, buff_size=BUFFER_BYTES,
+            tcp_nodelay=True,
+        )  # fmt: skip
+
+    def _unsubscribe(self, index: int) -> None:
+        if self._subscribers[index] is not None:
+            self._subscribers[index].unregister()
+            self._subscribers[index] = None

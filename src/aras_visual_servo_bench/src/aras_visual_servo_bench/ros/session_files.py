@@ -1,0 +1,157 @@
+"""Files that the live page creates: taught goals, recorded bags and their reports."""
+
+from __future__ import annotations
+
+import os
+import re
+import subprocess
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+from ..errors import RefusedError, catch_write_errors
+from .ros_launch import RosLaunch
+
+TEACH_TIMEOUT, REPORT_TIMEOUT, CLOSE_TIMEOUT = 90.0, 180.0, 15.0  # s of wall time
+IMAGE_TIMEOUT = 20.0  # s of wall time for which teaching waits for images
+REPORT_FOLDER = "report"
+ACTIVE_SUFFIX = ".active"  # rosbag's suffix of an unclosed bag
+LOG_PREFIX = re.compile(r"^\[ ?\w+\] \[[\d., ]+\]: ")  # prefix of a log line
+# log line of report_recorder_end
+RECORDER_ERROR = re.compile(r"^\[ERROR\] (the recorder .*)$", re.MULTILINE)
+
+
+class SessionFiles:
+    """Runs the tools teach, record and analyze, and manages their output files.
+
+    Attributes:
+        check_recording: called before a recording; raises RefusedError if it is impossible.
+        directory: folder of all files.
+        open_bag: bag that is being recorded, or None.
+        last_bag: last recorded bag, or None; unclosed if its recorder was killed.
+        report_page: path of the last report's page relative to the folder of reports, or ''.
+    """
+
+    def __init__(self, directory: Path) -> None:
+        self.check_recording: Callable[[], None] = lambda: None
+        self.directory = directory
+        self.open_bag: Path | None = None
+        self.last_bag: Path | None = None
+        self.report_page = ""
+        self._recorder: RosLaunch | None = None
+
+    def teach_goal(self, name: str, scheme: str) -> str:
+        """Store the current view of the camera as a goal with this name."""
+        path = self._make_folder("goals") / f"{name}.yaml"
+        tool = ["rosrun", "aras_visual_servo_controller", "teach"]
+        self._run([*tool, str(path), "--scheme", scheme,
+                   "--timeout", str(IMAGE_TIMEOUT)], TEACH_TIMEOUT)
+        return f"stored the current view as goal {name}: {path}"
+
+    def start_recording(self) -> str:
+        """Record a bag of all relevant topics until `stop_recording`."""
+        if self.open_bag is not None and self._recorder.running:
+            raise RefusedError(f"already recording to {self.open_bag}")
+        self.check_recording()
+        bag = self._make_folder("bags") / time.strftime("run_%Y-%m-%d_%H-%M-%S.bag")
+        self._recorder = RosLaunch(
+            ["aras_visual_servo_gazebo", "record.launch", f"bag:={bag}"],
+            self._make_folder("log") / "record.txt", dict(os.environ),
+        )  # fmt: skip
+        active = bag.with_name(bag.name + ACTIVE_SUFFIX)
+        end = time.monotonic() + CLOSE_TIMEOUT
+        while not (active.exists() or bag.exists()):
+            ended = RECORDER_ERROR.search(self._recorder.read_log())
+            if ended or self._recorder.find_death_message() or time.monotonic() > end:
+                why = ended[1] if ended else self._recorder.read_last_lines(1).strip()
+                self._recorder.stop()
+                raise RefusedError(f"the recorder did not start: {why}")
+            time.sleep(0.1)
+        self.open_bag = bag
+        return f"recording to {bag}"
+
+    def stop_recording(self) -> str:
+        """Stop the recorder, which closes the bag."""
+        if self.open_bag is None:
+            raise RefusedError("nothing is being recorded")
+        error = self.find_recording_error()
+        self._recorder.stop()
+        bag, self.open_bag = self.open_bag, None
+        if not bag.exists():
+            # the recorder was killed; a report can read the unclosed bag
+            bag = bag.with_name(bag.name + ACTIVE_SUFFIX)
+        if not bag.exists():
+            raise RefusedError(
+                f"the recorder left no bag: {self._recorder.read_last_lines(1).strip()}"
+            )
+        self.last_bag = bag
+        text = f"recorded {bag} ({bag.stat().st_size / 1e6:.1f} MB)"
+        if error:
+            raise RefusedError(f"{error}; the bag until then is available: {text}")
+        return text
+
+    def find_recording_error(self) -> str:
+        """Return why the recorder has stopped, such as a full disk; otherwise ''."""
+        if self.open_bag is None:
+            return ""
+        ended = RECORDER_ERROR.search(self._recorder.read_log())
+        if ended:
+            return ended[1]
+        if (
+            not self._recorder.find_death_message()
+            and "Disabling recording" not in self._recorder.read_log()
+        ):
+            return ""
+        last_line = self._recorder.read_last_lines(1).strip()
+        return f"the recorder has stopped: {LOG_PREFIX.sub('', last_line)}"
+
+    def make_report(self) -> str:
+        """Create the report of the last bag by `analyze`."""
+        if self.open_bag is not None:
+            raise RefusedError("a bag is being recorded: stop the recording first")
+        if self.last_bag is None:
+            raise RefusedError("nothing has been recorded yet")
+        out = self._make_folder(REPORT_FOLDER) / self.last_bag.stem
+        self._run(["rosrun", "aras_visual_servo_bench", "analyze", str(self.last_bag), "--out",
+                   str(out), "--formats", ""], REPORT_TIMEOUT)  # only the page, no figure files
+        pages = sorted(out.rglob("*.html"))
+        if not pages:
+            raise RefusedError(f"analyze wrote no page into {out}")
+        self.report_page = str(pages[0].relative_to(self.directory / REPORT_FOLDER))
+        return f"wrote the report into {out}"
+
+    def find_file(self, name: str) -> Path | None:
+        """Return the path of a report file; None for any path outside the folder of reports."""
+        root = (self.directory / REPORT_FOLDER).resolve()
+        try:
+            path = (root / name).resolve()
+            return path if path.is_relative_to(root) and path.is_file() else None
+        except (OSError, ValueError):  # invalid file name: too long, or with a NUL
+            return None
+
+    def close(self) -> None:
+        """Stop the recorder, if it is running."""
+        if self._recorder is not None:
+            self._recorder.stop()
+
+    def _make_folder(self, name: str) -> Path:
+        path = self.directory / name
+        with catch_write_errors(f"to {path}", RefusedError):
+            path.mkdir(parents=True, exist_ok=True)
+        return path
+
+    @staticmethod
+    def _run(command: list[str], seconds: float) -> None:
+        """Run a tool and wait for its end.
+
+        Raises:
+            RefusedError: the tool fails, with its last line of output, or exceeds `seconds`.
+        """
+        try:
+            done = subprocess.run(command, capture_output=True, text=True, timeout=seconds,
+                                  check=False, stdin=subprocess.DEVNULL)  # fmt: skip
+        except subprocess.TimeoutExpired:
+            raise RefusedError(f"{command[2]} did not finish within {seconds:.0f} s") from None
+        if done.returncode:
+            lines = [line for line in (done.stdout + done.stderr).splitlines() if line.strip()]
+            raise RefusedError(lines[-1].strip() if lines else f"{command[2]} failed")

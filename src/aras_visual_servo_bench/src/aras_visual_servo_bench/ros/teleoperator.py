@@ -1,0 +1,98 @@
+"""Jogging of the arm from the live page, by a thread that sends the commands of a Jog."""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections.abc import Sequence
+
+import rospy
+
+from aras_visual_servo_controller.errors import ConfigurationError
+from aras_visual_servo_controller.kinematics import DifferentialIK
+from aras_visual_servo_controller.ros.commands import CommandTopics, stop_controller
+from aras_visual_servo_controller.settings import Settings
+from aras_visual_servo_controller.teleop.jog import Jog
+
+from ..errors import RefusedError
+from .graph_listener import GraphListener
+
+PERIOD = 0.02  # s of wall time between two commands
+
+
+class Teleoperator:
+    """Jogs one robot for a short time after each request."""
+
+    def __init__(self, listener: GraphListener, settings: Settings) -> None:
+        self._listener, self._settings = listener, settings
+        self._lock = threading.Lock()
+        self._jog: Jog | None = None
+        self._topics: CommandTopics | None = None
+        self._wake = threading.Event()
+        threading.Thread(target=self._run, name="teleoperator", daemon=True).start()
+
+    def move_camera(self, twist: Sequence[float]) -> str:
+        """Move the camera with a twist (6,) in its optical frame, m/s and rad/s, for a short time.
+
+        Returns:
+            The reason why the motion is limited, or ''.
+        """
+        jog = self._start_jog() if any(twist) else self._jog
+        if jog is None:
+            return ""
+        with self._lock:
+            jog.set_twist(twist, time.monotonic())
+        self._wake.set()
+        return jog.reason
+
+    def move_joint(self, name: str, fraction: float) -> str:
+        """Move one joint with a fraction (-1 to 1) of its maximum speed for a short time.
+
+        Returns:
+            The reason why the motion is limited, or ''.
+        """
+        jog = self._start_jog()
+        with self._lock:
+            jog.set_joint_speed(name, fraction, time.monotonic())
+        self._wake.set()
+        return jog.reason
+
+    def _start_jog(self) -> Jog:
+        """Stop the controller, and return the Jog of the current robot.
+
+        Raises:
+            RefusedError: there is no robot, or its controller cannot be stopped.
+        """
+        trace = self._listener.run_trace
+        if trace is None or self._listener.positions is None:
+            raise RefusedError("no joint states are received: is the robot running?")
+        if trace.state.phase not in ("", "stopped"):
+            stop_controller(self._settings.namespace.rstrip("/"))
+        if self._jog is None or self._jog.arm is not trace.arm:
+            settings = self._settings.for_robot(self._listener.robot_name, ())
+            limits = settings.make_limits(trace.arm)
+            try:
+                topics = CommandTopics(settings, trace.arm.names, "position")
+            except ConfigurationError as error:
+                raise RefusedError(str(error)) from None
+            with self._lock:
+                if self._topics is not None:
+                    self._topics.close()
+                self._jog = Jog(trace.arm, limits, DifferentialIK(trace.arm, limits))
+                self._topics = topics
+        return self._jog
+
+    def _run(self) -> None:
+        while not rospy.is_shutdown():
+            self._wake.wait(0.5)
+            with self._lock:
+                jog, positions = self._jog, self._listener.positions
+                command = None
+                if jog is not None and positions is not None:
+                    command = jog.update(time.monotonic(), positions)
+                    if command is not None:
+                        self._topics.send(command)
+            if command is None:
+                self._wake.clear()
+                continue
+            time.sleep(PERIOD)

@@ -1,0 +1,1 @@
+"""Run an experiment: the closed control loop, and a Gymnasium environment."""

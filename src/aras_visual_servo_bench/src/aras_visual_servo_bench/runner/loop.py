@@ -1,0 +1,304 @@
+"""Run an experiment: the plant advances to its next measurement, and the loop responds to it."""
+
+from __future__ import annotations
+
+import heapq
+import logging
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import replace
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from aras_visual_servo_base.memory import release_freed_memory
+from aras_visual_servo_base.poses import inverse
+from aras_visual_servo_controller.observation.frame import Frame, to_seconds
+from aras_visual_servo_controller.records.remedy import Remedy
+from aras_visual_servo_controller.records.run_record import Record
+from aras_visual_servo_controller.records.state import CONVERGED, Command, ServoState
+from aras_visual_servo_controller.runner.loop_runner import LoopRunner
+
+from ..errors import log_once
+from ..experiment.experiment import Experiment
+from ..plants import JointReading
+from ..recording.run import Run, Verdict
+from ..recording.run_recorder import RunRecorder
+from ..setup.assembly import Assembly, assemble
+
+if TYPE_CHECKING:
+    from .run_termination import RunTermination
+
+NS = 1_000_000_000
+FINAL_NS = 50_000_000  # time after the experiment's duration, for one more image
+FIRST_IMAGE_TIMEOUT_NS = 5 * NS
+OCCLUSION_NOTE = (
+    "at the end the arm hides {:.0f} % of the target: on plant chain the arm is transparent, on "
+    "plant bullet it is not"
+)
+STUCK_OUTCOME = "joints_do_not_follow"
+COLLISION_REMEDY = (
+    "start in another posture, or choose start and goal so that the arm stays clear of {}"
+)
+VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path are without this vibration"
+log = logging.getLogger(__name__)
+
+
+def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -> Run:
+    """Run an experiment from its start to its end.
+
+    Time is simulated: the same experiment and seed give bit-identical results on every run.
+
+    Args:
+        experiment: an Experiment, a mapping of its keys, or the path of its YAML file; None: the
+            default experiment.
+
+    Returns:
+        The run: its time series, the `outcome` of the loop, and the `verdict` from the true poses.
+
+    Raises:
+        ExperimentError: the experiment cannot be run; the message names the wrong key and the
+            remedy. Failures during the run are outcomes, not errors.
+    """
+    result = _run_once(Experiment.load(experiment))
+    release_freed_memory()
+    return result
+
+
+def _run_once(experiment: Experiment) -> Run:
+    """Run an experiment in a function of its own, so that loop and plant are freed at its end."""
+    loop = Loop(experiment, assemble(experiment), records_films=experiment.has_images)
+    try:
+        loop.run_to_end()
+        return loop.make_run()
+    finally:
+        loop.close()
+
+
+class Loop:
+    """Run of an experiment that can be advanced image by image.
+
+    `run_to_image` continues to the next image, `run_to_end` to the end, and `make_run` returns the
+    run up to the current time. Call `close` at the end. `run(experiment)` does all this at once.
+    A LoopRunner drives the control loop, as in the controller node.
+
+    Attributes:
+        experiment, parts: the experiment and its parts. servo: the control loop.
+        reading, state: the last image and the loop's state after processing it, or None.
+    """
+
+    def __init__(
+        self, experiment: Experiment, parts: Assembly, records_films: bool = False,
+        on_frame: Callable[[Loop, Frame], None] | None = None,
+    ) -> None:
+        """Prepare the run.
+
+        Args:
+            records_films: record the images of cameras other than the control camera.
+            on_frame: called with this loop and every frame of every camera at its exposure.
+        """
+        self.experiment, self.parts = experiment, parts
+        self.plant, self.servo = parts.plant, parts.servo
+        self.reading: Frame | None = None
+        self.state: ServoState | None = None
+        self._recorder = RunRecorder(len(self.plant.joint_names), records_films)
+        self.servo.on_record = self._recorder.records.append
+        self._has_free_camera = "twist" in self.plant.outputs
+        self._termination: RunTermination | None = None
+        if self._has_free_camera:
+            from .run_termination import RunTermination
+
+            self._termination = RunTermination(experiment, parts)
+        # The wall clock is constant: delays are those of simulated time.
+        self._driver = LoopRunner(
+            parts.servo, parts.rig, parts.settings, self,
+            clock=lambda: to_seconds(self.plant.time_ns), wall_clock=lambda: 0.0,
+        )  # fmt: skip
+        self._on_frame = on_frame
+        self._has_new_state = False
+        # Heap of frames: time of arrival (ns), order of exposure, frame.
+        self._pending: list[tuple[int, int, Frame]] = []
+        self._delayed_count = 0
+        self._delays_ns = {name: round(cam.delay * NS) for name, cam in parts.cameras.items()}
+        self._start_ns: int | None = None
+        self._convergence_ns: int | None = None
+        self._collision: tuple[str, str] | None = None
+        self.plant.attach_loop(self._driver, self._recorder, lambda: self._last_ns)
+
+    # -- LoopListener ----------------------------------------------------------------------
+
+    def send(self, command: Command) -> None:
+        """Send a command to the plant's joints; the ideal camera receives its twist in `report`."""
+        if command.values is not None and not self._has_free_camera:
+            self.plant.command(command.kind, command.values)
+            self._recorder.on_command(command.values)
+
+    def report(self, state: ServoState) -> None:
+        """Record the state of the loop after an image; ignore the states between images."""
+        if not state.has_processed_image:
+            return
+        self._has_new_state = True
+        if state.phase != CONVERGED:
+            self._convergence_ns = None
+        elif self._convergence_ns is None:
+            self._convergence_ns = self.plant.time_ns
+        self.state = state
+        if state.outcome == STUCK_OUTCOME and self._collision is None:
+            self._collision = self.plant.find_collision()
+        self._recorder.add_state(state, self.plant.read_pose())
+        if self._termination is not None:
+            self._termination.add_image(state, self.plant.read_pose())
+            self.plant.command("twist", state.achieved_twist)
+
+    def log(self, text: str) -> None:
+        """Log a message of the loop."""
+        log.info("%s", text)
+
+    # -- the run ---------------------------------------------------------------------------
+
+    @property
+    def records(self) -> tuple[Record, ...]:
+        """Input of the diagnosis so far, for `diagnose(servo.diagnosis.run, records)`."""
+        return tuple(self._recorder.records)
+
+    @property
+    def servo_time(self) -> float:
+        """Time since the first image, s; 0 before it."""
+        return 0.0 if self._start_ns is None else (self.plant.time_ns - self._start_ns) / NS
+
+    @property
+    def is_over(self) -> bool:
+        """True after the end of the run."""
+        if self._termination is not None and self._termination.is_over:
+            return True
+        return self.plant.time_ns > self._last_ns
+
+    @property
+    def _last_ns(self) -> float:
+        """End of the run as known now, ns of simulated time."""
+        time_after_convergence = self.experiment.time_after_convergence
+        if self._start_ns is None:
+            return FIRST_IMAGE_TIMEOUT_NS - 1
+        # With one more image the loop detects that its time is over.
+        last_ns = self._start_ns + self.experiment.duration * NS + FINAL_NS
+        if time_after_convergence is None or self._convergence_ns is None or self._has_free_camera:
+            return last_ns
+        return min(last_ns, np.nextafter(self._convergence_ns + time_after_convergence * NS, 0.0))
+
+    def run_to_end(self) -> None:
+        """Continue to the end of the run."""
+        while not self.is_over:
+            self.run_to_image()
+
+    def run_to_image(self) -> ServoState | None:
+        """Continue until the loop has processed an image.
+
+        Returns:
+            The state of the loop after the image; None if the run has ended before.
+        """
+        driver, observe = self._driver, self.parts.observe
+        self._has_new_state = False
+        while not (self.is_over or self._has_new_state):
+            for reading in self._advance_plant():
+                if isinstance(reading, JointReading):
+                    stamp = reading.stamp
+                    driver.add_joint_state(
+                        reading.names, reading.positions, reading.velocities, stamp
+                    )
+                    self._recorder.on_joints(stamp, *reading.select(self.plant.joint_names))
+                    continue
+                if reading.name == self.parts.rig.control.name:
+                    self.reading = reading
+                driver.add_image(reading.stamp, partial(observe, reading), reading.name)
+        return self.state if self._has_new_state else None
+
+    def _advance_plant(self) -> Iterator[JointReading | Frame]:
+        """Advance the plant; yield joint states, and frames after the delay of their camera."""
+        plant, pending = self.plant, self._pending
+        until_ns = plant.time_ns + NS
+        if pending:
+            until_ns = min(until_ns, pending[0][0])
+        for reading in plant.advance(until_ns):
+            if isinstance(reading, JointReading):
+                yield reading
+                continue
+            self._note_exposure(reading)
+            if reading.name not in self.parts.rig.observers:
+                continue
+            if delay_ns := self._delays_ns[reading.name]:
+                self._delayed_count += 1  # orders frames that arrive at the same time
+                heapq.heappush(pending, (reading.stamp_ns + delay_ns, self._delayed_count, reading))
+            else:
+                yield reading
+        while pending and pending[0][0] <= plant.time_ns:
+            yield heapq.heappop(pending)[2]
+
+    def _note_exposure(self, frame: Frame) -> None:
+        """Record a frame at its exposure, also of cameras that the loop does not read."""
+        if self._on_frame is not None:
+            self._on_frame(self, frame)
+        if frame.name != self.parts.rig.control.name:
+            model = self.parts.cameras[frame.name].true_camera
+            pose = self.parts.placements[frame.name].compute_pose(self.plant.read_rest_pose())
+            pose = self.plant.apply_vibration(pose, frame.stamp_ns, frame.name)
+            self._recorder.add_image(frame, pose, model)
+        elif self._start_ns is None:
+            self._start_ns = frame.stamp_ns
+
+    def compute_goal_pose(self) -> np.ndarray:
+        """Compute the desired world_T_camera (4, 4) now, which moves with the target."""
+        target = self.parts.target
+        motion = target.world_T_target(self.plant.time_ns / NS) @ inverse(
+            target.world_T_target(0.0)
+        )
+        return motion @ self.parts.goal_pose
+
+    def compute_verdict(self) -> Verdict:
+        """Compare the true camera pose, without vibration, with the desired one."""
+        offset = self.parts.cameras[self.parts.rig.control.name].spec.calibration_offset
+        depth = self.parts.goal.distance / offset.depth
+        return Verdict.compare(
+            self.compute_goal_pose(), self.plant.read_rest_pose(), depth, self.experiment.reached
+        )
+
+    def make_run(self) -> Run:
+        """Return the run up to the current time."""
+        if self.is_over and self.servo.outcome.kind == "running":
+            # The loop ends by itself only at an image with a measurement. Here the target has been
+            # missing at the end, but not long enough for an outcome of its own.
+            self.servo.time_out(self.experiment.duration)
+        outcome = self.servo.outcome
+        if self._termination is not None:
+            outcome = self._termination.decide_outcome(outcome)
+        if outcome.kind == STUCK_OUTCOME and self._collision is not None:
+            link, other = self._collision
+            reason = f"{outcome.reason}: link '{link}' is in collision with '{other}'"
+            remedy = Remedy(COLLISION_REMEDY.format(f"'{other}'"))
+            outcome = replace(outcome, reason=reason, remedy=remedy)
+        run = self._recorder.make_run(
+            self.plant, self.experiment, self.parts,
+            goal_pose=self.compute_goal_pose(),
+            joint_names=self.plant.joint_names,
+            outcome=outcome.kind,
+            reason=outcome.reason,
+            remedy=outcome.remedy,
+            verdict=self.compute_verdict(),
+            peak_speed=getattr(self.plant, "peak_speed", None),
+            notes=[*self.parts.notes] + [
+                VIBRATION_NOTE.format(name, vibration.shake)
+                for name, vibration in self.plant.vibrations.items()
+            ],
+        )  # fmt: skip
+        if self.experiment.plant == "chain" and run.converged:
+            hidden = self.parts.postures.compute_occlusion(
+                self.plant.read_joints()[0], self.plant.time_ns / NS
+            )
+            if hidden:
+                run.notes.append(OCCLUSION_NOTE.format(100.0 * hidden))
+                log_once(run.notes[-1])
+        return run
+
+    def close(self) -> None:
+        """Close the plant."""
+        self.plant.close()

@@ -1,1 +1,0 @@
-"""An experiment carried out: the closed loop, and the Gymnasium environment."""

@@ -1,0 +1,1 @@
+"""Studies: many runs of an experiment with varied settings, and their results."""

@@ -1,0 +1,136 @@
+"""Comparison of two studies: statistically significant differences of their metrics."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from ..errors import StudyError
+from ..metrics.formatting import make_number_format
+from ..metrics.metrics import GREATER, SMALLER
+from ..metrics.statistics import Comparison, compare_rates, compare_values, holm
+from .results import REAL_TIME_MULTIPLE, Results
+
+SIGNIFICANCE_LEVEL = 0.05
+# Verdict about the second study. DIFFERS: the metric has no better direction, or the medians are
+# equal although the distributions differ.
+BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
+
+
+@dataclass(frozen=True)
+class Difference:
+    """Result of comparing one metric of two studies in one group of settings.
+
+    group: the settings. metric: name. p: p-value with Holm's correction.
+    verdict: BETTER, WORSE or DIFFERS; CHANCE if the difference is not significant.
+    """
+
+    group: str
+    metric: str
+    comparison: Comparison
+    p: float
+    verdict: str
+
+
+def find_differences(
+    first: Results, second: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
+) -> list[Difference]:
+    """Compare success and all shared metrics of two studies, in each shared group of settings.
+
+    Runs are paired if their settings and seeds are equal. Holm's method corrects the p-values for
+    the number of comparisons, because at a level of 5 % one of twenty would be significant by
+    chance.
+
+    Args:
+        by: keys that define the groups; empty: those of the grid and the cases.
+        metrics: names; empty: all.
+
+    Raises:
+        StudyError: the studies have no settings in common, or a metric is unknown.
+    """
+    keys = tuple(by) or tuple(k for k in first.parameters if k in second.parameters)
+    one, two = _index_rows(first, keys), _index_rows(second, keys)
+    groups = [values for values in one if values in two]
+    if not groups:
+        raise StudyError(f"{first.name} and {second.name} have no settings of {keys} in common")
+    shared = {m.name for m in second.metrics} - {REAL_TIME_MULTIPLE.name}
+    chosen = [m for m in first.select_metrics(metrics) if m.name in shared]
+    tests: list[tuple[str, str, str, Comparison]] = []
+    for values in groups:
+        group = ", ".join(f"{k}={v}" for k, v in zip(keys, values, strict=True)) or "all"
+        a, b, paired = _pair_rows(one[values], two[values])
+        rates = compare_rates(first.compute_successes()[a], second.compute_successes()[b], paired)
+        tests.append((group, "success", GREATER, rates))
+        for m in chosen:
+            comparison = compare_values(
+                first.read_numbers(m.name)[a], second.read_numbers(m.name)[b], paired
+            )
+            tests.append((group, m.name, m.better, comparison))
+    corrected = holm([comparison.p for *_, comparison in tests])
+    return [
+        Difference(
+            group,
+            name,
+            comparison,
+            p,
+            _find_verdict(better, comparison) if p < SIGNIFICANCE_LEVEL else CHANCE,
+        )
+        for (group, name, better, comparison), p in zip(tests, corrected, strict=True)
+    ]
+
+
+def describe_differences(differences: Sequence[Difference], is_verbose: bool) -> str:
+    """List significant differences, by increasing p-value, with the number of comparisons.
+
+    is_verbose: list all differences.
+    """
+    significant = [d for d in differences if d.verdict != CHANCE]
+    listed = list(differences) if is_verbose else sorted(significant, key=lambda d: d.p)
+    lines = []
+    for d in listed:
+        number = make_number_format((d.comparison.before, d.comparison.after))
+        pairs = f"{d.comparison.count} {'pairs' if d.comparison.paired else 'runs'}"
+        lines.append(
+            f"{d.verdict:<7} {d.metric:<18} {number(d.comparison.before)} -> "
+            f"{number(d.comparison.after)}  "
+            f"p {d.p:.2g}  {pairs}  {d.group}"
+        )
+    lines.append(
+        f"{len(significant)} of {len(differences)} differences are significant (Holm, "
+        f"α = {SIGNIFICANCE_LEVEL:g})"
+    )
+    return "\n".join(lines)
+
+
+def _index_rows(results: Results, keys: Sequence[str]) -> dict[tuple, dict[tuple, int]]:
+    """Return the index of each run, by the values of `keys` and then by all other varied values."""
+    random_keys = {variation.key for variation in results.study.random_variations}
+    others = sorted(key for key in results.study.keys if key not in (*keys, "seed"))
+    columns = {key: results.read_column(key) for key in ("seed", *others)}
+    varied = [column for key, column in columns.items()
+              if key == "seed" or key in random_keys or len(set(column)) > 1]  # fmt: skip
+    return {
+        values: {tuple(column[row] for column in varied): int(row) for row in rows}
+        for values, rows in results.group_rows(keys).items()
+    }
+
+
+def _pair_rows(
+    first: dict[tuple, int], second: dict[tuple, int]
+) -> tuple[np.ndarray, np.ndarray, bool]:
+    """Return the rows of both studies, and whether they are paired.
+
+    They are paired if at least 90 % of the runs have a partner; other runs are then left out.
+    """
+    both = [key for key in first if key in second]
+    if both and len(both) >= 0.9 * max(len(first), len(second)):
+        return np.array([first[k] for k in both]), np.array([second[k] for k in both]), True
+    return np.array(list(first.values())), np.array(list(second.values())), False
+
+
+def _find_verdict(better: str, comparison: Comparison) -> str:
+    if better not in (GREATER, SMALLER) or comparison.after == comparison.before:
+        return DIFFERS
+    return BETTER if (comparison.after > comparison.before) == (better == GREATER) else WORSE

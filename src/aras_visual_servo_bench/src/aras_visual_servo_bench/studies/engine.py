@@ -1,0 +1,134 @@
+"""Run the missing chunks of a study in a pool of workers, and write their results."""
+
+from __future__ import annotations
+
+import json
+import time
+from collections import deque
+from dataclasses import dataclass
+from typing import Any
+
+from ..errors import ExperimentError, StudyError
+from ..metrics.metrics import success
+from ..setup.assembly import check
+from . import images, rows
+from .pools import Pool
+from .progress import Progress, format_count, format_duration
+from .study import Study
+from .study_folder import StudyFolder
+from .work import StudyTask
+
+SHOWN_RUNS = 3  # runs that a dry run lists
+MAX_TRIALS = 200  # experiments that are checked before the first run, evenly spread over all
+
+
+@dataclass(frozen=True)
+class StudySummary:
+    """Result of running a study.
+
+    runs: number of runs that are stored now. failed: number of runs of this call without success.
+    stopped: row of the failed run that stopped the study; None if it was not stopped.
+    seconds: wall time.
+    """
+
+    runs: int
+    failed: int
+    stopped: dict[str, Any] | None
+    seconds: float
+
+
+def check_study(study: Study) -> None:
+    """Check the values of a study without running it.
+
+    Raises:
+        StudyError: a value is wrong, or values do not fit together.
+    """
+    images.check_images(study)
+    trials = study.make_trials()
+    for experiment in trials[:: max(len(trials) // MAX_TRIALS, 1)]:
+        try:
+            check(experiment)
+        except ExperimentError as error:
+            raise StudyError(str(error)) from error
+
+
+def is_success(values: dict[str, object], judged: str = success.name) -> bool:
+    """Return True if the run of a row was a success.
+
+    judged: metric that decides, which is 1 for a success.
+    """
+    return values.get(judged, 1.0) == 1.0 and values["outcome"] not in (
+        rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
+    )  # fmt: skip
+
+
+def carry_out(
+    folder: StudyFolder,
+    pool: Pool,
+    progress: Progress,
+    fail_fast: bool = False,
+    can_mix_code: bool = False,
+) -> StudySummary:
+    """Run the missing chunks of a study, and write their results into its folder.
+
+    Args:
+        fail_fast: submit no more chunks after a run without success.
+        can_mix_code: allow a study that was started with other code.
+
+    Raises:
+        StudyError: the workers are lost, or results cannot be written. Results that were written
+            before remain.
+    """
+    start = time.monotonic()
+    study = folder.study
+    text = json.dumps(study.to_mapping())
+    known = None if can_mix_code else tuple(folder.manifest["versions"].items())
+    todo = deque(folder.find_missing_chunks())
+    running = failed = 0
+    stopped = None
+    while todo or running:
+        while todo and not stopped and pool.has_room:
+            pool.submit(StudyTask(text, todo.popleft(), versions=known))
+            running += 1
+        if not running:
+            break
+        task, chunk_rows = pool.wait_for_chunk()
+        if chunk_rows is None:  # its worker died: repeat the chunk with one process per run
+            pool.submit(task)
+            continue
+        running -= 1
+        folder.write_chunk(task.chunk, chunk_rows)
+        bad = [values for values in chunk_rows.values if not is_success(values, study.judged)]
+        failed += len(bad)
+        progress.add_runs(len(chunk_rows.values), len(bad), chunk_rows.times, pool.workers)
+        if fail_fast and bad:
+            stopped = stopped or bad[0]
+    if not todo:
+        folder.finish()
+    missing = sum(len(study.list_chunk_runs(chunk)) for chunk in todo)
+    return StudySummary(study.run_count - missing, failed, stopped, time.monotonic() - start)
+
+
+def dry_run(study: Study, workers: int) -> list[str]:
+    """Describe a study in lines: number of runs, estimated time, and its first runs.
+
+    workers: number of parallel workers, for the estimate.
+    """
+    tried = [rows.compute_row(study, 0) for _ in range(2)]  # the first run also loads libraries
+    wall_times = [one.times[0]["wall"] for one in tried]
+    seconds = min(wall_times) * study.run_count / max(workers, 1)
+    lines = [
+        f"{format_count(study.run_count, 'run')}: {format_count(study.point_count, 'point')}, "
+        f"{study.repeats} of each; "
+        f"{format_count(study.chunk_count, 'chunk')} of {study.chunk_size}",
+        f"about {format_duration(seconds)} on {workers} core{'s' if workers > 1 else ''}: a run "
+        f"takes {min(wall_times):.2g} s here",
+    ]
+    for run in range(min(SHOWN_RUNS, study.run_count)):
+        settings = study.make_settings(run // study.repeats)
+        text = ", ".join(f"{k}={v}" for k, v in settings.items())
+        lines.append(f"run {run}: {text or 'base experiment'}; seed {study.compute_seed(run)}")
+    first = tried[-1].values[0]
+    if first["outcome"] in (rows.REFUSED, rows.FAULT):  # its time is no estimate for other runs
+        lines.append(f"run 0 as tried: {first['outcome']}: {first['reason']}")
+    return lines

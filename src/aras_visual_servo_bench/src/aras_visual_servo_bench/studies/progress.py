@@ -1,0 +1,136 @@
+"""Progress lines of a study: finished runs, rate, failures and remaining time."""
+
+from __future__ import annotations
+
+import math
+import sys
+import time
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, TextIO
+
+from ..metrics.formatting import format_number
+
+LINE_PERIOD = 10.0  # s between lines if the output is no terminal
+WIDTH = 24  # characters of the progress bar
+
+
+class Progress:
+    """Progress of a study: a bar on a terminal, else a line every LINE_PERIOD seconds.
+
+    Attributes:
+        failed: number of runs without success.
+    """
+
+    def __init__(
+        self, total: int, finished: int = 0, out: TextIO | None = None,
+        clock: Callable[[], float] = time.monotonic,
+    ) -> None:  # fmt: skip
+        """Start the progress; `total`: runs of the study; `finished`: runs stored already."""
+        self._total, self._finished = total, finished
+        self._out = sys.stderr if out is None else out
+        self._clock = clock
+        self._first: tuple[float, int] | None = None  # time of the first chunk, and finished runs
+        self._print_time = float("-inf")
+        self._warm_workers: set[str] = set()  # workers that have done a run
+        self._workers, self._timed_runs, self._wall_time = 1, 0, 0.0
+        self.failed = 0
+
+    def add_runs(
+        self, runs: int, failed: int, times: Sequence[Mapping[str, Any]] = (), workers: int = 1
+    ) -> None:
+        """Add finished runs.
+
+        Args:
+            runs: number of runs. failed: number of those without success.
+            times: rows of their wall times; see rows.TIMES_SCHEMA.
+            workers: number of workers that share the remaining runs.
+        """
+        self._finished += runs
+        self.failed += failed
+        self._workers = max(workers, 1)
+        for row in times:
+            if row["worker"] in self._warm_workers:  # the first run may include compilation
+                self._timed_runs += 1
+                self._wall_time += row.get("wall", 0.0)
+            self._warm_workers.add(row["worker"])
+        now = self._clock()
+        self._first = self._first or (now, self._finished)
+        terminal = self._out.isatty()
+        if terminal or now - self._print_time >= LINE_PERIOD or self._finished == self._total:
+            self._print_time = now
+            self._out.write(f"\r{self.make_line()}\x1b[K" if terminal else f"{self.make_line()}\n")
+            self._out.flush()
+
+    def make_line(self) -> str:
+        """Return the current progress as one line."""
+        fraction = self._finished / self._total if self._total else 1.0
+        each = self._compute_time_per_run()
+        remaining = (self._total - self._finished) * each if self._finished < self._total else 0.0
+        rate = f"{format_number(1.0 / each)}/s, " if 0.0 < each < math.inf else ""
+        return (
+            f"{format_bar(fraction)} {self._finished}/{format_count(self._total, 'run')}, "
+            f"{rate}{self.failed} without success, {format_duration(remaining)} left"
+        )
+
+    def _compute_time_per_run(self) -> float:
+        """Estimate the time per run of all workers together, s; inf: not known yet.
+
+        It is the larger of two estimates: the runs' own wall times, divided by the number of
+        workers; and the elapsed time since the first chunk, which is larger if workers wait.
+        """
+        if self._first is None or not self._timed_runs:
+            return math.inf
+        start, before = self._first
+        finished = self._finished - before
+        by_clock = (self._clock() - start) / finished if finished else 0.0
+        return max(self._wall_time / self._timed_runs / self._workers, by_clock)
+
+    def close(self) -> None:
+        """End the line on a terminal."""
+        if self._out.isatty():
+            self._out.write("\n")
+            self._out.flush()
+
+
+def format_count(number: int, what: str) -> str:
+    """Return a number with its noun, such as '1 run' or '2 runs'."""
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def format_duration(seconds: float) -> str:
+    """Return a duration with a suitable unit, from seconds to days."""
+    if seconds == float("inf"):
+        return "unknown time"
+    if seconds < 90.0:
+        return f"{seconds:.0f} s"
+    if seconds < 5400.0:
+        return f"{seconds / 60.0:.0f} min"
+    if seconds < 172800.0:
+        return f"{seconds / 3600.0:.1f} h"
+    return f"{seconds / 86400.0:.1f} days"
+
+
+def format_bar(fraction: float) -> str:
+    """Return a bar such as [####....] for a fraction from 0 to 1."""
+    filled = int(fraction * WIDTH)
+    return f"[{'#' * filled}{'.' * (WIDTH - filled)}]"
+
+
+class ProgressBar:
+    """Progress bar on a terminal; without a terminal it prints nothing."""
+
+    def __init__(self, out: TextIO) -> None:
+        self._out, self._line = out, out.isatty()
+
+    def show(self, fraction: float, task: str) -> None:
+        """Show the finished fraction, 0 to 1, and the name of the current task."""
+        if self._line:
+            self._out.write(
+                f"\r{format_bar(fraction)} {100.0 * fraction:3.0f} % {task[-48:]}\x1b[K"
+            )
+            self._out.flush()
+
+    def close(self) -> None:
+        """Erase the bar."""
+        if self._line:
+            self._out.write("\r\x1b[K")

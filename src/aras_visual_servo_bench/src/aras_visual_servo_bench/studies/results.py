@@ -1,0 +1,192 @@
+"""Results of a study, read from its folder: one row per run, and groups of rows."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+import pyarrow.compute as pc
+from pyarrow.csv import write_csv
+
+from aras_visual_servo_base.names import suggest
+
+from ..errors import StudyError, catch_write_errors
+from ..metrics import metrics
+from ..metrics.metrics import Metric
+from . import rows
+from . import study_folder as folders
+from .study import Study
+from .study_folder import StudyFolder
+
+REAL_TIME_MULTIPLE = Metric(
+    "real_time_multiple", "", metrics.GREATER,
+    "wall time of the worker, stored in a separate file",
+    lambda finished: float("nan"),
+)  # fmt: skip
+
+
+RELATIVE_TOLERANCE = 0.01  # between a value and the published one
+
+
+def is_met(value: Any, published: Any) -> bool:
+    """Return True if a value agrees with a published one; see Case for the kinds of values."""
+    if value is None or isinstance(value, str) or isinstance(published, str):
+        return value == published
+    if isinstance(published, list | tuple):
+        return published[0] <= value <= published[1]
+    if isinstance(published, int):
+        return value == published
+    return abs(value - published) <= RELATIVE_TOLERANCE * abs(published)
+
+
+def _add_published(study: Study, table: pa.Table) -> pa.Table:
+    """Add columns with the published values of each run, and whether the run meets them all.
+
+    A study without published values gets no columns.
+    """
+    if not any(case.published for case in study.combinations):
+        return table
+    texts, met = [], []
+    for row in table.to_pylist():
+        published = study.find_combination(row["point"]).published
+        texts.append(", ".join(f"{key} {value}" for key, value in published.items()))
+        met.append(all(is_met(row.get(k), v) for k, v in published.items()) if published else None)
+    table = table.append_column("published", pa.array(texts, pa.string()))
+    return table.append_column("met", pa.array(met, pa.bool_()))
+
+
+def _to_numbers(column: pa.ChunkedArray) -> np.ndarray:
+    """Convert a column to an array (n,) of float; missing values become NaN."""
+    return column.cast(pa.float64()).to_numpy()
+
+
+@dataclass(frozen=True)
+class Results:
+    """Results of a study, one row per run, read from its folder.
+
+    Attributes:
+        name: of the folder.
+        study: the study.
+        table: settings, outcome, verdict and metrics of the runs, in order of their numbers.
+    """
+
+    name: str
+    study: Study
+    table: pa.Table
+
+    @classmethod
+    def read(cls, path: str | Path) -> Results:
+        """Read the finished runs in the folder of a study.
+
+        Raises:
+            StudyError: the folder has no study or no finished run.
+        """
+        return cls.from_folder(StudyFolder.open(path))
+
+    @classmethod
+    def from_folder(cls, folder: StudyFolder) -> Results:
+        """Read the finished runs of an open folder; see `read`."""
+        table, times = folder.read_results(), folder.read_results(folders.TIMES)
+        runs, timed = table["run"].to_numpy(), times["run"].to_numpy()
+        # Both tables are in order of the runs.
+        indices = np.minimum(np.searchsorted(timed, runs), len(timed) - 1)
+        wall = np.where(timed[indices] == runs, _to_numbers(times["wall"])[indices], np.nan)
+        simulated = _to_numbers(table["simulated"])
+        multiple = np.divide(simulated, wall, out=np.full(len(runs), np.nan), where=wall > 0.0)
+        table = table.append_column(REAL_TIME_MULTIPLE.name, pa.array(multiple, pa.float64()))
+        table = _add_published(folder.study, table)
+        return cls(folder.path.resolve().name, folder.study, table)
+
+    def write_csv(self, path: Path) -> int:
+        """Write one row per run, without columns of constant labels; return the number of rows."""
+        columns = [name for name in self.table.column_names if name not in rows.LABEL_COLUMNS]
+        with catch_write_errors(path):
+            write_csv(self.table.select(columns), path)
+        return self.table.num_rows
+
+    @property
+    def metrics(self) -> tuple[Metric, ...]:
+        """Metrics of the rows."""
+        return (
+            *(metrics.find_metric(name) for name in self.study.metric_names),
+            REAL_TIME_MULTIPLE,
+        )
+
+    @property
+    def parameters(self) -> tuple[str, ...]:
+        """Keys of the grid and of the cases, without those that are drawn at random."""
+        random_keys = {variation.key for variation in self.study.random_variations}
+        return tuple(key for key in self.study.keys if key not in random_keys)
+
+    def read_column(self, name: str) -> list[Any]:
+        """Return the values of a column.
+
+        Raises:
+            StudyError: there is no such column; the message suggests a similar name.
+        """
+        return self._find_column(name).to_pylist()
+
+    def _find_column(self, name: str) -> pa.ChunkedArray:
+        if name not in self.table.column_names:
+            raise StudyError(f"no column '{name}': {suggest(name, self.table.column_names)}")
+        return self.table[name]
+
+    def read_numbers(self, name: str) -> np.ndarray:
+        """Return a column of numbers as an array (n,).
+
+        Raises:
+            StudyError: there is no such column, or it contains text.
+        """
+        column = self._find_column(name)
+        if pa.types.is_string(column.type):
+            raise StudyError(f"column '{name}' contains text, not numbers: choose another one")
+        return _to_numbers(column)
+
+    def compute_successes(self) -> np.ndarray:
+        """Compute the success of each run (n,), 0 or 1, by the metric `judged` of the study.
+
+        Runs that were refused, raised an error or timed out are no successes.
+        """
+        if self.study.judged in self.table.column_names:
+            values = self.read_numbers(self.study.judged)
+            return np.where(np.isnan(values), 0.0, values)
+        failures = pa.array([rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE])
+        return _to_numbers(pc.invert(pc.is_in(self._find_column("outcome"), failures)))
+
+    def describe_ends(self) -> list[str]:
+        """Return the outcome of each run, followed by the verdict if the loop has converged."""
+        return self.make_end_column().to_pylist()
+
+    def make_end_column(self) -> pa.ChunkedArray:
+        """Return the result of `describe_ends` as a column."""
+        outcome, verdict = self._find_column("outcome"), self._find_column("verdict")
+        both = pc.binary_join_element_wise(outcome, verdict, ", ")
+        return pc.if_else(pc.starts_with(outcome, "converged"), both, outcome)
+
+    def group_rows(self, keys: Sequence[str]) -> dict[tuple, np.ndarray]:
+        """Group the rows by the values of some keys.
+
+        Returns:
+            Row indices (n,) by combination of values, in order of appearance.
+        """
+        columns = [self.read_column(key) for key in keys]
+        groups: dict[tuple, list[int]] = {}
+        for row in range(self.table.num_rows):
+            groups.setdefault(tuple(column[row] for column in columns), []).append(row)
+        return {values: np.array(indices) for values, indices in groups.items()}
+
+    def select_metrics(self, names: Sequence[str]) -> tuple[Metric, ...]:
+        """Return the metrics of these names; without names, all except success.
+
+        Raises:
+            StudyError: the results have no such metric.
+        """
+        by_name = {m.name: m for m in self.metrics if m.name != metrics.success.name}
+        for name in names:
+            if name not in by_name:
+                raise StudyError(f"no metric '{name}' in {self.name}: {suggest(name, by_name)}")
+        return tuple(by_name[name] for name in names) if names else tuple(by_name.values())

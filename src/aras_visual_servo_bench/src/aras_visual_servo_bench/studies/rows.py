@@ -1,0 +1,240 @@
+"""Result of a run as a row: settings, outcome and metrics; and the rows of a chunk as a table."""
+
+from __future__ import annotations
+
+import contextlib
+import faulthandler
+import json
+import os
+import signal
+import threading
+import time
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+
+from aras_visual_servo_base.memory import release_freed_memory
+
+from ..errors import ExperimentError
+from ..experiment.experiment import Experiment
+from ..metrics import metrics as known_metrics
+from ..recording.run import Run
+from ..runner.loop import NS, Loop
+from ..setup.assembly import assemble
+from . import images
+from .study import Study
+from .variations import Axis, RandomVariation
+
+# Outcomes that do not come from the control loop: the settings were refused, an error was raised,
+# the process ended, or the run exceeded its time limit.
+REFUSED, FAULT, DIED, LATE = "refused", "fault", "process_died", "time_limit"
+MAX_REASON_LENGTH = 500
+FIXED_COLUMNS = {
+    "run": pa.int64(), "point": pa.int64(), "repeat": pa.int64(), "seed": pa.int64(),
+    "outcome": pa.string(), "verdict": pa.string(), "reason": pa.string(), "remedy": pa.string(),
+    "images": pa.int64(), "simulated": pa.float64(),
+}  # fmt: skip
+LABEL_COLUMNS = ("code", "versions")  # equal in all rows of a study
+TIMES_SCHEMA = pa.schema([
+    ("run", pa.int64()), ("wall", pa.float64()), ("processor", pa.float64()),
+    ("worker", pa.string()),
+])  # fmt: skip
+
+
+@dataclass
+class Rows:
+    """Rows of several runs: results, wall times, and images if they are stored."""
+
+    values: list[dict[str, Any]] = field(default_factory=list)
+    times: list[dict[str, Any]] = field(default_factory=list)
+    images: list[dict[str, Any]] = field(default_factory=list)
+
+    def add(self, other: Rows) -> None:
+        """Append the rows of another object."""
+        self.values += other.values
+        self.times += other.times
+        self.images += other.images
+
+
+def compute_row(study: Study, run: int, worker: str = "") -> Rows:
+    """Run one run of a study and return its rows.
+
+    Errors and timeouts become the outcome of the run.
+
+    worker: name of this process, for the table of wall times.
+    """
+    wall_start, processor_start = time.perf_counter(), time.process_time()
+    values = make_blank_row(study, run)
+    image_rows: list[dict[str, Any]] = []
+    try:
+        experiment = study.make_experiment(run)
+        with limit_time(study.limit):
+            values |= _run_experiment(study, experiment, run, image_rows)
+    except RunTimeoutError:
+        values |= describe_timeout(study)
+        image_rows = []
+    except ExperimentError as error:
+        values |= {"outcome": REFUSED, "reason": _to_line(error)}
+    except Exception as error:  # an error in the code of the project or of a user
+        values |= {"outcome": FAULT, "reason": _to_line(f"{type(error).__name__}: {error}")}
+    release_freed_memory()
+    times = {
+        "run": run, "wall": time.perf_counter() - wall_start,
+        "processor": time.process_time() - processor_start, "worker": worker,
+    }  # fmt: skip
+    return Rows([values], [times], image_rows)
+
+
+class RunTimeoutError(BaseException):
+    """Timeout of a run; a BaseException, so that `except Exception` in a scheme cannot catch it."""
+
+
+@contextlib.contextmanager
+def limit_time(seconds: float) -> Iterator[None]:
+    """Raise a RunTimeoutError if the `with` block takes longer than `seconds` of wall time.
+
+    The timeout is a signal, which only the main thread of a process receives. A worker of Dask runs
+    chunks in another thread: there the timeout ends the process, and the chunk is repeated with one
+    child process per run.
+    """
+    if threading.current_thread() is not threading.main_thread():
+        with open(os.devnull, "w", encoding="utf-8") as null_file:
+            faulthandler.dump_traceback_later(seconds, exit=True, file=null_file)
+            try:
+                yield
+            finally:
+                faulthandler.cancel_dump_traceback_later()
+        return
+
+    def raise_timeout(number: int, frame: object) -> None:
+        raise RunTimeoutError
+
+    previous = signal.signal(signal.SIGALRM, raise_timeout)
+    signal.setitimer(signal.ITIMER_REAL, seconds)
+    try:
+        yield
+    finally:
+        signal.setitimer(signal.ITIMER_REAL, 0.0)
+        signal.signal(signal.SIGALRM, previous)
+
+
+def describe_timeout(study: Study) -> dict[str, Any]:
+    """Return outcome, reason and remedy of a run that exceeded the time limit."""
+    return {
+        "outcome": LATE, "reason": f"not finished after {study.limit:g} s of wall time",
+        "remedy": "find the code that hangs, or increase `limit` of the study",
+    }  # fmt: skip
+
+
+def make_blank_row(study: Study, run: int) -> dict[str, Any]:
+    """Make the row of a run with its settings, before its results are known."""
+    point, repeat = divmod(run, study.repeats)
+    return {
+        "run": run, "point": point, "repeat": repeat, "seed": study.compute_seed(run),
+        **{key: _to_cell(value) for key, value in study.make_settings(point).items()
+            if key != "seed"},
+        "outcome": "", "verdict": "", "reason": "", "remedy": "", "images": 0, "simulated": 0.0,
+        **{find_column_name(name): float("nan") for name in study.metric_names},
+    }  # fmt: skip
+
+
+def _run_experiment(
+    study: Study, experiment: Experiment, run: int, image_rows: list[dict[str, Any]]
+) -> dict[str, Any]:
+    has_images = study.pictures != "none"
+    recorder = images.ImageRecorder(has_images)
+    parts = assemble(experiment, has_unread_cameras=has_images, has_depth=study.depth)
+    loop = Loop(experiment, parts, on_frame=recorder.add_frame if study.has_image_rows else None)
+    try:
+        if study.pictures == "first":
+            loop.run_to_image()
+        else:
+            loop.run_to_end()
+        result, simulated = loop.make_run(), loop.plant.time_ns / NS
+        if study.has_image_rows:
+            image_rows += recorder.make_rows(run, result, simulated)
+    finally:
+        loop.close()
+    return {"seed": experiment.seed, "simulated": simulated, **make_result_columns(study, result)}
+
+
+def make_result_columns(study: Study, run: Run) -> dict[str, Any]:
+    """Return the results of a run, by column."""
+    return {
+        "outcome": run.outcome,
+        "verdict": run.verdict.name,
+        "reason": _to_line(run.reason),
+        "remedy": _to_line(run.remedy),
+        "images": len(run.stamp),
+        **{find_column_name(name): float(known_metrics.find_metric(name).measure(run))
+           for name in study.metric_names},
+    }  # fmt: skip
+
+
+def find_column_name(metric: str) -> str:
+    """Return the column name of a metric, given by name or as 'package.module:function'."""
+    return metric.rpartition(":")[2]
+
+
+def make_schema(study: Study, labels: Mapping[str, str]) -> pa.Schema:
+    """Return the columns of the results and their types, equal for all parts of a study.
+
+    labels: constant columns, by name.
+    """
+    fixed = list(FIXED_COLUMNS.items())
+    parameters = [(key, _find_type(study, key)) for key in study.keys if key != "seed"]
+    metrics = [(find_column_name(name), pa.float64()) for name in study.metric_names]
+    # A dictionary of one entry stores a constant text only once.
+    constants = [(name, pa.dictionary(pa.int32(), pa.string())) for name in labels]
+    return pa.schema([*fixed[:4], *parameters, *fixed[4:], *metrics, *constants])
+
+
+def make_table(
+    study: Study, rows: Sequence[Mapping[str, Any]], labels: Mapping[str, str]
+) -> pa.Table:
+    """Make the table of some rows; `labels`: constant columns, by name."""
+    schema = make_schema(study, labels)
+    columns = []
+    for column_field in schema:
+        name = column_field.name
+        values = [labels[name] if name in labels else row.get(name) for row in rows]
+        columns.append(pa.array(values, type=column_field.type))
+    return pa.Table.from_arrays(columns, schema=schema)
+
+
+def _find_type(study: Study, key: str) -> pa.DataType:
+    if key in study.case_axes:
+        return pa.string()
+    values: list[Any] = [case.set[key] for case in study.combinations if key in case.set]
+    for varied in (*study.axes, *study.random_variations):
+        if varied.key == key:
+            values += _list_values(varied)
+    cells = [_to_cell(value) for value in values if value is not None]
+    for kinds, kind in (((bool,), pa.bool_()), ((int,), pa.int64()), ((int, float), pa.float64())):
+        if all(isinstance(c, kinds) and (kinds == (bool,)) >= isinstance(c, bool) for c in cells):
+            return kind
+    return pa.string()
+
+
+def _list_values(variations: Axis | RandomVariation) -> tuple[Any, ...]:
+    return (
+        variations.values
+        if isinstance(variations, Axis)
+        else (*variations.ends, variations.value(0.4))
+    )
+
+
+def _to_cell(value: Any) -> Any:
+    """Convert a value for a column: numbers and texts stay unchanged, others become JSON."""
+    if value is None or isinstance(value, bool | int | float | str):
+        return value
+    if isinstance(value, np.generic):
+        return value.item()
+    return json.dumps(value, sort_keys=True, default=dict)
+
+
+def _to_line(text: object) -> str:
+    return " ".join(str(text).split())[:MAX_REASON_LENGTH]

@@ -1,0 +1,398 @@
+"""Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
+
+The runs are numbered from 0. A run is determined by its number, independent of the machine.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import hashlib
+import json
+import math
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from functools import cached_property
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.settings import KeywordSettings, build, check, convert, parameter
+from aras_visual_servo_base.yaml_files import read_yaml
+
+from ..errors import ExperimentError, StudyError
+from ..experiment.experiment import RENAMED_KEYS, Experiment
+from ..experiment.experiment_keys import check_key
+from ..experiment.overrides import with_override, with_overrides
+from ..metrics import metrics as known_metrics
+from .variations import Axis, RandomVariation, draw_values, parse_variation
+
+MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs; a scheduler cannot handle more
+MAX_CHUNK = 10_000
+IMAGE_CHUNK = 4  # runs whose images a worker stores in memory at a time
+IMAGE_CHOICES = ("none", "first", "all")
+SAMPLINGS, SEEDS = ("random", "sobol"), ("runs", "repeats", "counted")
+# Keys that describe a study but do not change its runs.
+DESCRIPTIVE_KEYS = ("source", "chosen", "judged")
+
+
+@dataclass(frozen=True)
+class Case:
+    """One value of a named axis of cases.
+
+    set: values by dotted key of the experiment.
+    published: published values by metric, 'outcome' or 'verdict': a text or a whole number (both
+        must agree exactly), another number (within 1 %), or [minimum, maximum].
+    elsewhere: values that others have published for similar cases, by the case of another axis.
+    cases: axes that replace those of the same name for this case only.
+    """
+
+    name: str = parameter(name=True)
+    set: Mapping[str, Any] = parameter({})
+    published: Mapping[str, Any] = parameter({})
+    elsewhere: Mapping[str, Any] = parameter({})
+    cases: Mapping[str, Any] = parameter({})
+
+
+@dataclass(frozen=True)
+class Combination:
+    """Combination of one case of each axis.
+
+    names: of the cases, by axis. set: values by dotted key. published: published values by column.
+    """
+
+    names: Mapping[str, str]
+    set: Mapping[str, Any]
+    published: Mapping[str, Any]
+
+
+@dataclass(frozen=True)
+class Study(KeywordSettings):
+    """Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
+
+    `run_study(study, folder)` runs it and returns its `Results`. The results are bit-identical,
+    also after interruptions, and on one machine or several. A wrong key or value raises a
+    StudyError before the first run.
+
+    experiment: keys of the base experiment, an Experiment, or the path of its YAML file.
+    vary: by dotted key, a list or grid of values, or a distribution; see variations.py.
+    source: publication of the study. chosen: choices where the publication is ambiguous.
+    cases: list of sets of keys and values, each combined with all variations; or named axes, each a
+        list of Case, which are combined with each other (the last axis varies fastest).
+    samples: number of draws from the distributions. sampling: 'random' or 'sobol'.
+    repeats: number of runs per point. seed: seed of all random numbers.
+    seeds: 'runs' gives each run its own seed; 'repeats' gives repeat n of every point the same
+        seed, so that all points have the same starts and noise; 'counted' gives repeat n of every
+        point the seed `seed` + n.
+    metrics: names, or 'package.module:function'; empty: all built-in metrics.
+    judged: metric that defines success, by the value 1.
+    chunk: number of runs per task and result file; None: depends on the number of runs.
+    traces: store features, twists, joints and poses of every image.
+    pictures: also store the images of every camera: 'all', or only the 'first' image of each run,
+        which then ends; see images.py. depth: also store depth images.
+    limit: maximum wall time of a run, s; a longer run has the outcome 'time_limit'.
+    """
+
+    fault = StudyError
+
+    experiment: Mapping[str, Any] | str = parameter({})
+    vary: Mapping[str, Any] = parameter({})
+    cases: tuple[Mapping[str, Any], ...] | Mapping[str, Any] = ()
+    samples: int = parameter(1, least=1)
+    sampling: str = parameter("random", choices=SAMPLINGS)
+    repeats: int = parameter(1, least=1)
+    seed: int = parameter(0, least=0)
+    seeds: str = parameter("runs", choices=SEEDS)
+    metrics: tuple[str, ...] = ()
+    judged: str = known_metrics.success.name
+    chunk: int | None = parameter(None, "runs", least=1, most=MAX_CHUNK)
+    traces: bool = False
+    pictures: str = parameter("none", choices=IMAGE_CHOICES)
+    depth: bool = False
+    limit: float = parameter(900.0, "s", above=0.0)
+    source: str = ""
+    chosen: tuple[str, ...] = ()
+
+    def __post_init__(self) -> None:
+        check(self, StudyError)
+        if isinstance(self.experiment, str):
+            content = read_yaml(self.experiment, StudyError, "the experiment") or {}
+            if not isinstance(content, Mapping):
+                raise StudyError(f"{self.experiment} has no keys with values")
+            object.__setattr__(self, "experiment", content)
+        if "seed" in self.experiment:
+            raise StudyError("seed belongs to the study, not to its experiment: every run has one")
+        for key in RENAMED_KEYS:
+            if key in self.experiment:
+                check_key(key)
+        for key in self.keys:
+            if key not in self.case_axes:
+                check_key(key)
+        for combination in self.combinations:
+            for key in combination.set:
+                check_key(key)
+        if self.samples > 1 and not self.random_variations:
+            raise StudyError(
+                f"samples is {self.samples}, but no key has a distribution: set repeats, or give "
+                "a key under vary a distribution"
+            )
+        if self.run_count > MAX_RUNS:
+            raise StudyError(
+                f"{self.run_count:.3g} runs are more than {MAX_RUNS:g}: make the grid, samples or "
+                "repeats smaller"
+            )
+        # Check the metrics here, not in a worker long after the start.
+        for name in self.metric_names:
+            try:
+                known_metrics.find_metric(name)
+            except StudyError as error:
+                raise StudyError(f"metrics: {error}") from None
+        if self.judged not in (known_metrics.success.name, *self.metric_names):
+            raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
+                             f"{suggest(self.judged, self.metric_names)}")  # fmt: skip
+
+    # -- reading ---------------------------------------------------------------------------
+
+    @classmethod
+    def from_mapping(cls, values: Any) -> Study:
+        """Make a study from keys and values.
+
+        Raises:
+            StudyError: a key or value is wrong; the message suggests a correct one.
+        """
+        return build(cls, values, "", StudyError)
+
+    @classmethod
+    def from_yaml(cls, path: str | Path, overrides: Mapping[str, Any] | None = None) -> Study:
+        """Read a study from a YAML file.
+
+        Args:
+            overrides: values by dotted key of the study (`repeats`) or of its experiment (`gain`,
+                `start.side`); keys of the experiment are then no longer varied.
+
+        Raises:
+            StudyError: the file cannot be read, or a key or value is wrong.
+        """
+        values = read_yaml(path, StudyError)
+        if not isinstance(values, Mapping):
+            raise StudyError(f"{path} has no keys with values: it is no study")
+        values = dict(values)
+        base = values.get("experiment")
+        if isinstance(base, str):  # a path relative to the study's folder, or to the current one
+            sibling = Path(path).parent / base
+            content = read_yaml(sibling if sibling.is_file() else base, StudyError)
+            values["experiment"] = content or {}
+        return cls.from_mapping(_apply_overrides(values, overrides or {}))
+
+    def to_mapping(self) -> dict[str, Any]:
+        """Return the study as plain values, as input of `from_mapping`."""
+        return json.loads(json.dumps({
+            f.name: getattr(self, f.name) for f in dataclasses.fields(self)
+        }, default=_to_plain))  # fmt: skip
+
+    @cached_property
+    def digest(self) -> str:
+        """Digest of the settings that determine the runs, independent of the file's format."""
+        settings = {k: v for k, v in self.to_mapping().items() if k not in DESCRIPTIVE_KEYS}
+        text = json.dumps(settings, sort_keys=True)
+        return hashlib.sha256(text.encode()).hexdigest()
+
+    # -- runs ------------------------------------------------------------------------------
+
+    @cached_property
+    def _variations(self) -> tuple[Axis | RandomVariation, ...]:
+        return tuple(parse_variation(str(key), given) for key, given in self.vary.items())
+
+    @cached_property
+    def axes(self) -> tuple[Axis, ...]:
+        """Variations with a list of values, which form the grid."""
+        return tuple(v for v in self._variations if isinstance(v, Axis))
+
+    @cached_property
+    def random_variations(self) -> tuple[RandomVariation, ...]:
+        """Variations with a distribution."""
+        return tuple(v for v in self._variations if isinstance(v, RandomVariation))
+
+    @cached_property
+    def case_axes(self) -> dict[str, tuple[Case, ...]]:
+        """Named axes of cases; {} if `cases` is a list of sets."""
+        return _parse_axes(self.cases) if isinstance(self.cases, Mapping) else {}
+
+    @cached_property
+    def combinations(self) -> tuple[Combination, ...]:
+        """Combinations of cases in order; without cases, one combination that sets no key."""
+        if isinstance(self.cases, Mapping):
+            return tuple(_combine_axes(self.case_axes))
+        return tuple(Combination({}, case, {}) for case in self.cases) or (Combination({}, {}, {}),)
+
+    @cached_property
+    def keys(self) -> tuple[str, ...]:
+        """Columns of the settings that differ between runs, in the order of the file.
+
+        They are dotted keys of the experiment, or names of axes of cases.
+        """
+        listed = () if self.case_axes else self.cases
+        case_keys = (*self.case_axes, *dict.fromkeys(str(key) for case in listed for key in case))
+        both = [v.key for v in self._variations if v.key in case_keys]
+        if both:
+            raise StudyError(f"'{both[0]}' is both under vary and in cases: keep one of them")
+        return (*case_keys, *(v.key for v in self._variations))
+
+    @cached_property
+    def metric_names(self) -> tuple[str, ...]:
+        """Names of the metrics of each row."""
+        return self.metrics or known_metrics.list_default_metrics()
+
+    @cached_property
+    def point_count(self) -> int:
+        """Number of different settings."""
+        grid = math.prod(len(axis.values) for axis in self.axes)
+        return len(self.combinations) * grid * self.samples
+
+    @property
+    def run_count(self) -> int:
+        """Number of runs."""
+        return self.point_count * self.repeats
+
+    @property
+    def chunk_size(self) -> int:
+        """Number of runs per chunk.
+
+        By default there are at least 40 chunks, so that all cores have work, of at most 100 runs,
+        or of IMAGE_CHUNK runs if images are stored.
+        """
+        most = IMAGE_CHUNK if self.pictures == "all" else 100
+        return self.chunk or min(max(math.ceil(self.run_count / 40), 1), most)
+
+    @property
+    def has_image_rows(self) -> bool:
+        """True if the study stores a row for each image, with or without the image itself."""
+        return self.traces or self.pictures != "none"
+
+    @property
+    def chunk_count(self) -> int:
+        """Number of chunks, which are tasks and result files."""
+        return math.ceil(self.run_count / self.chunk_size)
+
+    def list_chunk_runs(self, chunk: int) -> range:
+        """Return the numbers of the runs of a chunk."""
+        first = chunk * self.chunk_size
+        return range(first, min(first + self.chunk_size, self.run_count))
+
+    def find_combination(self, point: int) -> Combination:
+        """Return the combination of cases of the point with this number."""
+        return self.combinations[point // (self.point_count // len(self.combinations))]
+
+    def make_settings(self, point: int) -> dict[str, Any]:
+        """Return the settings of the point with this number, by column."""
+        cases = self.find_combination(point)
+        settings = {**(cases.names or cases.set), **self._compute_variations(point)}
+        return {key: settings[key] for key in self.keys if key in settings}
+
+    def _compute_variations(self, point: int) -> dict[str, Any]:
+        """Compute the varied values of the point with this number, by dotted key."""
+        rest, sample = divmod(point, self.samples)
+        values: dict[str, Any] = {}
+        for axis in reversed(self.axes):
+            rest, index = divmod(rest, len(axis.values))
+            values[axis.key] = axis.values[index]
+        values.update(draw_values(self.random_variations, self.sampling, self.seed, sample))
+        return {v.key: values[v.key] for v in self._variations}
+
+    def compute_seed(self, run: int) -> int:
+        """Compute the seed of a run from its number and the seed of the study."""
+        if self.seeds == "counted":
+            return self.seed + run % self.repeats
+        number = run % self.repeats if self.seeds == "repeats" else run
+        sequence = np.random.SeedSequence(self.seed, spawn_key=(number,))
+        # 63 bits, because with 32 bits two of 1e5 runs would probably have the same seed.
+        return int(sequence.generate_state(1, np.uint64)[0] >> np.uint64(1))
+
+    def make_experiment(self, run: int) -> Experiment:
+        """Make the experiment of a run.
+
+        Raises:
+            ExperimentError: its values do not fit together.
+        """
+        point = run // self.repeats
+        settings = {**self.find_combination(point).set, **self._compute_variations(point)}
+        return self._build_experiment(settings, self.compute_seed(run))
+
+    def _build_experiment(self, settings: Mapping[str, Any], seed: int) -> Experiment:
+        values = with_overrides(self.experiment, settings)
+        values.setdefault("seed", seed)
+        return Experiment.from_mapping(values)
+
+    def make_trials(self) -> list[Experiment]:
+        """Make experiments that together contain every value of the study once, to check them.
+
+        Raises:
+            StudyError: an experiment is wrong; the message names the key.
+        """
+        varied = self._compute_variations(0)
+        first = {**self.combinations[0].set, **varied}
+        trials: list[dict[str, Any]] = [{**cases.set, **varied} for cases in self.combinations]
+        trials += [{**first, axis.key: v} for axis in self.axes for v in axis.values[1:]]
+        trials += [{**first, draw.key: v} for draw in self.random_variations for v in draw.ends]
+        try:
+            return [self._build_experiment(settings, self.compute_seed(0)) for settings in trials]
+        except ExperimentError as error:
+            raise StudyError(str(error)) from error
+
+
+def _parse_axes(cases: Mapping[str, Any]) -> dict[str, tuple[Case, ...]]:
+    """Parse named axes of cases.
+
+    Raises:
+        StudyError: an axis has no case, or two cases of the same name.
+    """
+    axes = {}
+    for axis, value in cases.items():
+        parsed = axes[str(axis)] = convert(value, tuple[Case, ...], f"cases.{axis}", StudyError)
+        names = [case.name for case in parsed]
+        duplicates = [name for name in names if names.count(name) > 1]
+        if not names or duplicates:
+            problem = f"two cases are named '{duplicates[0]}'" if duplicates else "it has no case"
+            raise StudyError(f"cases.{axis}: {problem}")
+    return axes
+
+
+def _combine_axes(axes: Mapping[str, tuple[Case, ...]]) -> Iterator[Combination]:
+    """Yield the combinations of all axes; a case may replace later axes by its own."""
+    if not axes:
+        yield Combination({}, {}, {})
+        return
+    axis, *rest = axes
+    for case in axes[axis]:
+        own = _parse_axes(case.cases)
+        for key in own:
+            if key not in rest:
+                raise StudyError(f"cases.{axis}.{case.name}.cases: {suggest(key, rest)}")
+        for others in _combine_axes({key: own.get(key, axes[key]) for key in rest}):
+            yield Combination(
+                {axis: case.name, **others.names}, {**case.set, **others.set},
+                {**case.published, **others.published},
+            )  # fmt: skip
+
+
+def _apply_overrides(values: dict[str, Any], overrides: Mapping[str, Any]) -> dict[str, Any]:
+    study_keys = {f.name for f in dataclasses.fields(Study)}
+    experiment_overrides = {}
+    for key, value in overrides.items():
+        if key.partition(".")[0] in study_keys:
+            values = with_override(values, key, value)
+            continue
+        check_key(key)
+        values["vary"] = {k: v for k, v in dict(values.get("vary", {})).items() if k != key}
+        experiment_overrides[key] = value
+    if experiment_overrides:
+        values["experiment"] = with_overrides(values.get("experiment", {}), experiment_overrides)
+    return values
+
+
+def _to_plain(value: Any) -> Any:
+    if isinstance(value, Mapping):
+        return dict(value)
+    # YAML also has dates and sets.
+    raise StudyError(f"{value!r} is no value for a study: give numbers, texts, lists and mappings")

@@ -1,0 +1,386 @@
+"""Folder of a study: its file, its results in parts, and a manifest.
+
+    study.yaml            file of the study
+    sha256sums.txt        hash of every part, added when the part is written
+    manifest.json         study, versions of the code, and at the end the hash of every part
+    parts/000012.parquet  results of a chunk, one row per run
+    times/                wall times of the runs, which differ from one execution to the next
+    traces/               one row per image, if requested
+
+A part is written under a temporary name and then renamed, so a part with its final name is
+complete. The state of a study is stored in this folder only.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import fcntl
+import hashlib
+import json
+import os
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+import pyarrow as pa
+import pyarrow.parquet as pq
+
+from ..errors import StudyError, find_program_name, read_first_line
+from . import images, rows, versions
+from .study import Study
+
+STUDY, MANIFEST, LOCK = "study.yaml", "manifest.json", ".lock"
+PARTS, TIMES, TRACES = "parts", "times", "traces"
+CHECKSUM_FILE = "sha256sums.txt"
+FORMAT_VERSION = 3  # 3: the columns mend and asked are called remedy and desired_twist
+_DISK_FULL = (errno.ENOSPC, errno.EDQUOT)
+
+
+class StudyFolder:
+    """Open folder of a study.
+
+    Attributes:
+        path: of the folder. study: its study. manifest: content of manifest.json.
+        labels: texts that every row of the results contains, by column.
+    """
+
+    def __init__(self, path: Path, study: Study, manifest: dict[str, Any]) -> None:
+        self.path, self.study, self.manifest = path, study, manifest
+        self.labels = {
+            "code": manifest["code"],
+            "versions": " ".join(f"{k}={v}" for k, v in manifest["versions"].items()),
+        }
+        # By path: modification time and size of the file, and its content.
+        self._cached_tables: dict[Path, tuple[tuple[int, int], pa.Table]] = {}
+
+    # -- opening ---------------------------------------------------------------------------
+
+    @classmethod
+    def create(cls, path: Path, study: Study, text: str) -> StudyFolder:
+        """Create the folder of a study, or open the existing folder of the same study.
+
+        A folder without any run is created again.
+
+        Args:
+            text: content of the study's file.
+
+        Raises:
+            StudyError: the folder contains another study or other files, or cannot be written.
+        """
+        if (path / MANIFEST).exists():
+            folder = cls.open(path)
+            if folder.has_runs:
+                folder.check_same(study)
+                return folder
+            with folder.lock():  # no run was ever stored, for example without a scheduler
+                (path / MANIFEST).unlink()
+                (path / STUDY).unlink(missing_ok=True)
+        with _catch_write_errors(path):
+            if path.exists() and (not path.is_dir() or any(path.iterdir())):
+                raise StudyError(f"{path} is not empty and has no study: name a new folder")
+            path.mkdir(parents=True, exist_ok=True)
+            manifest = {
+                "format": FORMAT_VERSION, "runs": study.run_count, "chunk": study.chunk_size,
+                "chunks": study.chunk_count, "digest": study.digest, "code": versions.read_commit(),
+                "versions": versions.read_study_versions(study.to_mapping()),
+                "study": study.to_mapping(),
+            }  # fmt: skip
+            (path / STUDY).write_text(text, encoding="utf-8")
+            _write_file(path / MANIFEST, _to_json(manifest))
+        return cls(path, study, manifest)
+
+    @classmethod
+    def open(cls, path: str | Path) -> StudyFolder:
+        """Open the folder of a study.
+
+        Raises:
+            StudyError: the folder has no study, or one in an unreadable format.
+        """
+        path = Path(path)
+        try:
+            manifest = json.loads((path / MANIFEST).read_text(encoding="utf-8"))
+            study = Study.from_mapping(manifest["study"])
+        except OSError as error:
+            raise StudyError(f"{path} has no study: {MANIFEST}: {error.strerror}") from None
+        except StudyError as error:
+            raise StudyError(
+                f"{path} has a study that this version cannot read: {error}; correct its "
+                "study.yaml and run it again in a new folder"
+            ) from None
+        except (ValueError, KeyError, TypeError, RecursionError):
+            raise StudyError(
+                f"{path / MANIFEST} is damaged: run the study again in a new folder"
+            ) from None
+        if manifest.get("format") != FORMAT_VERSION:
+            raise StudyError(
+                f"{path} was written in format {manifest.get('format')}, not {FORMAT_VERSION}, in "
+                "which columns have new names (mend is now remedy, asked is now desired_twist): "
+                "read it with the version that wrote it, or run the study again"
+            )
+        if manifest.get("chunk") != study.chunk_size:
+            raise StudyError(
+                f"{path} has chunks of another size: run the study again in a new folder"
+            )
+        return cls(path, study, manifest)
+
+    @property
+    def has_runs(self) -> bool:
+        """True if results of a run were ever stored."""
+        return any((self.path / kind).exists() for kind in (PARTS, TIMES, TRACES))
+
+    def check_file(self) -> None:
+        """Check that study.yaml has not been changed since the study was started.
+
+        Raises:
+            StudyError: it was changed; the message contains the difference.
+        """
+        self.check_same(Study.from_yaml(self.path / STUDY))
+
+    def check_same(self, study: Study) -> None:
+        """Check that the folder has the given study.
+
+        Raises:
+            StudyError: it has another one; the message contains the difference.
+        """
+        if study.digest != self.manifest["digest"]:
+            raise StudyError(
+                f"{self.path} has another study: {describe_difference(self.study, study)}; name "
+                "another folder, or undo the change"
+            )
+
+    def check_code(self) -> None:
+        """Check that the folder's runs were computed with the current code.
+
+        Raises:
+            StudyError: they were computed with other code.
+        """
+        current = versions.read_study_versions(self.study.to_mapping())
+        difference = versions.describe_difference(current, self.manifest["versions"])
+        if difference:
+            raise StudyError(
+                f"{self.path} was started with other code ({difference}), so its runs would not be "
+                "comparable; run the study again in a new folder, or add --mix"
+            )
+
+    @contextlib.contextmanager
+    def lock(self) -> Iterator[None]:
+        """Lock the folder for writing.
+
+        Raises:
+            StudyError: another process has locked it.
+        """
+        with _catch_write_errors(self.path), open(self.path / LOCK, "wb") as file:
+            try:
+                fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except OSError:
+                raise StudyError(
+                    f"{self.path} is being written by another process: wait for its end"
+                ) from None
+            try:
+                yield
+            finally:
+                with contextlib.suppress(OSError):
+                    (self.path / LOCK).unlink()
+
+    # -- parts -----------------------------------------------------------------------------
+
+    def find_part(self, chunk: int, kind: str = PARTS) -> Path:
+        """Return the path of a chunk's file."""
+        return self.path / kind / f"{chunk:06d}.parquet"
+
+    def find_missing_chunks(self) -> list[int]:
+        """Return the chunks whose part is missing or damaged; remove temporary files of a crash."""
+        for temporary in self.path.glob("*/.*.new"):
+            temporary.unlink(missing_ok=True)
+        folder = self.path / PARTS
+        stored = {int(p.stem) for p in folder.glob("*.parquet")} if folder.is_dir() else set()
+        sums = self._read_checksums()
+        return [
+            c
+            for c in range(self.study.chunk_count)
+            if c not in stored or not self._is_complete(c, sums)
+        ]
+
+    def write_chunk(self, chunk: int, chunk_rows: rows.Rows) -> None:
+        """Write the rows of a chunk.
+
+        Raises:
+            StudyError: the files cannot be written, for example because the disk is full.
+        """
+        with _catch_write_errors(self.path):
+            self._write_table(
+                TIMES, chunk, pa.Table.from_pylist(chunk_rows.times, schema=rows.TIMES_SCHEMA)
+            )
+            if self.study.has_image_rows:
+                table = pa.Table.from_pylist(
+                    chunk_rows.images, schema=images.make_schema(self.study)
+                )
+                self._write_table(TRACES, chunk, table)
+            # The part is written last, because its presence marks the chunk as finished.
+            self._write_table(
+                PARTS, chunk, rows.make_table(self.study, chunk_rows.values, self.labels)
+            )
+
+    def finish(self) -> None:
+        """Write the hash of every part into the manifest."""
+        sums = self._read_checksums()
+        names = (
+            self._find_name(self.find_part(chunk, kind)) for kind in self._stable_kinds
+            for chunk in range(self.study.chunk_count)
+        )  # fmt: skip
+        hashes = {name: sums[name] for name in names}
+        with _catch_write_errors(self.path):
+            self.manifest = {**self.manifest, "parts": hashes}
+            _write_file(self.path / MANIFEST, _to_json(self.manifest))
+
+    def count_stored_runs(self) -> int:
+        """Count the stored runs."""
+        missing = sum(
+            len(self.study.list_chunk_runs(chunk)) for chunk in self.find_missing_chunks()
+        )
+        return self.study.run_count - missing
+
+    def read_results(self, kind: str = PARTS) -> pa.Table:
+        """Read all stored rows, in order of their runs; unchanged files are cached.
+
+        kind: PARTS, TIMES or TRACES.
+
+        Raises:
+            StudyError: there are no rows, or a part does not have its recorded hash.
+        """
+        paths = sorted((self.path / kind).glob("*.parquet"))
+        if not paths:
+            raise StudyError(f"{self.path} has no {kind} yet")
+        sums, tables = self._read_checksums(), []
+        for path in paths:
+            try:
+                stat = path.stat()
+                if not path.is_file():
+                    raise StudyError(f"{path} is no file: resume the study")
+                mark = (stat.st_mtime_ns, stat.st_size)
+                if path in self._cached_tables and self._cached_tables[path][0] == mark:
+                    tables.append(self._cached_tables[path][1])
+                    continue
+                data = path.read_bytes()
+                if kind in self._stable_kinds and hashlib.sha256(data).hexdigest() != sums.get(
+                    self._find_name(path)
+                ):
+                    raise StudyError(f"{path} was changed since it was written: resume the study")
+                tables.append(pq.read_table(pa.BufferReader(data)))
+                self._cached_tables[path] = (mark, tables[-1])
+            except (OSError, pa.ArrowException) as error:
+                why = read_first_line(error)
+                raise StudyError(f"cannot read {path}: {why}; resume the study") from None
+        return pa.concat_tables(tables)
+
+    @property
+    def _stable_kinds(self) -> tuple[str, ...]:
+        """Kinds of files whose content is reproducible, unlike that of wall times."""
+        return (PARTS, TRACES) if self.study.has_image_rows else (PARTS,)
+
+    def _find_name(self, path: Path) -> str:
+        return str(path.relative_to(self.path))
+
+    def _read_checksums(self) -> dict[str, str]:
+        """Read the hash of each file as it was written last, by file name."""
+        try:
+            lines = (
+                (self.path / CHECKSUM_FILE)
+                .read_text(encoding="utf-8", errors="replace")
+                .splitlines()
+            )
+        except FileNotFoundError:
+            return {}
+        except OSError as error:
+            raise StudyError(f"cannot read {self.path / CHECKSUM_FILE}: {error.strerror}") from None
+        pairs = (line.split("  ", 1) for line in lines if "  " in line)
+        return {name: checksum for checksum, name in pairs}
+
+    def _is_complete(self, chunk: int, sums: Mapping[str, str]) -> bool:
+        """Return True if all files of a chunk are unchanged and contain its runs.
+
+        sums: recorded hashes by file name.
+        """
+        try:
+            for kind in self._stable_kinds:
+                path = self.find_part(chunk, kind)
+                if not path.is_file():  # reading a pipe would never end
+                    return False
+                data = path.read_bytes()
+                if hashlib.sha256(data).hexdigest() != sums.get(self._find_name(path)):
+                    return False
+                if kind == PARTS:
+                    runs = pq.read_table(pa.BufferReader(data), columns=["run"])["run"]
+                    if runs.to_pylist() != list(self.study.list_chunk_runs(chunk)):
+                        return False
+        except (OSError, pa.ArrowException):
+            return False
+        return True
+
+    def _write_table(self, kind: str, chunk: int, table: pa.Table) -> None:
+        sink = pa.BufferOutputStream()
+        pq.write_table(table, sink, compression="zstd")
+        path, data = self.find_part(chunk, kind), sink.getvalue().to_pybytes()
+        path.parent.mkdir(exist_ok=True)
+        if kind in self._stable_kinds:
+            # The hash is written first, because the file's presence marks the chunk as finished.
+            with open(self.path / CHECKSUM_FILE, "a", encoding="utf-8") as sums:
+                sums.write(f"{hashlib.sha256(data).hexdigest()}  {self._find_name(path)}\n")
+        _write_file(path, data)
+
+
+def count_stored_runs(path: Path) -> int:
+    """Count the stored runs in the folder of a study; 0 if it has no study."""
+    return StudyFolder.open(path).count_stored_runs() if (path / MANIFEST).exists() else 0
+
+
+def describe_difference(old: Study, new: Study) -> str:
+    """Describe the differences of two studies, key by key, in one line."""
+    before, after = _flatten(old.to_mapping()), _flatten(new.to_mapping())
+    keys = [k for k in {**before, **after} if before.get(k) != after.get(k)]
+    texts = [f"{k} was {before.get(k, 'not given')}, is {after.get(k, 'not given')}" for k in keys]
+    return "; ".join(texts[:5]) + (f"; and {len(texts) - 5} more" if len(texts) > 5 else "")
+
+
+def _flatten(values: Mapping[str, Any], before: str = "") -> dict[str, Any]:
+    flat: dict[str, Any] = {}
+    for key, value in values.items():
+        if isinstance(value, Mapping) and value:
+            flat |= _flatten(value, f"{before}{key}.")
+        elif value != {}:
+            flat[f"{before}{key}"] = value
+    return flat
+
+
+def _to_json(values: Mapping[str, Any]) -> bytes:
+    return (json.dumps(values, indent=1, ensure_ascii=False) + "\n").encode()
+
+
+def _write_file(path: Path, data: bytes) -> None:
+    """Write a file atomically, and wait until it is on the disk."""
+    new = path.with_name(f".{path.name}.new")
+    try:
+        with open(new, "wb") as file:
+            file.write(data)
+            file.flush()
+            os.fsync(file.fileno())
+        os.replace(new, path)
+    except OSError:
+        with contextlib.suppress(OSError):
+            new.unlink()
+        raise
+
+
+@contextlib.contextmanager
+def _catch_write_errors(path: Path) -> Iterator[None]:
+    """Convert an OSError of the `with` block into a StudyError with a one-line message."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno in _DISK_FULL:
+            raise StudyError(
+                f"the disk of {path} is full; the results so far are stored: free some space, then "
+                f"{find_program_name()} resume {path}"
+            ) from error
+        raise StudyError(f"cannot write {path}: {error.strerror or error}") from error

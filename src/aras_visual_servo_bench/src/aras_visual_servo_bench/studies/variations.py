@@ -1,0 +1,185 @@
+"""Variations of a study: lists and grids of values, and random values from distributions.
+
+Each dotted key under `vary` has a list of values, or one of
+
+    linear: [from, to, count]     evenly spaced
+    log: [from, to, count]        with a constant ratio
+    uniform: [low, high]          random
+    loguniform: [low, high]       random, with uniform logarithm
+    normal: [mean, deviation]     random
+    integers: [low, high]         random, both ends included
+    choice: [values]              random
+
+Lists, linear and log form a grid. The random values of all keys are drawn together, `samples`
+times.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+import scipy
+
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.settings import convert
+
+from ..errors import StudyError
+
+SOBOL_BLOCK = 1024  # Sobol points that are computed at a time
+STREAM_KEY = 0x706F696E  # separates the random numbers of settings from those of runs
+MAX_VALUES = 1_000_000
+
+
+@dataclass(frozen=True)
+class Axis:
+    """Key with a list of values."""
+
+    key: str
+    values: tuple[Any, ...]
+
+
+@dataclass(frozen=True)
+class RandomVariation:
+    """Key with a distribution.
+
+    value: function that maps a uniform random number from 0 to 1 to the key's value.
+    ends: extreme values of the distribution, to check them before the first run.
+    """
+
+    key: str
+    value: Callable[[float], Any]
+    ends: tuple[Any, ...]
+
+
+def parse_variation(key: str, value: Any) -> Axis | RandomVariation:
+    """Parse the value of a key under `vary`.
+
+    Raises:
+        StudyError: the value is wrong.
+    """
+    if isinstance(value, list | tuple):
+        if not value:
+            raise StudyError(f"vary.{key} is an empty list: give at least one value")
+        return Axis(key, tuple(value))
+    if not (isinstance(value, Mapping) and len(value) == 1):
+        raise StudyError(
+            f"vary.{key} is {value!r}, must be a list, or one of {', '.join(_PARSERS)} with its "
+            "numbers; put a constant value under experiment"
+        )
+    kind, numbers = next(iter(value.items()))
+    if kind not in _PARSERS:
+        raise StudyError(
+            f"vary.{key}: unknown '{kind}': {suggest(kind, _PARSERS)}; write a key below {key} "
+            f"with a dot: {key}.{kind}"
+        )
+    return _PARSERS[kind](key, kind, numbers)
+
+
+def _parse_numbers(key: str, kind: str, value: Any, count: int) -> list[float]:
+    return list(convert(value, tuple[(float,) * count], f"vary.{key}.{kind}", StudyError))
+
+
+def _parse_range(
+    key: str, kind: str, value: Any, lower_bound: float = -math.inf
+) -> tuple[float, float]:
+    low, high = _parse_numbers(key, kind, value, 2)
+    if not lower_bound < low < high:
+        floor = "" if lower_bound == -math.inf else f"{lower_bound:g} < "
+        raise StudyError(f"vary.{key}.{kind} is {low:g} to {high:g}, must be {floor}low < high")
+    return low, high
+
+
+def _parse_grid(key: str, kind: str, value: Any) -> Axis:
+    first, last, count = _parse_numbers(key, kind, value, 3)
+    if not (count == int(count) and 2 <= count <= MAX_VALUES):
+        raise StudyError(f"vary.{key}.{kind}: count is {count:g}, must be from 2 to {MAX_VALUES}")
+    if kind == "log" and min(first, last) <= 0.0:
+        raise StudyError(f"vary.{key}.log: both ends must be above 0")
+    make = np.geomspace if kind == "log" else np.linspace
+    return Axis(key, tuple(make(first, last, int(count)).tolist()))
+
+
+def _parse_uniform(key: str, kind: str, value: Any) -> RandomVariation:
+    low, high = _parse_range(key, kind, value)
+    return RandomVariation(key, lambda u: low + u * (high - low), (low, high))
+
+
+def _parse_loguniform(key: str, kind: str, value: Any) -> RandomVariation:
+    low, high = _parse_range(key, kind, value, 0.0)
+    return RandomVariation(
+        key, lambda u: math.exp(math.log(low) + u * math.log(high / low)), (low, high)
+    )
+
+
+def _parse_normal(key: str, kind: str, value: Any) -> RandomVariation:
+    mean, deviation = _parse_numbers(key, kind, value, 2)
+    if deviation <= 0.0:
+        raise StudyError(f"vary.{key}.normal: the deviation is {deviation:g}, must be above 0")
+    return RandomVariation(key, lambda u: mean + deviation * float(scipy.special.ndtri(u)), (mean,))
+
+
+def _parse_integers(key: str, kind: str, value: Any) -> RandomVariation:
+    low, high = _parse_range(key, kind, value)
+    if low != int(low) or high != int(high):
+        raise StudyError(f"vary.{key}.integers is {low:g} to {high:g}, must be whole numbers")
+    first, count = int(low), int(high - low) + 1
+    return RandomVariation(
+        key, lambda u: first + min(int(u * count), count - 1), (int(low), int(high))
+    )
+
+
+def _parse_choice(key: str, kind: str, value: Any) -> RandomVariation:
+    if not (isinstance(value, list | tuple) and value):
+        raise StudyError(f"vary.{key}.choice is {value!r}, must be a list of values")
+    values = tuple(value)
+    return RandomVariation(
+        key, lambda u: values[min(int(u * len(values)), len(values) - 1)], values
+    )
+
+
+_PARSERS: dict[str, Callable[[str, str, Any], Axis | RandomVariation]] = {
+    "linear": _parse_grid,
+    "log": _parse_grid,
+    "uniform": _parse_uniform,
+    "loguniform": _parse_loguniform,
+    "normal": _parse_normal,
+    "integers": _parse_integers,
+    "choice": _parse_choice,
+}
+
+
+def draw_values(
+    variations: Sequence[RandomVariation], sampling: str, entropy: int, sample: int
+) -> dict[str, Any]:
+    """Draw the values of all random keys; they are the same on every machine.
+
+    Args:
+        sampling: 'random' or 'sobol'. entropy: seed of the study. sample: number of the sample.
+    """
+    if not variations:
+        return {}
+    if sampling == "sobol":
+        unit = _make_sobol_points(len(variations), entropy, sample // SOBOL_BLOCK)[
+            sample % SOBOL_BLOCK
+        ]
+    else:
+        seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY, sample))
+        unit = np.random.default_rng(seeds).random(len(variations))
+    # At 0 the value of a normal distribution is infinite; 1 does not occur.
+    bounded = np.maximum(unit, 1e-12).tolist()
+    return {draw.key: draw.value(u) for draw, u in zip(variations, bounded, strict=True)}
+
+
+@lru_cache(maxsize=4)
+def _make_sobol_points(dimensions: int, entropy: int, block: int) -> np.ndarray:
+    """Compute a block of points (SOBOL_BLOCK, dimensions) of the scrambled Sobol sequence."""
+    seeds = np.random.SeedSequence(entropy, spawn_key=(STREAM_KEY,))
+    sequence = scipy.stats.qmc.Sobol(dimensions, rng=np.random.default_rng(seeds))
+    if block:
+        sequence.fast_forward(block * SOBOL_BLOCK)
+    return sequence.random(SOBOL_BLOCK)

@@ -1,0 +1,123 @@
+"""Versions of the code and libraries that affect results; all workers must have the same."""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import importlib.util
+import platform
+import re
+import subprocess
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any
+
+from ..errors import ExperimentError
+from ..experiment.packages import PackagePath
+
+SOURCE_FOLDER = Path(__file__).resolve().parents[4]  # src/ of the workspace
+INSTALL_FOLDER = Path(__file__).resolve().parents[2]  # contains all packages when installed
+PACKAGES = (
+    "aras_sim_bridge", "aras_visual_servo_camera", "aras_visual_servo_controller",
+    "aras_visual_servo_bench", "aras_visual_servo_gazebo",
+)  # fmt: skip
+# Files of studies are excluded, because the folder of a study contains its own settings.
+EXCLUDED_FOLDER = ("config", "studies")
+SOURCE_SUFFIXES = (
+    ".py", ".yaml", ".urdf", ".world", ".dae", ".glb", ".gltf", ".stl", ".obj", ".mtl", ".png",
+    ".npz",
+)  # fmt: skip
+CLASS_PATH = re.compile(r"([A-Za-z_]\w*(?:\.\w+)*):[A-Za-z_]\w*")  # package.module:Class
+# Libraries that affect the numbers of a run.
+LIBRARIES = ("numpy", "scipy", "numba", "pin", "pybullet", "opencv-python-headless", "pyarrow")
+UNKNOWN = "unknown"
+
+
+@functools.lru_cache(maxsize=1)
+def compute_source_digest() -> str:
+    """Compute a digest of all files of the simulator that affect a run."""
+    digest = hashlib.sha256()
+    for package in PACKAGES:
+        for folder in _find_folders(package):
+            for path in sorted(folder.rglob("*")):
+                if (
+                    path.suffix in SOURCE_SUFFIXES
+                    and path.parts[-3:-1] != EXCLUDED_FOLDER
+                    and path.is_file()
+                ):
+                    digest.update(f"{package}/{path.relative_to(folder)}".encode())
+                    digest.update(path.read_bytes())
+    return digest.hexdigest()[:16]
+
+
+def _find_folders(package: str) -> list[Path]:
+    """Return the folders of a package: one in a workspace, two if it is installed.
+
+    Python's import path is not used, because in a sourced workspace it leads to catkin's stubs.
+    """
+    code = INSTALL_FOLDER / package
+    try:
+        share = Path(PackagePath().find(package))
+    except ExperimentError:
+        return [code]
+    return [share] if code.is_relative_to(share) or not code.is_dir() else [share, code]
+
+
+@functools.lru_cache(maxsize=1)
+def read_versions() -> dict[str, str]:
+    """Return the versions of Python and the libraries, and the digest of the sources, by name."""
+    versions = {"python": platform.python_version(), "machine": platform.machine()}
+    for library in LIBRARIES:
+        try:
+            versions[library] = importlib.metadata.version(library)
+        except importlib.metadata.PackageNotFoundError:
+            versions[library] = UNKNOWN
+    return {**versions, "sources": compute_source_digest()}
+
+
+def read_study_versions(study: Mapping[str, Any]) -> dict[str, str]:
+    """Return the versions, with a digest of each module that a study's values refer to."""
+    versions = dict(read_versions())
+    for module in sorted(
+        {match[1] for word in _collect_strings(study) if (match := CLASS_PATH.fullmatch(word))}
+    ):
+        versions[module] = _digest_module(module)
+    return versions
+
+
+def _collect_strings(value: Any) -> Iterator[str]:
+    if isinstance(value, str):
+        yield value
+    elif isinstance(value, Mapping):
+        for inner in value.values():
+            yield from _collect_strings(inner)
+    elif isinstance(value, list | tuple):
+        for inner in value:
+            yield from _collect_strings(inner)
+
+
+def _digest_module(name: str) -> str:
+    try:
+        spec = importlib.util.find_spec(name)
+        return hashlib.sha256(Path(spec.origin).read_bytes()).hexdigest()[:16]
+    except (ImportError, AttributeError, TypeError, ValueError, OSError):
+        return UNKNOWN  # the import of the module raises an error later
+
+
+def read_commit() -> str:
+    """Return the current Git commit, with '-dirty' after changes; 'unknown' without Git."""
+    command = ["git", "-C", str(SOURCE_FOLDER), "describe", "--always", "--dirty", "--abbrev=12"]
+    try:
+        done = subprocess.run(command, capture_output=True, text=True, timeout=20, check=False)
+    except (OSError, subprocess.TimeoutExpired):
+        return UNKNOWN
+    return done.stdout.strip() or UNKNOWN
+
+
+def describe_difference(here: dict[str, str], there: dict[str, str]) -> str:
+    """Describe the differences of two sets of versions; '' if they are equal."""
+    keys = [key for key in {**here, **there} if here.get(key) != there.get(key)]
+    return ", ".join(
+        f"{key} {here.get(key, 'none')} here and {there.get(key, 'none')} there" for key in keys
+    )

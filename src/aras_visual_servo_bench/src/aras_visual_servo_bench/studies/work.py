@@ -1,0 +1,184 @@
+"""Work of a worker: run a chunk's runs one after the other, directly or in child processes."""
+
+from __future__ import annotations
+
+import functools
+import json
+import os
+import pickle
+import signal
+import socket
+import subprocess
+import sys
+import threading
+from collections.abc import Iterator
+from dataclasses import dataclass
+from typing import Any, BinaryIO
+
+from ..errors import StudyError
+from . import rows, versions
+from .study import Study
+
+# Limit libraries that by default use one thread per core (BLAS, OpenMP, numba, OpenCV, Mesa).
+ONE_THREAD = {
+    "OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1", "MKL_NUM_THREADS": "1",
+    "BLIS_NUM_THREADS": "1", "VECLIB_MAXIMUM_THREADS": "1", "NUMEXPR_NUM_THREADS": "1",
+    "NUMBA_NUM_THREADS": "1", "OPENCV_FOR_THREADS_NUM": "1", "LP_NUM_THREADS": "1",
+}  # fmt: skip
+GRACE_TIME = 60.0  # s beyond a run's limit, for the start of a child process
+MAX_TRIES = 2  # of a run that ended its process, which may have been killed from outside
+
+
+@dataclass(frozen=True)
+class StudyTask:
+    """Chunk of a study to run.
+
+    study: result of `Study.to_mapping`, as JSON. chunk: number of the chunk.
+    is_isolated: run the chunk in a child process, whose end does not end the worker.
+    versions: required versions of the code; None: any.
+    """
+
+    study: str
+    chunk: int
+    is_isolated: bool = False
+    versions: tuple[tuple[str, str], ...] | None = None
+
+    @property
+    def runs(self) -> range:
+        """Numbers of the runs of the chunk."""
+        return _load_study(self.study).list_chunk_runs(self.chunk)
+
+
+def carry_out(task: StudyTask) -> rows.Rows:
+    """Run all runs of a chunk and return their rows.
+
+    Raises:
+        StudyError: this process has other code than the process that started the study.
+    """
+    if task.versions is not None:
+        current = versions.read_study_versions(json.loads(task.study))
+        difference = versions.describe_difference(dict(task.versions), current)
+        if difference:
+            raise StudyError(f"a worker has other versions: {difference}")
+    limit_threads()  # for each chunk, because workers of a cluster may start at any time
+    return _run_isolated_chunk(task) if task.is_isolated else _run_directly(task)
+
+
+def limit_threads() -> None:
+    """Limit OpenCV to one thread; other libraries read their environment variables at import."""
+    import cv2
+
+    cv2.setNumThreads(1)
+
+
+@functools.lru_cache(maxsize=4)
+def _load_study(text: str) -> Study:
+    return Study.from_mapping(json.loads(text))
+
+
+def _run_directly(task: StudyTask) -> rows.Rows:
+    study, worker = _load_study(task.study), make_worker_name()
+    chunk_rows = rows.Rows()
+    for run in task.runs:
+        chunk_rows.add(rows.compute_row(study, run, worker))
+    return chunk_rows
+
+
+def make_worker_name() -> str:
+    """Return the name of this process for the table of wall times."""
+    return f"{socket.gethostname()}:{os.getpid()}"
+
+
+# -- child processes -----------------------------------------------------------------------
+
+
+def _run_isolated_chunk(task: StudyTask) -> rows.Rows:
+    """Run a chunk in child processes; if a run ends its process, this becomes its outcome."""
+    study = _load_study(task.study)
+    chunk_rows, tries, end = rows.Rows(), 0, ""
+    todo = task.runs
+    while len(todo):
+        finished, end = _run_child(task.study, todo, study.limit + GRACE_TIME)
+        chunk_rows.add(finished)
+        todo = todo[len(finished.values):]
+        tries = 1 if finished.values else tries + 1
+        if len(todo) and (tries >= MAX_TRIES or end is None):
+            result = {"outcome": rows.DIED, "reason": end} if end else rows.describe_timeout(study)
+            lost = {**rows.make_blank_row(study, todo[0]), **result}
+            times = {"run": todo[0], "worker": make_worker_name()}
+            chunk_rows.add(rows.Rows([lost], [times]))
+            todo, tries = todo[1:], 0
+    return chunk_rows
+
+
+def _run_child(study: str, todo: range, limit: float) -> tuple[rows.Rows, str | None]:
+    """Run some runs in a child process.
+
+    Returns:
+        The rows that the child process returned, and a description of its end; None if it was
+        killed because it returned no row for `limit` (s), so that its own timeout had failed.
+    """
+    environment = {**os.environ, **ONE_THREAD, "PYTHONPATH": os.pathsep.join(sys.path)}
+    child = subprocess.Popen(
+        [sys.executable, "-m", __name__], stdin=subprocess.PIPE, stdout=subprocess.PIPE,
+        env=environment,
+    )  # fmt: skip
+    child_rows, is_killed = rows.Rows(), threading.Event()
+
+    def kill_child() -> None:
+        is_killed.set()
+        child.kill()
+
+    watchdog = threading.Timer(limit, kill_child)
+    watchdog.start()
+    try:
+        with child.stdin as pipe:
+            pickle.dump((study, todo.start, todo.stop), pipe)
+        for run_rows in _read_pickles(child.stdout):
+            child_rows.add(run_rows)
+            watchdog.cancel()
+            watchdog = threading.Timer(limit, kill_child)
+            watchdog.start()
+    except BrokenPipeError:
+        pass  # the child ended before its first run; its exit code is described below
+    finally:
+        code = child.wait()
+        watchdog.cancel()
+    return child_rows, None if is_killed.is_set() else _describe_exit(code)
+
+
+def _read_pickles(pipe: BinaryIO) -> Iterator[Any]:
+    """Yield the pickled objects from a pipe until its end; an incomplete last one is ignored."""
+    while True:
+        try:
+            yield pickle.load(pipe)
+        except (EOFError, pickle.UnpicklingError):
+            return
+
+
+def _describe_exit(code: int) -> str:
+    if code < 0:
+        return f"its process was ended by {signal.Signals(-code).name}"
+    return f"its process ended with exit code {code}"
+
+
+def _run_as_child() -> None:
+    """Run the runs that the standard input names, and write their rows to the standard output.
+
+    Any other output goes to the standard error.
+    """
+    output = os.fdopen(os.dup(1), "wb")
+    os.dup2(2, 1)
+    text, start, stop = pickle.load(sys.stdin.buffer)
+    limit_threads()
+    study = _load_study(text)
+    for run in range(start, stop):
+        pickle.dump(rows.compute_row(study, run, make_worker_name()), output)
+        output.flush()
+
+
+if __name__ == "__main__":
+    # Import this module by its name, so that the parent can unpickle the classes of the rows.
+    from aras_visual_servo_bench.studies import work
+
+    work._run_as_child()

@@ -1,0 +1,347 @@
+"""Make targets from a shape name, an image, the outline in an SVG file, or a mesh."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Iterator, Mapping
+from dataclasses import fields
+from functools import lru_cache
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, NamedTuple
+from xml.etree.ElementTree import Element, tostring
+
+import numpy as np
+
+from aras_visual_servo_base import safe_xml
+from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_base.names import USER_FAULTS, format_error, suggest
+from aras_visual_servo_controller.parameters import MODEL_TRACKER, OUTLINE_TRACKER
+
+from ..errors import ExperimentError, require
+from .geometry import IMAGE_FLIP, PolygonTarget, Target
+from .shapes import SHAPES, TargetShape
+
+if TYPE_CHECKING:
+    from svgelements import Shape
+
+Corners = tuple[tuple[float, float], ...]
+DEFAULT_SIZE = (0.2, 0.2)  # m, of a target whose file or settings give no size
+CIRCLE_EDGES = 180  # edges per full circle of an SVG arc
+MESHES = (".stl", ".obj", ".dae", ".glb", ".gltf")
+CLASS_PATH = re.compile(r"[\w.]+:\w+")  # 'package.module:Class'
+MAX_SVG_BYTES = 1_000_000
+UNITS = ("", "mm", "cm", "in", "pt", "pc", "px")  # units of width and height of an SVG page
+PPI = 96.0  # px per inch in CSS
+MAX_ELEMENTS = 10_000  # of an SVG, with the copies that <use> makes
+SAMPLES = 24  # edges per curve of an SVG path
+# Relative difference between the aspect ratios of page and viewBox, for files with rounded values.
+ASPECT_TOLERANCE = 0.01
+MAX_CORNER_DISTANCE = 100.0  # from the page centre to a corner, in page sizes
+
+
+def find_shape(shape: str | Corners) -> type[TargetShape] | None:
+    """Return the class of a shape name or of 'package.module:Class'.
+
+    The result is None for files, corners and unknown names.
+
+    Raises:
+        ExperimentError: there is no such class.
+    """
+    if not isinstance(shape, str):
+        return None
+    return SHAPES.find(shape) if CLASS_PATH.fullmatch(shape) else SHAPES.get(shape)
+
+
+def is_mesh(shape: str | Corners) -> bool:
+    """Return True if the shape of a target is the path of a mesh file."""
+    return isinstance(shape, str) and Path(shape).suffix.lower() in MESHES
+
+
+def is_solid(shape: str | Corners) -> bool:
+    """Return True if the shape of a target is a mesh file or the name of a solid."""
+    return is_mesh(shape) or getattr(find_shape(shape), "is_solid", False)
+
+
+def find_tracker(shape: str | Corners) -> str:
+    """Return the name of the tracker for the points of a target."""
+    if is_mesh(shape):
+        return MODEL_TRACKER
+    found = find_shape(shape)
+    if found is None and isinstance(shape, str):
+        # The file of a flat shape has the shape's name, such as four_dots.png.
+        found = SHAPES.get(Path(shape).stem)
+        found = None if found is None or found.is_solid else found
+    return OUTLINE_TRACKER if found is None else found.tracker
+
+
+def list_parameters(shape: str | Corners) -> frozenset[str]:
+    """Return the names of the parameters of a named shape; empty for files and corners."""
+    found = find_shape(shape)
+    return frozenset(() if found is None else (field.name for field in fields(found)))
+
+
+def find_default_size(shape: str) -> tuple[float, ...] | None:
+    """Return the default size (m) for command-line programs; None if the file has a size."""
+    if is_mesh(shape) or Path(shape).suffix.lower() == ".svg":
+        return None
+    return (0.1, 0.1, 0.1) if is_solid(shape) else (0.1, 0.1)
+
+
+def make_target(
+    shape: str | Corners,
+    size: tuple[float, ...] | None = None,
+    scale: float | None = None,
+    marker: str = "",
+) -> Target:
+    """Make a target from a name, the path of an image, SVG or mesh, or the corners of a polygon.
+
+    Args:
+        shape, size, scale: as in TargetSpec. marker: for a shape with this parameter.
+
+    Raises:
+        ExperimentError: there is no shape of that name, or the file cannot be used.
+    """
+    return _make_target(shape, size, scale, marker)
+
+
+@lru_cache(maxsize=4)  # only few, because images and meshes are large
+def _make_target(
+    shape: str | Corners, size: tuple[float, ...] | None, scale: float | None, marker: str
+) -> Target:
+    if not isinstance(shape, str):
+        return PolygonTarget(shape)
+    require(
+        scale is None or is_mesh(shape),
+        f"target.scale is for meshes, and '{shape}' is none: give target.size",
+    )
+    if find_shape(shape) is not None:
+        return _make_shape(shape, {"size": size and list(size), "marker": marker})
+    path = Path(shape).expanduser()
+    if is_mesh(shape):
+        from .solids import read_solid_target
+
+        return read_solid_target(path, size, scale)
+    require(
+        size is None or len(size) == 2,
+        f"target.size of {shape} is {list(size or ())}, must be two lengths, along x and y, m",
+    )
+    if not path.suffix:
+        raise ExperimentError(f"target.shape is '{shape}': {suggest(shape, SHAPES)}")
+    require(path.is_file(), f"target.shape: there is no file {path}")
+    if path.suffix.lower() == ".svg":
+        return PolygonTarget(read_svg(path).scale_to_page(size))
+    from .textures import read_image_target
+
+    return read_image_target(path, size or DEFAULT_SIZE)
+
+
+def _make_shape(name: str, parameters: Mapping[str, Any]) -> Target:
+    """Make the target of a named shape; parameters that the shape does not have are ignored."""
+    known = list_parameters(name)
+    shape = SHAPES.create(name, **{k: v for k, v in parameters.items() if v and k in known})
+    try:
+        target = shape.make()
+    except ExperimentError:
+        raise
+    except USER_FAULTS as error:
+        raise ExperimentError(
+            f"target shape '{name}': make raised {format_error(error)}"
+        ) from error
+    require(isinstance(target, Target),
+            f"target shape '{name}': make returned {type(target).__name__}, must return a Target")
+    return target
+
+
+# -- SVG ---------------------------------------------------------------------------------------
+
+
+class SvgOutline(NamedTuple):
+    """Outline in an SVG file.
+
+    corners: (n, 2) relative to the page centre, x right and y up, CSS px.
+    page: width and height, CSS px.
+    metres: length of a px, m; None if the file gives no length for its page.
+    """
+
+    corners: np.ndarray
+    page: tuple[float, float]
+    metres: float | None
+
+    def scale_to_page(self, size: tuple[float, float] | None) -> tuple[tuple[float, float], ...]:
+        """Return the corners (m) on a page of the given size along x and y (m).
+
+        size: None: the size in the file, else DEFAULT_SIZE for the longer side.
+        """
+        if size is None:
+            factor = np.full(2, self.metres or DEFAULT_SIZE[0] / max(self.page))
+        else:
+            factor = np.divide(size, self.page)
+        return tuple((float(x), float(y)) for x, y in self.corners * factor)
+
+
+def read_svg(path: Path) -> SvgOutline:
+    """Read the outline in an SVG file, which must contain exactly one.
+
+    Supported are polygon, polyline, rect, circle, ellipse and path with their transforms, the
+    viewBox, and lengths in mm, cm, in, pt, pc and px (1/96 in). A curve becomes SAMPLES edges, a
+    full circle CIRCLE_EDGES. The page of a file without width, height and viewBox is the bounding
+    box of the outline.
+
+    Raises:
+        ExperimentError: the file is no SVG, has entities, too many elements, or not exactly one
+            outline.
+    """
+    from svgelements import SVG, Length, Shape
+
+    where = f"target.shape: {path}"
+    require(path.stat().st_size <= MAX_SVG_BYTES, f"{where} is larger than {MAX_SVG_BYTES} bytes")
+    try:
+        text = path.read_text(encoding="utf-8")
+        root = safe_xml.parse(text, f"{where} is no SVG", doctype=True)
+        count = _count_elements(root)
+        require(
+            count <= MAX_ELEMENTS,
+            f"{where} has more than {MAX_ELEMENTS} elements, including copies by <use>: draw the "
+            "outline once, as one path",
+        )
+        lengths = _complete_page_size(root)
+        drawing = SVG.parse(
+            io.StringIO(tostring(root, encoding="unicode")), reify=False, on_error="raise"
+        )
+        require(isinstance(drawing, SVG), f"{where} is no SVG: its root is not <svg>")
+        shapes = [element for element in drawing.elements() if isinstance(element, Shape)]
+        found = [corners for shape in shapes for corners in _find_outlines(shape)]
+    except DescriptionError as error:
+        raise ExperimentError(str(error)) from None
+    except (ValueError, TypeError, ArithmeticError, RecursionError) as error:
+        why = str(error) or "numbers are missing"
+        raise ExperimentError(f"{where} has an invalid outline: {why}") from None
+    require(
+        bool(found),
+        f"{where} has no outline: add a polygon, rect, circle, ellipse or closed path",
+    )
+    require(
+        len(found) == 1,
+        f"{where} has {len(found)} outlines, and a target has one: keep only one in the file",
+    )
+    points = found[0]
+    low, high = points.min(axis=0), points.max(axis=0)
+    require(bool((high > low).all()), f"target.shape: the outline in {path} has no area")
+    page, middle = high - low, 0.5 * (low + high)
+    if lengths or drawing.viewbox is not None:
+        page = np.array([drawing.width, drawing.height], float)
+        middle = 0.5 * page
+        require(bool((page > 0.0).all()), f"{where}: its width and height must be above 0")
+    require(
+        bool((np.abs(points - middle) <= MAX_CORNER_DISTANCE * page).all()),
+        f"{where}: a corner is more than {MAX_CORNER_DISTANCE:g} page sizes from the page centre: "
+        "correct the corner, or width, height and viewBox",
+    )
+    metres = 1e-3 / Length("1mm").value(ppi=PPI) if lengths else None
+    return SvgOutline((points - middle) * IMAGE_FLIP, tuple(page.tolist()), metres)
+
+
+def _complete_page_size(root: Element) -> bool:
+    """Set a missing width or height of an SVG page from the aspect ratio of its viewBox.
+
+    Returns:
+        True if the page has a length.
+
+    Raises:
+        ValueError: a length or the viewBox is invalid, or their aspect ratios differ.
+    """
+    from svgelements import Length
+
+    sides = {}
+    for side in ("width", "height"):
+        text = root.get(side, "").strip()
+        if not text or text == "auto" or text.endswith("%"):
+            root.attrib.pop(side, None)
+            continue
+        found = re.fullmatch(r"([+-]?[\d.]+(?:e[+-]?\d+)?)\s*([a-z]*)", text, re.IGNORECASE)
+        if found is None or found[2].lower() not in UNITS:
+            raise ValueError(f"{side} is '{text}', must be a length in {', '.join(UNITS[1:])}")
+        sides[side] = float(found[1]), found[2]
+    box = _read_view_box(root)
+    if len(sides) == 2 and box and root.get("preserveAspectRatio") != "none":
+        wide, high = (length * Length(f"1{unit or 'px'}").value(ppi=PPI)
+                      for length, unit in sides.values())  # fmt: skip
+        if min(wide, high) > 0.0 and abs(wide * box[1] / (high * box[0]) - 1.0) > ASPECT_TOLERANCE:
+            raise ValueError(
+                f"width {root.get('width')} and height {root.get('height')} have another aspect "
+                f"ratio than the viewBox, which is {box[0]:g} by {box[1]:g}: correct one of them"
+            )
+    if len(sides) == 1 and box:
+        ((side, (length, unit)),) = sides.items()
+        wide, high = box
+        other, ratio = ("height", high / wide) if side == "width" else ("width", wide / high)
+        root.set(other, f"{length * ratio!r}{unit}")
+        return True
+    if len(sides) == 1:
+        root.attrib.pop(next(iter(sides)))
+    return len(sides) == 2
+
+
+def _read_view_box(root: Element) -> tuple[float, float] | None:
+    """Return width and height of an SVG's viewBox; None without a viewBox.
+
+    Raises:
+        ValueError: the viewBox is invalid.
+    """
+    text = root.get("viewBox")
+    if text is None:
+        return None
+    numbers = [float(word) for word in text.replace(",", " ").split()]
+    if len(numbers) != 4 or not np.isfinite(numbers).all() or min(numbers[2:]) <= 0.0:
+        raise ValueError(f"viewBox is '{text}', must be x, y, width and height, the last two above "
+                         "0")  # fmt: skip
+    return numbers[2], numbers[3]
+
+
+def _count_elements(root: Element) -> int:
+    """Count the elements of an SVG, including copies by <use>; stop above MAX_ELEMENTS."""
+    by_id = {element.get("id"): element for element in root.iter()}
+    pending, count = [root], 0
+    while pending and count <= MAX_ELEMENTS:
+        element = pending.pop()
+        count += 1
+        pending.extend(element)
+        if element.tag.endswith("use"):
+            copied = (by_id.get(value.removeprefix("#")) for name, value in element.items()
+                      if name.endswith("href"))  # fmt: skip
+            pending.extend(one for one in copied if one is not None)
+    return count
+
+
+def _find_outlines(shape: Shape) -> Iterator[np.ndarray]:
+    """Yield the corners (n, 2), n >= 3, of each subpath of an SVG shape.
+
+    Raises:
+        ValueError: the path has an unknown command.
+    """
+    from svgelements import Arc, Close, Line, Move
+    from svgelements import Path as Curve
+
+    unknown = re.search(r"[^MZLHVCSQTAE\d\s,.+-]", str(shape.values.get("d", "")), re.IGNORECASE)
+    if unknown:
+        raise ValueError(f"path command '{unknown[0]}' is unknown")
+    parts: list[list[tuple[float, float]]] = [[]]
+    for segment in Curve(shape).segments(transformed=False):
+        if isinstance(segment, Move | Close):
+            parts.append([])
+        count = 1
+        if isinstance(segment, Arc):
+            count = math.ceil(abs(segment.sweep) / (2.0 * np.pi) * CIRCLE_EDGES)
+        elif not isinstance(segment, Move | Close | Line):
+            count = SAMPLES
+        for k in range(count):
+            end = segment.point((k + 1) / count) if count > 1 else segment.end
+            parts[-1].append(shape.transform.point_in_matrix_space(end))
+    for part in parts:
+        corners = np.array([(point.x, point.y) for point in part]).reshape(-1, 2)
+        if len(corners) and np.allclose(corners[0], corners[-1]):
+            corners = corners[:-1]
+        if len(corners) >= 3:
+            yield corners

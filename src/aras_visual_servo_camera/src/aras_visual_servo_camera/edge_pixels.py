@@ -1,0 +1,92 @@
+"""Position of the covered part within each edge pixel.
+
+A weight is the covered fraction of a pixel's square. If a straight edge parallel to a side cuts off
+the fraction w, the middle of the covered part is (1 - w) / 2 from the middle of the square. Its
+first moment about the middle is thus w (1 - w) / 2, directed towards the target. For an oblique
+edge this is within 6 %. The weights increase towards the target, so their gradient gives the
+direction.
+
+The correction matters most for edges along the rows of pixels: all pixels of such an edge have the
+same coverage, so their errors add up. Without it, the main axis of a nearly square target is wrong
+by up to 1.5 mrad; with it, by 0.2 mrad.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+
+@jit("f8[:,:]")
+def compute_edge_moments(weights):
+    """Compute the first moments of each pixel's covered part about the pixel's middle, px.
+
+    Args:
+        weights: (rows, columns) covered fraction of each pixel.
+
+    Returns:
+        (2, rows, columns), the moments along the columns and along the rows of the image, i.e. in u
+        and in v.
+    """
+    rows, columns = weights.shape
+    found = np.zeros((2, rows, columns))
+    for row in range(rows):
+        for column in range(columns):
+            weight = weights[row, column]
+            if weight == 0.0 or weight == 1.0:
+                continue
+            up, down = max(row - 1, 0), min(row + 1, rows - 1)
+            left, right = max(column - 1, 0), min(column + 1, columns - 1)
+            across = (
+                weights[up, right] + 2.0 * weights[row, right] + weights[down, right]
+                - weights[up, left] - 2.0 * weights[row, left] - weights[down, left]
+            )  # fmt: skip
+            along = (
+                weights[down, left] + 2.0 * weights[down, column] + weights[down, right]
+                - weights[up, left] - 2.0 * weights[up, column] - weights[up, right]
+            )  # fmt: skip
+            slope = np.sqrt(across * across + along * along)
+            if slope > 0.0:
+                part = 0.5 * weight * (1.0 - weight) / slope
+                found[0, row, column], found[1, row, column] = part * across, part * along
+    return found
+
+
+@jit("f8[:,:], f8[:,:], f8[:,:], f8[:,:], i8, i8")
+def locate_covered_parts(x, y, area, weights, left, top):
+    """Compute x, y and area of each pixel's covered part.
+
+    Args:
+        x, y, area: tables of the lens, as in PixelTables.
+        weights: (rows, columns) covered fractions in a crop.
+        left, top: column and row of the crop's first pixel.
+
+    Returns:
+        (3, rows * columns), x, y and area.
+    """
+    moments = compute_edge_moments(weights)
+    rows, columns = weights.shape
+    last_row, last_column = x.shape[0] - 1, x.shape[1] - 1
+    found = np.empty((3, rows * columns))
+    k = 0
+    for i in range(rows):
+        for j in range(columns):
+            row, column, weight = top + i, left + j, weights[i, j]
+            up, down = max(row - 1, 0), min(row + 1, last_row)
+            before, after = max(column - 1, 0), min(column + 1, last_column)
+            # Next to a pixel without a ray the tables have no slope.
+            shown = min(area[row, before], area[row, after], area[up, column], area[down, column])
+            u = v = 0.0
+            if weight != 0.0 and shown > 0.0:
+                u = moments[0, i, j] / (weight * max(after - before, 1))
+                v = moments[1, i, j] / (weight * max(down - up, 1))
+            for n, table in enumerate((x, y, area)):
+                found[n, k] = (
+                    table[row, column]
+                    + u * (table[row, after] - table[row, before])
+                    + v * (table[down, column] - table[up, column])
+                )
+            found[2, k] *= weight
+            k += 1
+    return found

@@ -1,0 +1,262 @@
+"""Search and measurement of edges along the rows and columns of an image.
+
+A steep edge is searched along the image row, any other edge along the column. Whole pixels are
+read, and none are interpolated. The grey level of a pixel is the mean over its square. If a
+straight edge separates two uniform grey levels, the sum of the levels over a row therefore gives
+the exact column at which the edge crosses the middle of that row.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+MAX_CANDIDATES = 4  # edge candidates per point
+MAX_LEVEL_PIXELS = 3  # pixels that are averaged to a grey level on either side
+SEARCH_SLACK = 0.35  # px; an edge this far from its expected place is measured without loss
+MAX_DISTANCE = 1.5  # px; largest distance of a measured edge from its expected place
+MAX_UNEVENNESS = 0.35  # largest variation of the pixels of one level, relative to the contrast
+UNKNOWN_LEVEL = -1.0  # placeholder for an unknown grey level
+LEARNING_RATE = 0.2  # weight of a new image in the stored levels
+NOISE_ROWS = 8  # rows of an image in which its noise is measured
+
+
+@jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
+def find_candidates(grey, pixel, normal, expected_levels, reach, min_change, tolerance):
+    """Find the places of steepest change within `reach` px of each point, the nearest first.
+
+    Args:
+        grey: (rows, columns) image.
+        pixel, normal: (n, 2) as in EdgePoints.
+        expected_levels: (n, 2) grey levels on the side of the normal and on the other;
+            UNKNOWN_LEVEL accepts any level.
+        reach: search distance along the normal, px.
+        min_change: smallest change that is an edge, grey levels.
+        tolerance: largest difference from an expected level, grey levels.
+
+    Returns:
+        (n, MAX_CANDIDATES) distances along the normal, px; NaN if there are fewer candidates.
+    """
+    rows, columns = grey.shape
+    candidates = np.full((len(pixel), MAX_CANDIDATES), np.nan)
+    change = np.empty(2 * int(reach * 1.5) + 9)
+    for n in range(len(pixel)):
+        k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
+        along = normal[n, k]
+        line = int(np.rint(pixel[n, 1 - k]))
+        # Position at which the edge crosses the middle of this row or column.
+        edge_position = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
+        middle = int(np.rint(edge_position))
+        span = int(reach / abs(along)) + 1
+        limit = columns if k == 0 else rows
+        low, high = max(middle - span, 2), min(middle + span, limit - 4)
+        other = rows if k == 0 else columns
+        if line < 0 or line >= other or high - low < 2:
+            continue
+        for i in range(low, high + 1):  # change of level between pixels i and i + 1
+            if k == 0:
+                step = (np.float64(grey[line, i + 1]) + grey[line, i + 2]
+                        - grey[line, i] - grey[line, i - 1])  # fmt: skip
+            else:
+                step = (np.float64(grey[i + 1, line]) + grey[i + 2, line]
+                        - grey[i, line] - grey[i - 1, line])  # fmt: skip
+            change[i - low] = 0.5 * step
+        count = 0
+        for i in range(low + 1, high):
+            c = abs(change[i - low])
+            before, behind = abs(change[i - low - 1]), abs(change[i - low + 1])
+            if c < min_change or c < before or c <= behind:
+                continue
+            if k == 0:
+                left = 0.5 * (np.float64(grey[line, i - 2]) + grey[line, i - 1])
+                right = 0.5 * (np.float64(grey[line, i + 2]) + grey[line, i + 3])
+            else:
+                left = 0.5 * (np.float64(grey[i - 2, line]) + grey[i - 1, line])
+                right = 0.5 * (np.float64(grey[i + 2, line]) + grey[i + 3, line])
+            with_normal, against = (right, left) if along > 0.0 else (left, right)
+            if (
+                expected_levels[n, 0] >= 0.0
+                and abs(with_normal - expected_levels[n, 0]) > tolerance
+            ) or (
+                expected_levels[n, 1] >= 0.0 and abs(against - expected_levels[n, 1]) > tolerance
+            ):
+                continue
+            bend = before - 2.0 * c + behind
+            shift = 0.5 * (before - behind) / bend if bend < 0.0 else 0.0
+            offset = (i + 0.5 + shift - edge_position) * along
+            # Insert the candidate in order of distance.
+            place = count
+            while place > 0 and abs(candidates[n, place - 1]) > abs(offset):
+                if place < MAX_CANDIDATES:
+                    candidates[n, place] = candidates[n, place - 1]
+                place -= 1
+            if place < MAX_CANDIDATES:
+                candidates[n, place] = offset
+                count = min(count + 1, MAX_CANDIDATES)
+    return candidates
+
+
+@jit("u1[:,:], f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8, f8, f8")
+def measure_edges(grey, pixel, normal, room, expected_levels, min_change, tolerance, noise):
+    """Measure the edge at each point from the sum of the grey levels across it.
+
+    Args:
+        grey: (rows, columns) image.
+        pixel, normal, room: as in EdgePoints.
+        expected_levels, min_change, tolerance: as in `find_candidates`.
+        noise: rms noise of a pixel, grey levels.
+
+    Returns:
+        (n, 4): distance along the normal, px, NaN where no edge is measured; the grey levels on the
+        side of the normal and on the other side; the variance of the distance due to noise, px^2.
+    """
+    rows, columns = grey.shape
+    found = np.full((len(pixel), 4), np.nan)
+    values = np.empty(32)
+    for n in range(len(pixel)):
+        k = 0 if abs(normal[n, 0]) >= abs(normal[n, 1]) else 1
+        along, slope = normal[n, k], abs(normal[n, 1 - k] / normal[n, k])
+        line = int(np.rint(pixel[n, 1 - k]))
+        expected_position = pixel[n, k] - (line - pixel[n, 1 - k]) * normal[n, 1 - k] / along
+        limit, other = (columns, rows) if k == 0 else (rows, columns)
+        if line < 0 or line >= other:
+            continue
+        place, good = expected_position, False
+        contrast, level = 0.0, np.zeros(2)
+        inside = counted = 0
+        slope_of = 0.0
+        for _ in range(3):
+            # Pixels that the edge touches: half the width of the transition on either side.
+            half = 0.5 * (1.0 + slope) + SEARCH_SLACK
+            first, last = int(np.ceil(place - half)), int(np.floor(place + half))
+            before = min(
+                MAX_LEVEL_PIXELS,
+                int(first - 1 - (expected_position - room[n, 0] + 0.5 + 0.5 * slope) + 1.0),
+            )
+            behind = min(
+                MAX_LEVEL_PIXELS,
+                int(expected_position + room[n, 1] - 0.5 - 0.5 * slope - (last + 1) + 1.0),
+            )
+            good = before >= 1 and behind >= 1 and first - before >= 0 and last + behind < limit
+            if not good:
+                break
+            low, high = first - before, last + behind
+            for i in range(low, high + 1):
+                values[i - low] = grey[line, i] if k == 0 else grey[i, line]
+            count = high - low + 1
+            left = right = 0.0
+            for i in range(before):
+                left += values[i] / before
+            for i in range(behind):
+                right += values[count - 1 - i] / behind
+            contrast = right - left
+            good = abs(contrast) >= min_change
+            if not good:
+                break
+            spread = 0.0
+            for i in range(before):
+                spread = max(spread, abs(values[i] - left))
+            for i in range(behind):
+                spread = max(spread, abs(values[count - 1 - i] - right))
+            slope_of = max(spread - 3.0 * noise, 0.0)
+            if slope_of > 0.0:  # shaded surface: extrapolate the levels to the edge
+                left, right = values[before - 1], values[count - behind]
+                if before > 1:
+                    left += 0.5 * (left - values[before - 2])
+                if behind > 1:
+                    right += 0.5 * (right - values[count - behind + 1])
+                contrast = right - left
+                good = abs(contrast) >= min_change
+                if not good:
+                    break
+            good = spread <= MAX_UNEVENNESS * abs(contrast) + 3.0 * noise
+            if not good:
+                break
+            share = 0.0
+            for i in range(before, count - behind):
+                share += (right - values[i]) / contrast
+            new = first - 0.5 + share
+            level[0], level[1] = left, right
+            inside, counted = count - before - behind, min(before, behind)
+            step, place = abs(new - place), new
+            if abs(place - expected_position) > MAX_DISTANCE:
+                good = False
+                break
+            if step < 0.3 * SEARCH_SLACK:
+                break
+        if not good:
+            continue
+        with_normal, against = (level[1], level[0]) if along > 0.0 else (level[0], level[1])
+        if (
+            expected_levels[n, 0] >= 0.0 and abs(with_normal - expected_levels[n, 0]) > tolerance
+        ) or (expected_levels[n, 1] >= 0.0 and abs(against - expected_levels[n, 1]) > tolerance):
+            continue
+        found[n, 0] = (place - expected_position) * along
+        found[n, 1], found[n, 2] = with_normal, against
+        around = inside + 0.5 * inside * inside / counted
+        found[n, 3] = around * ((noise + slope_of) / contrast) ** 2 * along * along
+    return found
+
+
+@jit("u1[:,:]")
+def estimate_noise(grey):
+    """Estimate the standard deviation of a pixel's noise, in grey levels.
+
+    The image has to be smooth for the most part.
+    """
+    rows, columns = grey.shape
+    counts, total = np.zeros(1021, np.int64), 0
+    for v in range(0, rows, max(rows // NOISE_ROWS, 1)):
+        for u in range(1, columns - 1):
+            bend = 2 * np.int64(grey[v, u]) - np.int64(grey[v, u - 1]) - np.int64(grey[v, u + 1])
+            counts[abs(bend)] += 1
+            total += 1
+    low, high, passed = -1, -1, 0
+    for bend in range(len(counts)):  # find the median
+        passed += counts[bend]
+        if low < 0 and 2 * passed >= total:
+            low = bend
+        if high < 0 and 2 * passed > total:
+            high = bend
+            break
+    return 1.4826 * 0.5 * (low + high) / np.sqrt(6.0) if total else 0.0
+
+
+@jit("i8[::1], b1[:,::1], f8[:,::1]")
+def predict_levels(edge, facing, levels):
+    """Return the stored grey levels (n, 2) on both sides of each point's edge.
+
+    Args:
+        edge, facing: `edges` and `are_faces_visible` of EdgePoints.
+        levels: (E, 2) stored levels of the edges, or UNKNOWN_LEVEL.
+    """
+    found = np.full((len(edge), 2), UNKNOWN_LEVEL)
+    for n in range(len(edge)):
+        for side in range(2):
+            if facing[n, side]:
+                found[n, side] = levels[edge[n], side]
+    return found
+
+
+@jit("f8[:,::1], i8[::1], b1[:,::1], f8[:,::1], f8[::1], f8")
+def update_levels(levels, edge, facing, values, residuals, inlier_distance):
+    """Update the stored levels of the edges with those measured at their points.
+
+    Args:
+        levels, edge, facing: as in `predict_levels`; `levels` is changed.
+        values: (n, 4) result of `measure_edges`.
+        residuals: (n,) px. Points with residuals of `inlier_distance` or more are ignored.
+        inlier_distance: px.
+    """
+    total, count = np.zeros(levels.shape), np.zeros(levels.shape)
+    for n in range(len(edge)):
+        for side in range(2):
+            if facing[n, side] and abs(residuals[n]) < inlier_distance:
+                total[edge[n], side] += values[n, 1 + side]
+                count[edge[n], side] += 1.0
+    for e in range(len(levels)):
+        for side in range(2):
+            if count[e, side] > 0.0:
+                mean, known = total[e, side] / count[e, side], levels[e, side]
+                levels[e, side] = mean if known < 0.0 else known + LEARNING_RATE * (mean - known)

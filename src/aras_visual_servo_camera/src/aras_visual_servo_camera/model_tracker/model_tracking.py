@@ -1,0 +1,255 @@
+"""Tracking of a known solid from image to image by its visible edges."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from aras_visual_servo_base.poses import exponential, inverse, logarithm
+
+from ..errors import ModelError
+from ..undistortion import CameraModel
+from .edge_search import (
+    UNKNOWN_LEVEL,
+    estimate_noise,
+    find_candidates,
+    measure_edges,
+    predict_levels,
+    update_levels,
+)
+from .pose_fitting import INLIER_DISTANCE, assess_pose, fit_pose
+from .solid import Solid
+from .visible_edges import EdgePoints, sample_visible_edges
+
+# Spacing of the points (px) for the search for edges, and for their measurement.
+SEARCH_SPACING, MEASUREMENT_SPACING = 6.0, 4.0
+MIN_POINTS = 60  # with fewer points (a solid that is small in the image) the spacing is reduced
+SEARCH_RANGE = 10.0  # px on either side of the expected edge
+START_SEARCH_RANGES = (20.0, 10.0, 40.0)  # px, tried in this order from a rough start pose
+MAX_SEARCHES, MAX_MEASUREMENTS = 4, 3  # largest numbers of iterations per image
+MEASUREMENT_RANGE = 0.7  # px; after a smaller change of the pose, edges are measured, not searched
+REPEAT_CHANGE = 0.1  # px; after a larger change of the pose, edges are measured again
+MIN_CHANGE, MIN_NOISE_RATIO = 10.0, 3.5  # smallest edge: grey levels, and multiples of the noise
+# Smallest scale of the residuals (px) in the first and in the last step of a fit, for the search
+# and for the measurement. A fit that starts with the small scale would ignore the edges that
+# disagree with a wrong pose.
+SEARCH_SCALES, MEASUREMENT_SCALES = (0.5, 0.5), (0.3, 0.02)
+EDGE_ACCURACY = 0.03  # px, error of a measured edge without noise
+LEVEL_TOLERANCE = 25.0  # largest difference from a stored grey level
+# With fewer inliers, or a smaller share of the visible points, the solid is lost.
+MIN_INLIERS, MIN_INLIER_SHARE = 15, 0.45
+DEPTH_SPACING = 8  # px between the pixels of a depth image that are used
+# Inlier share relative to that of the last image; above this, no search for edges is needed.
+MIN_SHARE_RATIO = 0.9
+MIN_ROOM = 4.0  # px to other edges; with less, a point cannot be measured
+NO_POINTS = np.empty((0, 3))
+
+
+@dataclass(frozen=True, eq=False)
+class TrackedPose:
+    """A pose and its accuracy.
+
+    Attributes:
+        camera_T_solid: (4, 4).
+        covariance: (6, 6) of a pose change (m, rad) about the middle of the solid, in the camera's
+            axes; very large in directions that the edges do not determine.
+        unrepeatable_part: fraction (0 to 1) of the standard deviations by which the result of
+            another image from the same pose can differ. It follows from the excess of the residuals
+            over noise and measurement error, and is 1 if the edges leave a motion undetermined.
+        inlier_share: fraction of the visible edge points that are inliers of the pose.
+        inlier_count: number of inliers.
+        residual: rms distance of the inliers, px.
+        loss_reason: message if the solid is lost, otherwise empty.
+    """
+
+    camera_T_solid: np.ndarray
+    covariance: np.ndarray
+    unrepeatable_part: float
+    inlier_share: float
+    inlier_count: int
+    residual: float
+    loss_reason: str
+
+
+class ModelTracking:
+    """Tracker of a solid; `start` sets the pose for the first image.
+
+    Attributes:
+        solid: the solid that is tracked.
+        tracked_pose: result of the last image; None before the first image.
+    """
+
+    def __init__(self, solid: Solid) -> None:
+        self.solid = solid
+        self._middle, self._radius = solid.middle, solid.radius
+        self._free_motions = np.ascontiguousarray(solid.compute_free_motions().T)
+        self.start(None)
+
+    def start(self, camera_T_solid: np.ndarray | None) -> None:
+        """Restart from a rough pose (4, 4), or stop if the pose is None."""
+        self.tracked_pose: TrackedPose | None = None
+        self._pose = None if camera_T_solid is None else np.array(camera_T_solid, float)
+        self._motion, self._is_new, self._inlier_share = np.zeros(6), True, 0.0
+        self._levels = np.full((len(self.solid.edges), 2), UNKNOWN_LEVEL)
+
+    @property
+    def is_started(self) -> bool:
+        """True if a start pose is set."""
+        return self._pose is not None
+
+    def track(
+        self, grey: NDArray[np.uint8], camera: CameraModel, expected_pose: np.ndarray | None = None,
+        depth: NDArray[np.float32] | None = None,
+    ) -> TrackedPose:  # fmt: skip
+        """Find the solid in the next image.
+
+        Args:
+            grey: (rows, columns) image.
+            camera: intrinsics and distortion.
+            expected_pose: (4, 4) camera_T_solid, if the motion is known from another source. By
+                default the motion between the last two images is extrapolated.
+            depth: (rows, columns) depth along the optical axis, m, if there is a depth image.
+
+        Raises:
+            ModelError: the tracker was not started.
+        """
+        if self._pose is None:
+            raise ModelError(f"{self.solid.name}: the tracker has no start pose")
+        last_pose = self._pose
+        if expected_pose is None:
+            expected_pose = exponential(self._motion) @ last_pose
+        noise = estimate_noise(grey)
+        self._surface_points = (
+            NO_POINTS if depth is None else self._sample_depth(depth, camera, expected_pose)
+        )
+        if self._is_new:
+            attempts = [(expected_pose, reach) for reach in START_SEARCH_RANGES]
+        else:  # try first without a search
+            attempts = [(expected_pose, 0.0), (expected_pose, SEARCH_RANGE)]
+        if np.abs(self._motion).max() > 0.0:  # the motion may have stopped
+            attempts.append((last_pose, SEARCH_RANGE))
+        best = None
+        for pose, reach in attempts:
+            candidate = self._find_pose(grey, camera, pose, noise, reach)
+            if best is None or candidate.inlier_share > best.inlier_share:
+                best, self._best_samples = candidate, self._last_samples
+            if not best.loss_reason and (
+                reach > 0.0 or best.inlier_share > MIN_SHARE_RATIO * self._inlier_share
+            ):
+                break
+        self.tracked_pose = best
+        if best.loss_reason:
+            self._motion = np.zeros(6)
+            return best
+        self._motion = np.zeros(6) if self._is_new else logarithm(
+            best.camera_T_solid @ inverse(last_pose)
+        )
+        self._pose, self._is_new, self._inlier_share = (
+            best.camera_T_solid,
+            False,
+            best.inlier_share,
+        )
+        self._update_levels()
+        return best
+
+    def _find_pose(
+        self, grey: np.ndarray, camera: CameraModel, pose: np.ndarray, noise: float,
+        search_range: float,
+    ) -> TrackedPose:  # fmt: skip
+        min_change = max(MIN_CHANGE, MIN_NOISE_RATIO * noise)
+        tolerance = LEVEL_TOLERANCE + MIN_NOISE_RATIO * noise
+        for iteration in range(MAX_SEARCHES if search_range > 0.0 else 0):
+            samples = self._sample_edges(camera, pose, SEARCH_SPACING)
+            edge_offsets = find_candidates(grey, samples.pixels, samples.normals,
+                self._predict_levels(samples),
+                              search_range / (1.0 + iteration), min_change, tolerance)  # fmt: skip
+            pose, change, _, _ = self._fit_pose(
+                samples, edge_offsets, np.ones(len(edge_offsets)), pose, SEARCH_SCALES
+            )
+            if change < MEASUREMENT_RANGE and iteration:
+                break
+        for _ in range(MAX_MEASUREMENTS):
+            samples = self._sample_edges(camera, pose, MEASUREMENT_SPACING)
+            values = measure_edges(grey, samples.pixels, samples.normals, samples.room,
+                self._predict_levels(samples), min_change, tolerance, noise)  # fmt: skip
+            weight = 1.0 / (EDGE_ACCURACY**2 + values[:, 3])  # NaN where no edge is measured
+            pose, change, residuals, A = self._fit_pose(
+                samples, np.ascontiguousarray(values[:, :1]), weight, pose, MEASUREMENT_SCALES)
+            if change < REPEAT_CHANGE:
+                break
+        self._last_samples = samples, values, residuals
+        return self._assess_pose(samples, weight, pose, residuals, A)
+
+    def _sample_edges(self, camera: CameraModel, pose: np.ndarray, spacing: float) -> EdgePoints:
+        """Sample the visible edges every `spacing` px, or more densely if there are few points."""
+        points = sample_visible_edges(self.solid, camera, pose, spacing)
+        if 0 < len(points.solid_points) < MIN_POINTS:
+            nearer = max(1.0, spacing * len(points.solid_points) / MIN_POINTS)
+            points = sample_visible_edges(self.solid, camera, pose, nearer)
+        return points
+
+    def _predict_levels(self, samples: EdgePoints) -> np.ndarray:
+        """Return the stored grey levels (n, 2) on both sides of the points."""
+        return predict_levels(samples.edges, samples.are_faces_visible, self._levels)
+
+    def _fit_pose(
+        self, samples: EdgePoints, edge_offsets: np.ndarray, weight: np.ndarray, pose: np.ndarray,
+        scales: tuple[float, float],
+    ) -> tuple[np.ndarray, float, np.ndarray, np.ndarray]:  # fmt: skip
+        """Fit the pose with `fit_pose`."""
+        solid = self.solid
+        return fit_pose(
+            samples.solid_points, samples.image_points, samples.gains, edge_offsets, weight,
+            np.ascontiguousarray(pose),
+            *scales, self._middle, self._radius, self._free_motions, solid.vertices, solid.faces,
+            solid.normals, self._surface_points)  # fmt: skip
+
+    def _sample_depth(
+        self, depth: np.ndarray, camera: CameraModel, pose: np.ndarray
+    ) -> np.ndarray:
+        """Return normalised x, y and depth, m, (n, 3), of pixels around the solid."""
+        points = self.solid.vertices @ pose[:3, :3].T + pose[:3, 3]
+        if not (points[:, 2] > 0.0).all():
+            return NO_POINTS
+        u, v = camera.project(*(points[:, :2] / points[:, 2:]).T)
+        columns = np.arange(max(int(u.min()), 0), min(int(u.max()), camera.width), DEPTH_SPACING)
+        rows = np.arange(max(int(v.min()), 0), min(int(v.max()), camera.height), DEPTH_SPACING)
+        u, v = (a.ravel() for a in np.meshgrid(columns, rows))
+        x, y, valid = camera.normalise(u, v)
+        depths = depth[v, u].astype(float)
+        good = valid & np.isfinite(depths) & (depths > 0.0)
+        return np.column_stack([x, y, depths])[good]
+
+    def _assess_pose(
+        self, samples: EdgePoints, weight: np.ndarray, pose: np.ndarray, residuals: np.ndarray,
+        A: np.ndarray,
+    ) -> TrackedPose:  # fmt: skip
+        visible_count = int((samples.room.min(axis=1) > MIN_ROOM).sum())
+        count, rms, excess, covariance, is_open = assess_pose(
+            residuals, weight, A, len(self._free_motions), self._radius)
+        inlier_share = min(count / max(visible_count, 1), 1.0)
+        unrepeatable_part = 1.0 if is_open else math.sqrt(1.0 - 1.0 / excess)
+        loss_reason = ""
+        if count < MIN_INLIERS or inlier_share < MIN_INLIER_SHARE:
+            loss_reason = (
+                f"{self.solid.name} is lost: {count} of {visible_count} points of its edges "
+                "are found near the expected pose"
+            )
+        return TrackedPose(
+            pose, covariance, unrepeatable_part, inlier_share, count, rms, loss_reason
+        )
+
+    def _update_levels(self) -> None:
+        """Update the stored grey levels next to the measured edges."""
+        samples, values, residuals = self._best_samples
+        update_levels(
+            self._levels,
+            samples.edges,
+            samples.are_faces_visible,
+            values,
+            residuals,
+            INLIER_DISTANCE,
+        )

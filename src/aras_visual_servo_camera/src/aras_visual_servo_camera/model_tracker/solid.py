@@ -1,0 +1,203 @@
+"""Solid for model-based tracking: a closed triangle mesh with its edges."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.meshes import files
+
+from ..errors import ModelError
+
+WELD_TOLERANCE = 1e-6  # of the size; triangle corners closer than this are merged
+# Faces that meet at less than CREASE_ANGLE belong to a smooth surface, such as a cylinder; their
+# common edge is visible only on the outline. Below FLAT_ANGLE they form one flat face, and the edge
+# is never visible.
+CREASE_ANGLE, FLAT_ANGLE = np.radians(35.0), 1e-4
+MIN_SIZE, MAX_SIZE = 2e-3, 5.0  # m; a mesh outside this range is probably not in metres
+# Ratio to the largest eigenvalue, below which a motion leaves the surface unchanged.
+FREE_MOTION_TOLERANCE = 1e-4
+MIN_TRIANGLE_AREA = 1e-9  # of the size squared; smaller triangles are dropped
+
+
+@dataclass(frozen=True, eq=False)
+class Solid:
+    """A closed triangle mesh with its edges.
+
+    Attributes:
+        vertices: (V, 3) m, in the solid's frame.
+        faces: (F, 3) vertex indices, counter-clockwise seen from outside.
+        normals: (F, 3) outward unit normals.
+        edges: (E, 2) vertex indices.
+        edge_faces: (E, 2) the two faces of each edge; the edge runs counter-clockwise around the
+            first.
+        is_crease: (E,) True for a crease; the other edges are visible only on the outline.
+        is_outermost: (F,) True if no part of the solid lies in front of the face's plane.
+        name: name for messages.
+    """
+
+    vertices: np.ndarray
+    faces: np.ndarray
+    normals: np.ndarray
+    edges: np.ndarray
+    edge_faces: np.ndarray
+    is_crease: np.ndarray
+    is_outermost: np.ndarray
+    name: str
+
+    @property
+    def size(self) -> float:
+        """Longest side of the bounding box, m."""
+        return float(np.ptp(self.vertices, axis=0).max())
+
+    @classmethod
+    def from_triangles(cls, corners: np.ndarray, name: str = "the model") -> Solid:
+        """Build a solid from the corners of triangles (F, 3, 3), m.
+
+        Raises:
+            ModelError: the mesh is not in metres, not closed, or inside out.
+        """
+        corners = np.asarray(corners, float)
+        if corners.ndim != 3 or corners.shape[1:] != (3, 3) or not np.isfinite(corners).all():
+            raise ModelError(f"{name}: triangles (n, 3, 3) of finite numbers are needed")
+        size = float(np.ptp(corners.reshape(-1, 3), axis=0).max()) if len(corners) else 0.0
+        if size > MAX_SIZE:
+            raise ModelError(f"{name} is {size:.4g} m long: is it in millimetres? Meshes are in "
+                             "metres: scale it by 0.001")  # fmt: skip
+        if size < MIN_SIZE:
+            raise ModelError(f"{name} is {size:.2g} m long, too small to be seen: scale it to "
+                             "metres")  # fmt: skip
+        vertices, faces = _weld_vertices(corners, WELD_TOLERANCE * size)
+        cross = np.cross(vertices[faces[:, 1]] - vertices[faces[:, 0]],
+                         vertices[faces[:, 2]] - vertices[faces[:, 0]])  # fmt: skip
+        areas = np.linalg.norm(cross, axis=1)
+        is_large = areas > MIN_TRIANGLE_AREA * size * size
+        faces, normals = faces[is_large], cross[is_large] / areas[is_large, None]
+        edges, edge_faces = _find_edges(faces, name)
+        a, b, c = vertices[faces].transpose(1, 0, 2)
+        if float((a * np.cross(b, c)).sum()) < 0.0:
+            raise ModelError(f"{name} is inside out: its triangles are clockwise seen from "
+                             "outside; flip its normals and export it again")  # fmt: skip
+        cosines = (normals[edge_faces[:, 0]] * normals[edge_faces[:, 1]]).sum(axis=1)
+        angles = np.arccos(np.clip(cosines, -1.0, 1.0))
+        is_visible = angles > FLAT_ANGLE
+        return cls(vertices, faces, normals, np.ascontiguousarray(edges[is_visible]),
+                   np.ascontiguousarray(edge_faces[is_visible]), angles[is_visible] > CREASE_ANGLE,
+                   _find_outermost(vertices, faces, normals, WELD_TOLERANCE * size),
+                   name)  # fmt: skip
+
+    def compute_free_motions(self) -> np.ndarray:
+        """Compute the motions that leave the surface unchanged.
+
+        An example is the rotation of a cylinder about its axis.
+
+        The motions refer to the middle of the bounding box. Rotations are multiplied by `radius`,
+        so all six components are in m.
+
+        Returns:
+            (6, k) with orthonormal columns.
+
+        Reference: N. Gelfand and L. Guibas, Shape segmentation using local slippage analysis,
+        Symposium on Geometry Processing 2004.
+        """
+        corners = self.vertices[self.faces] - self.middle
+        area = np.linalg.norm(np.cross(corners[:, 1] - corners[:, 0],
+                                       corners[:, 2] - corners[:, 0]), axis=1)  # fmt: skip
+        moments = np.cross(corners.mean(axis=1), self.normals) / self.radius
+        rows = np.hstack([self.normals, moments]) * np.sqrt(area / area.sum())[:, None]
+        values, vectors = np.linalg.eigh(rows.T @ rows)
+        return vectors[:, values < FREE_MOTION_TOLERANCE * values[-1]]
+
+    @property
+    def middle(self) -> np.ndarray:
+        """Middle (3,) of the bounding box, m."""
+        return 0.5 * np.sum(self.compute_bounding_box(), axis=0)
+
+    @property
+    def radius(self) -> float:
+        """Half of the diagonal of the bounding box, m."""
+        return 0.5 * float(np.linalg.norm(np.subtract(*self.compute_bounding_box())))
+
+    def compute_section_corners(self) -> np.ndarray:
+        """Compute the corners (4, 3), m, of the bounding box's section at half its height (z).
+
+        Schemes for flat targets treat the solid as this rectangle.
+        """
+        (x, y, z), (X, Y, Z) = self.compute_bounding_box()
+        middle = 0.5 * (z + Z)
+        return np.array([(x, y, middle), (X, y, middle), (X, Y, middle), (x, Y, middle)])
+
+    def compute_bounding_box(self) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the lower and upper corner (3,) of the bounding box, m."""
+        return self.vertices.min(axis=0), self.vertices.max(axis=0)
+
+
+def _weld_vertices(corners: np.ndarray, tolerance: float) -> tuple[np.ndarray, np.ndarray]:
+    """Return vertices (V, 3) and faces (F, 3) of triangles (F, 3, 3), with equal corners merged."""
+    points = corners.reshape(-1, 3)
+    _, first, number = np.unique(
+        np.round(points / tolerance).astype(np.int64), axis=0, return_index=True,
+        return_inverse=True,
+    )  # fmt: skip
+    faces = number.reshape(-1, 3)
+    different = (faces != np.roll(faces, 1, axis=1)).all(axis=1)
+    return np.ascontiguousarray(points[first]), np.ascontiguousarray(faces[different])
+
+
+def _find_edges(faces: np.ndarray, name: str) -> tuple[np.ndarray, np.ndarray]:
+    """Return the edges (E, 2) and the two faces of each edge (E, 2)."""
+    start, end = faces.ravel(), np.roll(faces, -1, axis=1).ravel()
+    face = np.repeat(np.arange(len(faces)), 3)
+    forward = start < end
+    low, high = np.minimum(start, end), np.maximum(start, end)
+    order = np.lexsort((forward, high, low))
+    pairs = order.reshape(-1, 2) if len(order) % 2 == 0 else np.zeros((1, 2), int)
+    first, second = pairs.T
+    closed = (low[first] == low[second]) & (high[first] == high[second])
+    if len(order) % 2 or not (closed & (forward[first] != forward[second])).all():
+        raise ModelError(
+            f"{name} is open or folded: each edge needs two triangles of the same orientation; "
+            "close its holes, unite its parts, and export it again"
+        )
+    edges = np.stack([low[first], high[first]], axis=1)
+    return edges, np.stack([face[second], face[first]], axis=1)
+
+
+@jit("f8[:,::1], i8[:,::1], f8[:,::1], f8")
+def _find_outermost(vertices, faces, normals, tolerance):
+    """Return a mask (F,) of the faces that have no part of the solid in front of their plane."""
+    found = np.ones(len(faces), np.bool_)
+    for f in range(len(faces)):
+        n, p = normals[f], vertices[faces[f, 0]]
+        for q in vertices:
+            if n[0] * (q[0] - p[0]) + n[1] * (q[1] - p[1]) + n[2] * (q[2] - p[2]) > tolerance:
+                found[f] = False
+                break
+    return found
+
+
+def read_triangles(meshes: Sequence) -> np.ndarray:
+    """Return the triangle corners (F, 3, 3), m, of meshes with `positions` and `triangles`."""
+    return np.concatenate([np.asarray(m.positions, float)[m.triangles] for m in meshes])
+
+
+def read_solid(path: str, scale: float = 1.0) -> Solid:
+    """Read a solid from a mesh file.
+
+    Args:
+        path: mesh file.
+        scale: factor on the lengths of the file, e.g. 0.001 if they are in mm.
+
+    Raises:
+        DescriptionError: the file cannot be read.
+        ModelError: the mesh is no closed solid in metres.
+    """
+    try:
+        return Solid.from_triangles(scale * read_triangles(files.read(path)), Path(path).name)
+    except ModelError as error:
+        key = " (model_scale)" if "scale it" in str(error) else ""
+        raise ModelError(f"{path}: {error}{key}") from None

@@ -1,0 +1,281 @@
+"""Visible edges of a solid in a view, and sample points on these edges."""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..undistortion import CameraModel
+from .solid import Solid
+
+MIN_DEPTH = 0.01  # m along the optical axis; nearer edges are ignored
+MAX_POINTS = 1200  # largest number of sample points per image
+# px. No points are sampled within END_MARGIN of the ends of an edge longer than SHORT_EDGE.
+END_MARGIN, SHORT_EDGE = 4.0, 16.0
+BORDER = 5.0  # px; no points are sampled this close to the image border
+# Range of the cosine between normal and ray in which a face is seen edge-on. Its creases then
+# nearly coincide in the image, and a small pose error shows or hides the face, so they are not
+# used.
+GRAZING_COSINES = (-0.01, 0.03)
+# Relative depth by which a face must be nearer than a point to hide it.
+OCCLUSION_TOLERANCE = 2e-3
+NO_EDGE_DISTANCE = 1e6  # px; distance if there is no other edge
+BAND = 16  # px; height and width of the bands of rows and columns into which edges are sorted
+STEP = 1e-4  # in normalised coordinates, for the derivatives of the lens model
+
+
+class EdgePoints(NamedTuple):
+    """Sample points (n) on the edges that are visible from one pose.
+
+    solid_points: (n, 3) m, in the solid's frame.
+    image_points: (n, 2) normalised coordinates.
+    pixels: (n, 2) pixel coordinates (column, row).
+    normals: (n, 2) unit vectors in px, to the left of the edge, on the side of its first face.
+    gains: (n, 2) change along the normal in px per unit of normalised coordinates.
+    room: (n, 2) px along the searched row or column to the next other edge, before and after the
+    point. edges: (n,) index of the edge. are_faces_visible: (n, 2) visibility of the two faces of
+    the edge.
+    """
+
+    solid_points: np.ndarray
+    image_points: np.ndarray
+    pixels: np.ndarray
+    normals: np.ndarray
+    gains: np.ndarray
+    room: np.ndarray
+    edges: np.ndarray
+    are_faces_visible: np.ndarray
+
+
+def sample_visible_edges(
+    solid: Solid, camera: CameraModel, camera_T_solid: np.ndarray, spacing: float
+) -> EdgePoints:
+    """Sample the visible edges of a solid every `spacing` px."""
+    hole = camera.pinhole
+    points = EdgePoints(*_sample_edges(
+        solid.vertices, solid.faces, solid.normals, solid.edges, solid.edge_faces, solid.is_crease,
+        solid.is_outermost,
+        np.ascontiguousarray(camera_T_solid), np.array([hole.fx, hole.fy, hole.cx, hole.cy]),
+        camera.width, camera.height, spacing,
+    ))  # fmt: skip
+    if not camera.is_distorted:
+        return points
+    focal = np.array([hole.fx, hole.fy])
+    pixel, normal, gain = _distort_samples(camera, points.image_points, points.normals, focal)
+    inside = ((pixel > BORDER) & (pixel < (camera.width - BORDER, camera.height - BORDER))).all(
+        axis=1
+    )
+    bent = points._replace(pixels=pixel, normals=normal, gains=gain)
+    return EdgePoints(*(np.ascontiguousarray(a[inside]) for a in bent))
+
+
+def _distort_samples(
+    camera: CameraModel, image_points: np.ndarray, normal: np.ndarray, focal: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Compute pixels, normals and gains (n, 2) of points with lens distortion.
+
+    The given normals are those in the undistorted image.
+    """
+    x, y = image_points.T
+    u, v = camera.project(x, y)
+    derivative = np.empty((len(x), 2, 2))  # of pixels with respect to normalised coordinates
+    for k, (dx, dy) in enumerate(((STEP, 0.0), (0.0, STEP))):
+        more, less = camera.project(x + dx, y + dy), camera.project(x - dx, y - dy)
+        derivative[:, 0, k] = (more[0] - less[0]) / (2.0 * STEP)
+        derivative[:, 1, k] = (more[1] - less[1]) / (2.0 * STEP)
+    along = np.stack([-normal[:, 1], normal[:, 0]], axis=1) / focal
+    along = (derivative @ along[:, :, None])[:, :, 0]
+    along /= np.linalg.norm(along, axis=1, keepdims=True)
+    bent = np.stack([along[:, 1], -along[:, 0]], axis=1)
+    return np.stack([u, v], axis=1), bent, (bent[:, None] @ derivative)[:, 0]
+
+
+@jit("f8, f8, f8, f8[:,::1], i8[:,::1], i8[::1], i8, i8", allocates=False)
+def _is_hidden(u, v, w, projected, faces, front_faces, face, other_face):
+    """Check if a front face hides the point at pixel (u, v) with inverse depth w.
+
+    The two faces of the point's edge are ignored.
+    """
+    for f in front_faces:
+        if f in (face, other_face):
+            continue
+        a, b, c = projected[faces[f, 0]], projected[faces[f, 1]], projected[faces[f, 2]]
+        if a[2] == 0.0 or b[2] == 0.0 or c[2] == 0.0:
+            continue
+        if (u < a[0] and u < b[0] and u < c[0]) or (u > a[0] and u > b[0] and u > c[0]) or (
+            v < a[1] and v < b[1] and v < c[1]) or (v > a[1] and v > b[1] and v > c[1]):
+            continue
+        area = (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
+        if area == 0.0:
+            continue
+        p = ((b[0] - u) * (c[1] - v) - (b[1] - v) * (c[0] - u)) / area
+        q = ((c[0] - u) * (a[1] - v) - (c[1] - v) * (a[0] - u)) / area
+        r = 1.0 - p - q
+        inside = p >= 0.0 and q >= 0.0 and r >= 0.0
+        if inside and p * a[2] + q * b[2] + r * c[2] > w * (1.0 + OCCLUSION_TOLERANCE):
+            return True
+    return False
+
+
+@jit("f8[:,::1], i8[:,::1], i8[::1], i8, i8")
+def _sort_into_bands(projected, edges, visible_edges, axis, size):
+    """Sort the visible edges into bands of BAND rows (axis 1) or columns (axis 0).
+
+    Returns:
+        `first` and `members`; the edges of band i are members[first[i] : first[i + 1]].
+    """
+    count = size // BAND + 1
+    first = np.zeros(count + 1, np.int64)
+    reach = np.empty((len(visible_edges), 2), np.int64)
+    for s in range(len(visible_edges)):
+        a, b = (
+            projected[edges[visible_edges[s], 0], axis],
+            projected[edges[visible_edges[s], 1], axis],
+        )
+        reach[s, 0] = max(int(min(a, b) / BAND), 0)
+        reach[s, 1] = min(int(max(a, b) / BAND), count - 1)
+        for i in range(reach[s, 0], reach[s, 1] + 1):
+            first[i + 1] += 1
+    for i in range(count):
+        first[i + 1] += first[i]
+    next_index, members = first.copy(), np.empty(first[count], np.int64)
+    for s in range(len(visible_edges)):
+        for i in range(reach[s, 0], reach[s, 1] + 1):
+            members[next_index[i]] = visible_edges[s]
+            next_index[i] += 1
+    return first, members
+
+
+@jit("f8, f8, b1, i8, f8[:,::1], i8[:,::1], i8[::1]", allocates=False)
+def _measure_room(u, v, across, edge, projected, edges, nearby_edges):
+    """Measure the distance, px, from (u, v) to the next other edges, before and after the point.
+
+    It is measured along the row if `across` is true, otherwise along the column. `nearby_edges` are
+    the edges of the point's band.
+    """
+    before = after = NO_EDGE_DISTANCE
+    k = 0 if across else 1
+    position, level = (u, v) if across else (v, u)
+    first, last = edges[edge]
+    for e in nearby_edges:
+        if e == edge:
+            continue
+        i, j = edges[e]
+        a, b = projected[i, 1 - k] - level, projected[j, 1 - k] - level
+        if a * b > 0.0 or a == b:
+            continue
+        offset = projected[i, k] + a / (a - b) * (projected[j, k] - projected[i, k]) - position
+        if (i in (first, last) or j in (first, last)) and abs(offset) < 0.5:
+            continue
+        if offset < 0.0:
+            before = min(before, -offset)
+        else:
+            after = min(after, offset)
+    return before, after
+
+
+@jit("f8[:,::1], i8[:,::1], f8[:,::1], i8[:,::1], i8[:,::1], b1[::1], b1[::1], f8[:,::1], "
+          "f8[::1], i8, i8, f8")  # fmt: skip
+def _sample_edges(vertices, faces, normals, edges, edge_faces, is_crease, is_outermost, T, lens,
+    width, height,
+             spacing):  # fmt: skip
+    """Sample the visible edges without lens distortion; the result has the fields of EdgePoints."""
+    fx, fy, cx, cy = lens
+    projected = np.zeros((len(vertices), 3))  # u, v, 1/Z; 1/Z is 0 for a vertex that is too near
+    for i in range(len(vertices)):
+        x, y, z = vertices[i]
+        depth = T[2, 0] * x + T[2, 1] * y + T[2, 2] * z + T[2, 3]
+        if depth > MIN_DEPTH:
+            projected[i, 2] = 1.0 / depth
+            u = (T[0, 0] * x + T[0, 1] * y + T[0, 2] * z + T[0, 3]) / depth
+            v = (T[1, 0] * x + T[1, 1] * y + T[1, 2] * z + T[1, 3]) / depth
+            projected[i, 0], projected[i, 1] = fx * u + cx, fy * v + cy
+    front, grazing = np.zeros(len(faces), np.bool_), np.zeros(len(faces), np.bool_)
+    front_faces = np.empty(len(faces), np.int64)  # faces that can hide something
+    count = 0
+    camera_position = np.empty(3)  # position in the solid's frame
+    for k in range(3):
+        camera_position[k] = -T[0, k] * T[0, 3] - T[1, k] * T[1, 3] - T[2, k] * T[2, 3]
+    for f in range(len(faces)):
+        p = vertices[faces[f, 0]]
+        x, y, z = camera_position[0] - p[0], camera_position[1] - p[1], camera_position[2] - p[2]
+        towards = normals[f, 0] * x + normals[f, 1] * y + normals[f, 2] * z
+        front[f] = towards > 0.0
+        distance = np.sqrt(x * x + y * y + z * z)
+        grazing[f] = GRAZING_COSINES[0] * distance < towards < GRAZING_COSINES[1] * distance
+        if front[f]:
+            front_faces[count] = f
+            count += 1
+    front_faces = front_faces[:count]
+    visible_edges = np.empty(len(edges), np.int64)
+    count = 0
+    for e in range(len(edges)):
+        a, b = front[edge_faces[e, 0]], front[edge_faces[e, 1]]
+        if is_crease[e] and (grazing[edge_faces[e, 0]] or grazing[edge_faces[e, 1]]):
+            continue
+        if (a != b or (is_crease[e] and a)) and projected[edges[e, 0], 2] > 0.0 < projected[
+            edges[e, 1], 2
+        ]:
+            visible_edges[count] = e
+            count += 1
+    visible_edges = visible_edges[:count]
+    solid_points, image_points, pixel = (
+        np.empty((MAX_POINTS, 3)),
+        np.empty((MAX_POINTS, 2)),
+        np.empty((MAX_POINTS, 2)),
+    )
+    normal, gain, room = (
+        np.empty((MAX_POINTS, 2)),
+        np.empty((MAX_POINTS, 2)),
+        np.empty((MAX_POINTS, 2)),
+    )
+    edge, facing = np.empty(MAX_POINTS, np.int64), np.empty((MAX_POINTS, 2), np.bool_)
+    row_first, row_members = _sort_into_bands(projected, edges, visible_edges, 1, height)
+    column_first, column_members = _sort_into_bands(projected, edges, visible_edges, 0, width)
+    found, next_distance = 0, 0.5 * spacing
+    for e in visible_edges:
+        i, j = edges[e]
+        du, dv = projected[j, 0] - projected[i, 0], projected[j, 1] - projected[i, 1]
+        length = np.sqrt(du * du + dv * dv)
+        ends = END_MARGIN if length > SHORT_EDGE else 0.0
+        if length <= 0.0:
+            continue
+        if length > SHORT_EDGE:
+            next_distance = ends + 0.5 * ((length - 2.0 * ends) % spacing)
+        while next_distance < length - ends and found < MAX_POINTS:
+            s = next_distance / length
+            next_distance += spacing
+            u, v = projected[i, 0] + s * du, projected[i, 1] + s * dv
+            if not (BORDER < u < width - BORDER and BORDER < v < height - BORDER):
+                continue
+            w = projected[i, 2] + s * (projected[j, 2] - projected[i, 2])
+            a, b = edge_faces[e]
+            # Nothing can hide an edge of a visible outermost face.
+            if not (
+                (front[a] and is_outermost[a]) or (front[b] and is_outermost[b])
+            ) and _is_hidden(u, v, w, projected, faces, front_faces, a, b):
+                continue
+            part = s * projected[j, 2] / w  # position along the edge in space, not in the image
+            for k in range(3):
+                solid_points[found, k] = vertices[i, k] + part * (vertices[j, k] - vertices[i, k])
+            image_points[found, 0], image_points[found, 1] = (u - cx) / fx, (v - cy) / fy
+            pixel[found, 0], pixel[found, 1] = u, v
+            normal[found, 0], normal[found, 1] = dv / length, -du / length
+            gain[found, 0], gain[found, 1] = fx * normal[found, 0], fy * normal[found, 1]
+            across = abs(dv) >= abs(du)
+            if across:
+                k = int(v / BAND)
+                near = row_members[row_first[k] : row_first[k + 1]]
+            else:
+                k = int(u / BAND)
+                near = column_members[column_first[k] : column_first[k + 1]]
+            room[found, 0], room[found, 1] = _measure_room(u, v, across, e, projected, edges, near)
+            edge[found], facing[found, 0], facing[found, 1] = e, front[a], front[b]
+            found += 1
+        next_distance = 0.5 * spacing if length > SHORT_EDGE else next_distance - length
+    return (solid_points[:found].copy(), image_points[:found].copy(), pixel[:found].copy(),
+            normal[:found].copy(), gain[:found].copy(), room[:found].copy(), edge[:found].copy(),
+            facing[:found].copy())  # fmt: skip

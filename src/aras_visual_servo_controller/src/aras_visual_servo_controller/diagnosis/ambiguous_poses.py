@@ -1,0 +1,213 @@
+"""Camera poses other than the goal from which the goal's points have the same image.
+
+Three points have the same image from up to four poses (J. Grunert, 1841). Coplanar points have
+nearly the same image from the pose with the mirrored tilt; the longer the focal length, the smaller
+the difference (T. Collins and A. Bartoli, Infinitesimal plane-based pose estimation, IJCV 109,
+2014). The plane of the target, if kinematics give it, shows at which of these poses the camera is.
+Otherwise the image decides if it shows the difference.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+
+from aras_visual_servo_base.poses import inverse, pose_difference
+from aras_visual_servo_camera.interaction import Plane, point_interaction
+
+from ..errors import MeasurementError
+from ..features.points import backproject
+from ..features.pose import are_collinear, refine_pose
+from ..goals.goal import Goal
+from ..observation.observation import Observation
+
+# Largest distance between points that features may accept as converged: normalised, and as a part
+# of the target's radius.
+MAX_POINT_DISTANCE, MAX_RADIUS_PART = 5e-3, 0.1
+# Two poses closer than SAME_POSE (parts of the depth, rad) are the same. A pose whose target plane
+# differs by less than SAME_PLANE is the goal turned about the target's normal, as for a symmetric
+# target; it is not listed.
+SAME_POSE, SAME_PLANE = 2e-3, 0.02
+# A pose is chosen if the plane by kinematics differs from its plane by less than this part of the
+# difference from the other pose's plane.
+NEARER_FACTOR = 0.5
+# Smallest difference in squared deviations at which the image decides between two poses.
+MIN_FIT_DIFFERENCE = 25.0
+EXACT_ACCURACY = 1e-6  # normalised accuracy assumed for noise-free points
+# residual of an affine map to the goal's points, as a part of the target's radius
+AFFINE_TOLERANCE = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class AmbiguousPose:
+    """A camera pose from which the goal's points have the same image as from the goal.
+
+    Attributes:
+        points: (n, 2) image points at this pose, in the order of the goal's points.
+        inverse_depth: (n,) inverse depths of these points, 1/m.
+        plane: (3,) target plane in the camera's frame at this pose, see `Plane`.
+        distance, angle: from the goal, m and rad.
+    """
+
+    points: np.ndarray
+    inverse_depth: np.ndarray
+    plane: np.ndarray
+    distance: float
+    angle: float
+
+
+class AmbiguousPoses:
+    """All ambiguous poses of one goal, computed once."""
+
+    def __init__(self, goal: Goal) -> None:
+        self.goal = goal
+        self._points, self.poses = np.zeros((0, 2)), ()
+        sets = [np.array(one["points"], float) for one in goal.features.values()
+                  if "points" in one]  # fmt: skip
+        if goal.other_cameras or not sets or sets[0].ndim != 2 or len(sets[0]) < 3:
+            return
+        self._plane = np.array(goal.plane or Plane.fronto_parallel(goal.distance))
+        self._points = points = sets[0]
+        self._inverse_depth = np.column_stack([points, np.ones(len(points))]) @ self._plane
+        if (self._inverse_depth > 0.0).all() and not are_collinear(points):
+            self.poses = tuple(self._find_poses())
+
+    def find_pose(
+        self, observation: Observation
+    ) -> tuple[AmbiguousPose | None, tuple[AmbiguousPose, ...]]:
+        """Return the ambiguous pose at which the camera is, or None, and all that are possible."""
+        possible, nearest, least = [], None, np.inf
+        for pose in self.poses:
+            here, there = 1.0, 1.0
+            if observation.plane is not None:
+                plane = np.array(observation.plane)
+                here, there = (
+                    _compare_planes(plane, self._plane),
+                    _compare_planes(plane, pose.plane),
+                )
+            if here < NEARER_FACTOR * there:
+                continue
+            if there >= NEARER_FACTOR * here:
+                better = self._compare_fit(observation, pose)
+                if better < -MIN_FIT_DIFFERENCE:
+                    continue
+                if better <= MIN_FIT_DIFFERENCE:
+                    possible.append(pose)
+                    continue
+            if there < least:
+                nearest, least = pose, there
+        return nearest, tuple(possible)
+
+    def _compare_fit(self, observation: Observation, pose: AmbiguousPose) -> float:
+        """Return by how many squared deviations the image fits this pose better than the goal."""
+        corners = _match_corners(observation.corners, self._points)
+        if corners is None:
+            return 0.0
+        accuracy = max(observation.with_noise().corner_accuracy, EXACT_ACCURACY)
+        at_goal = _compute_residual(corners, self._points, self._inverse_depth)
+        at_pose = _compute_residual(corners, pose.points, pose.inverse_depth)
+        return (at_goal - at_pose) / accuracy**2
+
+    def _find_poses(self) -> Iterator[AmbiguousPose]:
+        """Yield each ambiguous pose once."""
+        points, known = self._points, [np.eye(4)]
+        goal_points = backproject(points, self._inverse_depth)
+        radius = float(np.sqrt(points.var(axis=0).sum()))
+        close = min(MAX_POINT_DISTANCE, MAX_RADIUS_PART * radius)
+        for shift in range(len(points)):
+            shifted = np.roll(points, -shift, axis=0)
+            if not _is_affine(points, shifted, AFFINE_TOLERANCE * radius):
+                continue
+            for c_T_g in _solve_poses(goal_points, shifted):
+                X = goal_points @ c_T_g[:3, :3].T + c_T_g[:3, 3]
+                if not (X[:, 2] > 0.0).all():
+                    continue
+                projected = X[:, :2] / X[:, 2:]
+                if np.abs(projected - shifted).max() > close:
+                    continue
+                if any(_is_same_pose(c_T_g, one, self.goal.distance) for one in known):
+                    continue
+                known.append(c_T_g)
+                normal = c_T_g[:3, :3] @ self._plane
+                plane = normal / (1.0 + normal @ c_T_g[:3, 3])
+                if _compare_planes(plane, self._plane) > SAME_PLANE:
+                    distance, angle = pose_difference(np.eye(4), inverse(c_T_g))
+                    order = np.roll(np.arange(len(points)), shift)
+                    yield AmbiguousPose(
+                        projected[order], (1.0 / X[:, 2])[order], plane, distance, angle
+                    )
+
+
+def _solve_poses(places: np.ndarray, points: np.ndarray) -> Iterator[np.ndarray]:
+    """Yield the camera poses c_T_g (4, 4) that project coplanar points of g onto image points.
+
+    Args:
+        places: (n, 3) coplanar points in frame g, m.
+        points: (n, 2) their normalised image points.
+    """
+    centre = places.mean(axis=0)
+    about = np.ascontiguousarray(places - centre)[:, None]
+    image, size = np.ascontiguousarray(points)[:, None], float(np.abs(about).max())
+    if len(points) == 3:
+        _, rotations, translations = cv2.solveP3P(
+            about / size, image, np.eye(3), None, cv2.SOLVEPNP_P3P
+        )
+    else:
+        _, rotations, translations, _ = cv2.solvePnPGeneric(
+            about / size, image, np.eye(3), None, flags=cv2.SOLVEPNP_IPPE
+        )
+    for rotation, translation in zip(rotations, translations, strict=True):
+        R = cv2.Rodrigues(rotation)[0]
+        try:
+            yield refine_pose(R, size * np.ravel(translation) - R @ centre, places, points)
+        except (MeasurementError, np.linalg.LinAlgError):
+            continue
+
+
+def _compare_planes(one: np.ndarray, other: np.ndarray) -> float:
+    """Return how far two planes (3,) differ: angle (rad) plus logarithm of the distance ratio."""
+    sizes = np.linalg.norm(one), np.linalg.norm(other)
+    cosine = float(np.clip(one @ other / (sizes[0] * sizes[1]), -1.0, 1.0))
+    return float(np.arccos(cosine) + abs(np.log(sizes[0] / sizes[1])))
+
+
+def _is_same_pose(one: np.ndarray, other: np.ndarray, depth: float) -> bool:
+    """Return whether two camera poses (4, 4) are the same within SAME_POSE."""
+    distance, angle = pose_difference(one, other)
+    return distance / depth + angle < SAME_POSE
+
+
+def _is_affine(points: np.ndarray, mapped_points: np.ndarray, tolerance: float) -> bool:
+    """Return whether an affine map takes points (n, 2) to mapped points within a tolerance."""
+    flat = np.column_stack([points, np.ones(len(points))])
+    rest = mapped_points - flat @ np.linalg.lstsq(flat, mapped_points, rcond=None)[0]
+    return bool(np.abs(rest).max() <= tolerance)
+
+
+def _match_corners(corners: np.ndarray | None, points: np.ndarray) -> np.ndarray | None:
+    """Return the corners (n, 2) nearest to the given points (n, 2), in their order.
+
+    The result is None if a point has no corner of its own nearby.
+    """
+    if corners is None or len(corners) < len(points):
+        return None
+    distances = np.linalg.norm(np.asarray(corners)[None] - points[:, None], axis=2)
+    nearest = distances.argmin(axis=1)
+    if (
+        len(set(nearest.tolist())) < len(points)
+        or distances.min(axis=1).max() > 2.0 * MAX_POINT_DISTANCE
+    ):
+        return None
+    return np.asarray(corners)[nearest]
+
+
+def _compute_residual(
+    image_points: np.ndarray, points: np.ndarray, inverse_depth: np.ndarray
+) -> float:
+    """Return the squared image error of points (n, 2) that no camera motion explains."""
+    L, error = point_interaction(points, inverse_depth), (image_points - points).ravel()
+    rest = error - L @ np.linalg.lstsq(L, error, rcond=None)[0]
+    return float(rest @ rest)

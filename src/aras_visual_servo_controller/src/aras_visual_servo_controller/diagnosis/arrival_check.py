@@ -1,0 +1,486 @@
+"""Check whether the camera has arrived at its goal, and bound its remaining distance.
+
+Near the goal the error is e = s - s* = L x, where x (6,) is the camera's offset from the goal.
+Noise is averaged over images. As the camera moves meanwhile, kinematics transform the offset L^+ e
+of each image to the present camera pose. If the target moves with the camera, the measured offsets
+scatter less without this transformation, and they are averaged directly.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import hypot, nan
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..goals.goal import DEFAULT_DEPTH
+from ..kinematics.algebra import is_task_finite, solve_least_squares, svd
+from ..observation.recent_errors import RecentErrors
+from ..records.outcomes import ArrivalStatus, PoseUncertainty
+from .pose_uncertainty import (
+    RANK_TOLERANCE,
+    ArrivalMargin,
+    PoseOffsets,
+    bound_symmetry,
+    split_directions,
+)
+from .view_check import MIN_VIEWS, ViewCheck
+
+if TYPE_CHECKING:
+    from ..goals.goal import Goal
+    from ..kinematics.ik_solution import IKSolution
+    from ..observation.observation import Observation
+    from ..schemes.base import JointController, Scheme, SchemeOutput
+    from .ambiguous_poses import AmbiguousPoses
+
+# Largest offset from the goal of a camera that has arrived: parts of the target's depth, rad. It
+# leaves room for the uncertainty of L (OFFSET_FACTORS) below NEGLIGIBLE_UNCERTAINTY. Along a
+# direction that changes the features little, the tolerances of the features alone may allow 6 mm
+# (four points of a plane tilted by 40 degrees).
+GOAL_TOLERANCE = (8e-4, 3.5e-3)
+HYSTERESIS = 1.5  # factor on tolerances and offset for a camera that has arrived
+KNOWN_DEVIATIONS = 2.0  # standard deviations that count as the uncertainty of the mean
+# Largest rms scatter of errors about their mean, in tolerances. More is motion, not noise.
+MAX_SCATTER = 3.0
+# With fewer than FEW_IMAGES images in the window, each has to be within the tolerances, and at
+# least MIN_IMAGES are required: the mean of a few images could hide a motion.
+FEW_IMAGES, MIN_IMAGES = 5, 3
+# Largest averaging window, images. An error above FAR_TOLERANCES tolerances (four times the largest
+# noise) empties the window, because the linearisation by L does not hold so far from the goal.
+MAX_WINDOW, FAR_TOLERANCES = 120, 12.0
+# ratio of the mean error to its earlier value below which the uncertainty is computed again
+RENEWAL_RATIO = 0.7
+# Largest difference between the offset of the latest image and the mean, in standard deviations. A
+# larger one shows that kinematics do not describe the camera's motion.
+OUTLIER_DEVIATIONS = 5.0
+NOISE_STEPS = 8  # minimum number of images from which the noise is estimated
+MAX_ROWS = 64  # number of rows of L above which the normal equations are solved
+# After an arrival the first VIEW_PERIOD images are compared with the goal, then every
+# VIEW_PERIOD-th.
+VIEW_PERIOD = 8
+ALIKE_REASON = "several camera poses give the same image points as the goal"
+OTHER_VIEW_REASON = "every feature is at its goal, but the image differs from the goal's"
+ROUNDING = 1e-9  # numerical tolerance: s; rad, and m at DEFAULT_DEPTH
+
+
+class ArrivalCheck:
+    """Arrival test on the mean error over `hold` seconds, with hysteresis."""
+
+    def __init__(self, hold: float) -> None:
+        """Create the check; `hold`: averaging time, s; 0 evaluates each image separately."""
+        self.hold = float(hold)
+        self._errors, self._offsets, self._view_check = RecentErrors(), RecentErrors(), ViewCheck()
+        self._ambiguous_poses: AmbiguousPoses | None = None
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all images, because the loop was interrupted."""
+        self._errors.clear()
+        self._offsets.clear()
+        self._view_check.clear()
+        self._is_reached = False
+        self._margin: ArrivalMargin | None = None
+        # ambiguous pose at which the camera is, and ambiguous poses at which it may be
+        self._other_pose, self._possible_poses = None, ()
+        self._wrong_pose_reason, self._unseen_motion, self._images = "", np.zeros(6), 0
+        self._error_size = 0.0  # mean error for which the margin was computed, in tolerances
+
+    def add(
+        self,
+        scheme_output: SchemeOutput,
+        observation: Observation,
+        goal: Goal,
+        scheme: Scheme | JointController,
+        ik_solution: IKSolution | None = None,
+    ) -> ArrivalStatus:
+        """Add one image and return the arrival status.
+
+        Args:
+            scheme_output: measurement and task of the image.
+            ik_solution: joint velocities for the task, which show what the arm can move; None for a
+                free camera.
+        """
+        error, tolerances = scheme_output.error, np.asarray(scheme.tolerances, float)
+        if len(self._errors) and self._errors.errors.shape[1] != len(error):
+            self.clear()
+        self._errors.add(observation.stamp, error)
+        free = None if scheme_output.task is None else split_directions(
+            observation, goal, scheme_output.task.modelled, ik_solution
+        )[1]  # fmt: skip
+        self._add_offset(scheme_output, observation, tolerances, free, goal.distance)
+        settled, reason = self._has_settled(observation.stamp, tolerances), ""
+        offsets = None
+        if settled and len(self._offsets):
+            offsets, reason = compute_mean_offset(
+                self._offsets.stamps,
+                self._offsets.errors,
+                _compute_observable(scheme_output, free, goal.distance),
+                len(self._errors),
+                self._is_reached,
+                goal.distance,
+            )
+        self._view_check.add(observation, goal)
+        if not settled or reason:
+            if self._is_reached:
+                self._view_check.clear()
+            self._is_reached, self._margin = False, None
+            return ArrivalStatus(pending_reason=reason)
+        if not self._is_reached:  # views from before the arrival do not count
+            self._images = 0
+            self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
+        self._is_reached = True
+        if offsets is None:
+            distance, angle = (
+                bound_symmetry(scheme_output.ambiguity, goal)
+                if scheme_output.ambiguity
+                else (nan, nan)
+            )
+            return ArrivalStatus(
+                True, pose_uncertainty=PoseUncertainty(distance, angle, scheme_output.ambiguity)
+            )
+        return self._evaluate_arrival(
+            scheme_output, observation, goal, scheme, ik_solution, offsets
+        )
+
+    def _evaluate_arrival(
+        self,
+        scheme_output: SchemeOutput,
+        observation: Observation,
+        goal: Goal,
+        scheme: Scheme | JointController,
+        ik_solution: IKSolution | None,
+        offsets: PoseOffsets,
+    ) -> ArrivalStatus:
+        """Return the arrival status, with the remaining uncertainty, for an image at the goal."""
+        tolerances = np.asarray(scheme.tolerances, float)
+        errors = self._errors.errors
+        size = float(np.linalg.norm(errors.mean(axis=0) / tolerances))
+        self._images += 1
+        # The accuracy of the features improves towards the goal.
+        if self._margin is None or size < RENEWAL_RATIO * self._error_size:
+            self._error_size = size
+            # The same images as for the offset, so that the accuracy belongs to this distance from
+            # the goal.
+            latest = errors[-max(offsets.count, MIN_VIEWS) :]
+            self._margin = margin = ArrivalMargin(
+                scheme_output, observation, goal, latest.mean(axis=0),
+                scheme.accuracy(observation, goal), ik_solution,
+                latest.std(axis=0) / np.sqrt(len(latest)), offsets.scatter,
+            )  # fmt: skip
+            if self._ambiguous_poses is None or self._ambiguous_poses.goal is not goal:
+                from .ambiguous_poses import AmbiguousPoses
+
+                self._ambiguous_poses = AmbiguousPoses(goal)
+            self._other_pose, self._possible_poses = self._ambiguous_poses.find_pose(observation)
+            if scheme_output.residual is None:  # L belongs to the features themselves
+                L = scheme_output.L / tolerances[:, None] / np.repeat((1.0, goal.distance), 3)
+                self._view_check.set_expected_place(
+                    observation, L, margin.compute_covariance(offsets), goal.distance
+                )
+        if self._images <= VIEW_PERIOD or self._images % VIEW_PERIOD == 0:
+            mean_offset = self._offsets.errors[-len(self._view_check) :, :6].mean(axis=0)
+            self._compare_views(
+                self._margin.compute_offset(observation, mean_offset), scheme_output.ambiguity
+            )
+        uncertainty = self._margin.bound_uncertainty(
+            observation, offsets, self._unseen_motion, self._possible_poses
+        )
+        return ArrivalStatus(True, "", self._wrong_pose_reason, uncertainty)
+
+    def _compare_views(self, offset: np.ndarray, ambiguity: str) -> None:
+        """Set the reason why the camera is at another pose, and the motion that no feature shows.
+
+        Args:
+            offset: (6,) of the camera from the goal by features and kinematics, scaled.
+            ambiguity: rotational symmetry of the target, as text.
+        """
+        place, self._unseen_motion = self._view_check.compare_place(offset)
+        self._wrong_pose_reason = ""
+        if self._other_pose is not None:
+            self._wrong_pose_reason = (
+                f"{ALIKE_REASON}: the camera is at one of them, "
+                f"{1e3 * self._other_pose.distance:.1f} mm and "
+                f"{np.degrees(self._other_pose.angle):.1f} degrees from its goal"
+            )
+        elif place:
+            self._wrong_pose_reason = f"{OTHER_VIEW_REASON}: {place}"
+        elif not self._margin.has_unseen_directions and self._view_check.has_other_shape(
+            bool(ambiguity)
+        ):
+            self._wrong_pose_reason = f"{OTHER_VIEW_REASON}: the target's outline has another shape"
+
+    def _add_offset(
+        self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
+        free: np.ndarray | None, depth: float,
+    ) -> None:
+        """Store the camera's offset from the goal by this image if L determines it near the goal.
+        """
+        if _is_far(scheme_output.error, tolerances):
+            self._offsets.clear()
+            return
+        offset = compute_offset(scheme_output, free, depth)
+        if offset is None:
+            self._offsets.clear()
+            return
+        pose = observation.world_T_camera
+        pose_values = np.full(16, np.nan) if pose is None else np.ravel(pose)
+        self._offsets.add(observation.stamp, np.concatenate([offset, pose_values]))
+        self._offsets.drop_oldest(max(len(self._offsets) - MAX_WINDOW, 0))
+
+    def _has_settled(self, stamp: float, tolerances: np.ndarray) -> bool:
+        """Return whether the mean error of the last `hold` seconds is within tolerances (k,)."""
+        recent = self._errors
+        # One image at or before the start of the window stays, to show that the window is full.
+        old_count = int(np.searchsorted(recent.stamps, stamp - self.hold + ROUNDING, "right"))
+        min_count = MIN_IMAGES if self.hold > 0.0 else 1
+        recent.drop_oldest(max(min(old_count - 1, len(recent) - min_count), 0))
+        if len(recent) < min_count or stamp - recent.stamps[0] < self.hold - ROUNDING:
+            return False
+        limit = tolerances * (HYSTERESIS if self._is_reached else 1.0)
+        if not _is_within(recent.errors, limit):
+            return False
+        return len(recent) >= FEW_IMAGES or bool((np.abs(recent.errors) < limit).all())
+
+
+def compute_mean_offset(
+    stamps: np.ndarray,
+    rows: np.ndarray,
+    observable: np.ndarray,
+    settled_images: int,
+    was_reached: bool,
+    depth: float = DEFAULT_DEPTH,
+) -> tuple[PoseOffsets, str]:
+    """Compute the mean offset of the camera from its goal, and state why it is too large.
+
+    Args:
+        stamps: (m,) of the images, s.
+        rows: (m, 22) per image the offset L^+ e (6,) in the camera's frame, m and rad, and
+            `world_T_camera` (16,), NaN if unknown.
+        observable: L^+ L (6, 6), the part of a motion that changes the offsets.
+        settled_images: number of images for which the features have settled.
+        was_reached: whether the camera was at its goal at the previous image.
+        depth: of the target at the goal, m.
+
+    Returns:
+        The mean offset at the last image; a sentence that is empty if the offset is small enough.
+    """
+    near = GOAL_TOLERANCE[0] * depth, GOAL_TOLERANCE[1]
+    mean, scatter, count, enough = _average_offsets(
+        rows, observable, min(settled_images, FEW_IMAGES), np.array(near) / KNOWN_DEVIATIONS
+    )
+    latest, noise = rows[-1, :6], _estimate_noise(rows[-max(count, NOISE_STEPS) :, :6], depth)
+    if (np.abs(latest - mean) > OUTLIER_DEVIATIONS * noise).any():
+        mean, scatter, count = latest, np.diag(noise**2), 1
+    off = _compute_lengths(mean.tolist())
+    # Rounding errors can make a variance negative.
+    deviations = np.sqrt(np.maximum(np.diag(scatter), 0.0) / count)
+    unknown = _compute_lengths((KNOWN_DEVIATIONS * deviations).tolist())
+    offsets = PoseOffsets(mean, scatter, count, compute_speed(stamps, rows))
+    if not (enough or was_reached) and len(rows) < MAX_WINDOW:
+        return offsets, (
+            "the features are within their tolerances, but they scatter: the pose of the camera is "
+            f"known only to {1e3 * unknown[0]:.2f} mm and {np.degrees(unknown[1]):.2f} degrees"
+        )
+    limits = [HYSTERESIS * a + u if was_reached else max(a, u) for a, u in zip(
+        near, unknown, strict=True
+    )]  # fmt: skip
+    if off[0] <= limits[0] and off[1] <= limits[1]:
+        return _estimate_offset(offsets, rows, observable, settled_images, noise), ""
+    return offsets, (
+        "the features are within their tolerances, but according to L the camera is "
+        f"{1e3 * off[0]:.2f} mm and {np.degrees(off[1]):.2f} degrees from its goal"
+    )
+
+
+def _estimate_offset(
+    offsets: PoseOffsets,
+    rows: np.ndarray,
+    observable: np.ndarray,
+    settled_images: int,
+    noise: np.ndarray,
+) -> PoseOffsets:
+    """Return the offset averaged over all settled images if that mean is more accurate.
+
+    Before the arrival the offsets scatter more, so the mean of the latest images may be the more
+    accurate one.
+    """
+    mean, scatter, count, _ = _average_offsets(rows, observable, settled_images, np.full(2, np.inf))
+    by_latest, by_all = np.diag(offsets.scatter) / offsets.count, np.diag(scatter) / count
+    if count <= offsets.count or (np.abs(rows[-1,
+        :6] - mean) > OUTLIER_DEVIATIONS * noise).any() or not all(
+        by_all[part].sum() < by_latest[part].sum() for part in (slice(0, 3), slice(3, 6))
+    ):  # fmt: skip
+        return offsets
+    return offsets._replace(mean=mean, scatter=scatter, count=count)
+
+
+def compute_speed(stamps: np.ndarray, rows: np.ndarray) -> tuple[float, float]:
+    """Return the camera's speed relative to its goal before the last image, m/s and rad/s.
+
+    It is the smaller of two estimates: the one from kinematics is too large if the target moves
+    along, the one from images if they are noisy.
+
+    Args:
+        stamps, rows: see `compute_mean_offset`.
+    """
+    if len(rows) < 2 or stamps[-1] <= stamps[-2]:
+        return 0.0, 0.0
+    by_images = _compute_lengths((rows[-1, :6] - rows[-2, :6]).tolist())
+    # NaN where poses are unknown
+    by_kinematics = _compute_lengths(_compute_motion_since(rows, len(rows) - 2).tolist())
+    dt = stamps[-1] - stamps[-2]
+    return tuple(float(np.fmin(*pair)) / dt for pair in zip(by_images, by_kinematics, strict=True))
+
+
+def _estimate_noise(offsets: np.ndarray, depth: float = DEFAULT_DEPTH) -> np.ndarray:
+    """Estimate the standard deviation (6,) of offsets (m, 6) from their differences.
+
+    Second differences are used where possible, because a slow motion hardly changes them.
+    """
+    order = 2 if len(offsets) > 2 else 1
+    steps = np.diff(offsets, n=order, axis=0)
+    variance = (steps**2).sum(axis=0) / max(len(steps), 1) / (2.0, 6.0)[order - 1]
+    return np.sqrt(variance) + ROUNDING * np.repeat((depth / DEFAULT_DEPTH, 1.0), 3)
+
+
+def compute_offset(
+    scheme_output: SchemeOutput, free: np.ndarray | None, depth: float
+) -> np.ndarray | None:
+    """Return the camera's offset L^+ e (6,) from the goal by one image, m and rad.
+
+    Only the directions `free` (f, 6) in which the task moves the camera count. The offset is None
+    if the scheme gives no L for its error.
+    """
+    L = scheme_output.L
+    error = scheme_output.error if scheme_output.residual is None else scheme_output.residual
+    if L is None or free is None or np.shape(L) != (len(error), 6):
+        return None
+    L, error = np.asarray(L, float), np.asarray(error, float)
+    if not is_task_finite(L, error):
+        return None
+    scale = np.array((1.0, 1.0, 1.0, depth, depth, depth))
+    L_free, tolerance = (L / scale) @ free.T, RANK_TOLERANCE
+    if len(L) > MAX_ROWS:
+        L_free, error, tolerance = L_free.T @ L_free, L_free.T @ error, RANK_TOLERANCE**2
+    return solve_least_squares(L_free, error, tolerance) @ free / scale
+
+
+def _compute_observable(scheme_output: SchemeOutput, free: np.ndarray, depth: float) -> np.ndarray:
+    """Return the matrix L^+ L (6, 6) by which a camera motion changes the measured offset."""
+    scale = np.repeat((1.0, depth), 3)
+    L = np.asarray(scheme_output.L, float) / scale
+    L_free, tolerance = L @ free.T, RANK_TOLERANCE
+    if len(L) > MAX_ROWS:
+        L, L_free, tolerance = L_free.T @ L, L_free.T @ L_free, RANK_TOLERANCE**2
+    u, s, vt = svd(L_free)
+    is_measured = s > tolerance * s[0]
+    inverse = vt[is_measured].T / s[is_measured] @ u[:, is_measured].T
+    return free.T @ inverse @ L * scale / scale[:, None]
+
+
+def _compute_lengths(offset: Sequence[float]) -> tuple[float, float]:
+    """Return the lengths of an offset's translation and rotation, m and rad."""
+    return hypot(*offset[:3]), hypot(*offset[3:])
+
+
+@jit("f8[:], f8[:]")
+def _is_far(error, tolerances):
+    """Return whether a component of the error (k,) exceeds FAR_TOLERANCES tolerances (k,)."""
+    far = False
+    for i in range(len(error)):
+        far |= abs(error[i]) > FAR_TOLERANCES * tolerances[i]
+    return far
+
+
+@jit("f8[:,:], f8[:]")
+def _is_within(errors, limit):
+    """Return whether the errors (m, k) have means within the limits (k,) and scatter little."""
+    count = errors.shape[0]
+    for k in range(errors.shape[1]):
+        mean, square = 0.0, 0.0
+        for i in range(count):
+            mean += errors[i, k]
+        mean /= count
+        for i in range(count):
+            square += (errors[i, k] - mean) ** 2
+        if not (abs(mean) < limit[k] and square / count < (MAX_SCATTER * limit[k]) ** 2):
+            return False
+    return True
+
+
+@jit("f8[:,:], i8")
+def _compute_motion_since(rows, i):
+    """Return the camera's motion (6,) since image i, in its present frame.
+
+    The motion is small, so the rotation vector is the skew-symmetric part of the rotation matrix.
+
+    Args:
+        rows: (m, 22) offsets and poses.
+    """
+    last, k = rows.shape[0] - 1, 6
+    motion, rotation = np.empty(6), np.zeros((3, 3))
+    for a in range(3):
+        motion[a] = 0.0
+        for c in range(3):
+            motion[a] += rows[last, k + 4 * c + a] * (
+                rows[last, k + 4 * c + 3] - rows[i, k + 4 * c + 3]
+            )
+        for b in range(3):
+            for c in range(3):
+                rotation[a, b] += rows[i, k + 4 * c + a] * rows[last, k + 4 * c + b]
+    motion[3] = 0.5 * (rotation[2, 1] - rotation[1, 2])
+    motion[4] = 0.5 * (rotation[0, 2] - rotation[2, 0])
+    motion[5] = 0.5 * (rotation[1, 0] - rotation[0, 1])
+    return motion
+
+
+@jit("f8[:,:], f8[:,:], i8, f8[:]")
+def _average_offsets(rows, observable, count, limit):
+    """Compute the mean offset of the latest images, transformed to the present camera pose.
+
+    Args:
+        rows: (m, 22) offsets and poses of images, the present one last.
+        observable: L^+ L (6, 6), the part of a motion that changes the offsets.
+        count: minimum number of latest images; it is doubled until the standard deviation of the
+            mean is within the limit.
+        limit: (2,) m and rad.
+
+    Returns:
+        (6,) mean; (6, 6) covariance of the offsets; number of images; whether the standard
+        deviation of the mean is within the limit.
+    """
+    m = rows.shape[0]
+    count = min(max(count, 1), m)
+    while True:
+        # Sums of the measured offsets (0) and of the offsets transformed to the present pose (1).
+        total, square = np.zeros((2, 6)), np.zeros((2, 6, 6))
+        off = np.empty((2, 6))
+        for i in range(m - count, m):
+            motion = _compute_motion_since(rows, i)
+            for a in range(6):
+                off[0, a] = off[1, a] = rows[i, a]
+                for b in range(6):
+                    off[1, a] += observable[a, b] * motion[b]
+            for n in range(2):
+                for a in range(6):
+                    total[n, a] += off[n, a]
+                    for b in range(6):
+                        square[n, a, b] += off[n, a] * off[n, b]
+        scatter, variances = np.empty(2), np.zeros((2, 2))
+        for n in range(2):
+            for a in range(6):
+                mean = total[n, a] / count
+                variances[n, a // 3] += max(square[n, a, a] / count - mean * mean, 0.0) / count
+            scatter[n] = variances[n, 0] / limit[0] ** 2 + variances[n, 1] / limit[1] ** 2
+        n = 1 if scatter[1] <= scatter[0] else 0  # scatter[1] is NaN if poses are unknown
+        is_enough = variances[n, 0] <= limit[0] ** 2 and variances[n, 1] <= limit[1] ** 2
+        if is_enough or count == m:
+            mean, scattered = total[n] / count, square[n] / count
+            for a in range(6):
+                for b in range(6):
+                    scattered[a, b] -= mean[a] * mean[b]
+            return mean, scattered, count, is_enough
+        count = min(2 * count, m)

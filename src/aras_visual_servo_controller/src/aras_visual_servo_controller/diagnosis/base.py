@@ -1,0 +1,55 @@
+"""Base class of the diagnoses, their registry and their order."""
+
+from __future__ import annotations
+
+from abc import ABC, abstractmethod
+from typing import ClassVar
+
+from aras_visual_servo_base.registry import Registry
+
+from ..errors import ConfigurationError
+from ..records.outcomes import Outcome
+from ..records.run_record import ImageRecord
+from .evidence import Evidence
+
+
+class RunDiagnosis(ABC):
+    """Detector of one possible fault of a run, or of its success.
+
+    Attributes:
+        name: under which the diagnosis is registered.
+        help: what the diagnosis detects.
+        reads: data that it uses, with the file, for the table in the README.
+        kinds: of the outcomes that it reports.
+    """
+
+    name: ClassVar[str] = ""
+    help: ClassVar[str] = ""
+    reads: ClassVar[str] = ""
+    kinds: ClassVar[tuple[str, ...]] = ()
+
+    @abstractmethod
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Add one image to the evidence and return its outcome, or None if there is no finding.
+
+        The next diagnosis in the order is called only if this one returns None.
+        """
+
+
+DIAGNOSES = Registry(
+    "diagnosis", f"{__package__}.diagnoses", (RunDiagnosis,), ConfigurationError
+)
+# Each image is diagnosed in this order; the first outcome counts.
+ORDER = (
+    "scheme_failed",
+    "stopped",
+    "camera_retreat",
+    "joints_do_not_follow",
+    "target_lost",
+    "wrong_object",
+    "features_contradict",
+    "target_moves",
+    "wrong_camera_model",
+    "converged",
+    "not_converging",
+)

@@ -1,0 +1,398 @@
+"""Check whether the camera's motion explains the motion of the features."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.task import DIRECTIONS
+from ..observation.observation import Observation
+from ..schemes.base import SchemeOutput
+
+
+class CameraCheck:
+    """Comparison of the motion of the features with the prediction by L and the camera's motion.
+
+    A wrong depth scales the effect of all translations by the same factor and does no harm. A wrong
+    focal length, mounting or distortion has no such common factor. Therefore one scale per
+    direction of the camera is fitted over the whole run. With a correct camera model the scales of
+    the translations are equal and those of the rotations are 1. Translations are compared with each
+    other in pairs. The rows of the fit are sums over a few images, so that slow motion counts as
+    well.
+
+    Measured on the simulated arm: correct runs leave 0.06 % of the motion unexplained with moments
+    and 1.6 % with points, and no two of their scales differ by more than 0.04 and 2.4 deviations at
+    once. On a loaded machine 2.7 % are unexplained, 0.4 tolerances per image. A focal length of 0.9
+    times the true one gives scales that differ by 0.10, which is 11 deviations, if the camera
+    descends by a centimetre and moves sideways. If it does only one of the two, the error cannot be
+    distinguished from a wrong depth.
+
+    The target's own motion that a scheme reports (`SchemeOutput.error_drift`) is subtracted first.
+    Image noise does not count as a wrong camera: the residuals of successive rows have to be
+    correlated. Their correlation is 0.8 for a wrong mounting, -0.5 for noise and 0 for a target
+    that was pushed once.
+
+    The mean L of two images predicts the step between them only if L changes little. Other steps
+    are skipped, for example those of a scheme that turns the camera by 20 degrees from image to
+    image.
+
+    The arm's motion is known as exactly as its joint positions at the exposures. If these are
+    extrapolated, because joint states arrive late, nothing is compared. If the joint speeds at both
+    ends do not explain the distance that the joints moved (late commands of a loaded machine shake
+    the arm between two joint states), the image gets a smaller weight.
+    """
+
+    # Predicted motion in one row of the fit, tolerances. With less, noise and joint friction would
+    # dominate.
+    MIN_ROW = 3.0
+    # Largest number of images per row of the fit. Slower motion may be the target's own.
+    MAX_IMAGES_PER_ROW = 4
+    MIN_PATH = 40.0  # predicted motion before the first decision, tolerances
+    # Residual of a fit of the depth alone, above which the camera model is wrong: as a part of the
+    # squared motion, and in tolerances per image.
+    MAX_MISFIT_PART, MIN_MISFIT = 0.04, 1.5
+    MIN_CORRELATION = 0.2  # correlation of the residuals of successive rows
+    # A scale is wrong if its error exceeds MIN_DIFFERENCE plus MIN_DEVIATIONS standard deviations.
+    MIN_DIFFERENCE, MIN_DEVIATIONS = 0.04, 4.0
+    # Motion of the features by one direction alone, in tolerances, that its scale needs: of
+    # translations, and of rotations (shaking joints tilt the camera without being measured).
+    MIN_TRANSLATION, MIN_ROTATION = 3.0, 8.0
+    MIN_NOISE = 0.05  # smallest noise that is assumed, tolerances
+    # rms effect of shaking on the features, as a part of its upper bound, in a recorded run
+    SHAKING_FACTOR = 0.3
+    # part of an image period in which a joint may still move at its previous speed
+    LATE_PART = 0.25
+    # Largest change of the predicted step by the change of L between two images, as a part of the
+    # step; with more, the mean L is not used. For rotations near 180 degrees with six moments this
+    # part is 0.5 to 2, and a third of the motion is unexplained.
+    MAX_L_CHANGE = 0.3
+
+    def __init__(self, jacobian: Callable[[np.ndarray], np.ndarray] | None = None) -> None:
+        """Create the check.
+
+        Args:
+            jacobian: function from joints (n,) to the arm's Jacobian (6, n); None if the camera's
+                motion is exact.
+        """
+        self._jacobian = jacobian
+        self._joints: JointSample | None = None
+        self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self._normal, self._right = np.zeros((6, 6)), np.zeros(6)
+        self._square = self._path_length = 0.0
+        # Sums of the products of each row of the fit with the previous row.
+        self._last_row: tuple[np.ndarray, np.ndarray] | None = None
+        self._next_normal, self._next_right = np.zeros((6, 6)), np.zeros(6)
+        self._next_square = 0.0
+        self._rows = 0
+        self._fault: str | None = ""
+
+    def interrupt(self) -> None:
+        """Reset the comparison with the previous image, because an image had no measurement."""
+        self._last_measurement = self._joints = self._last_row = None
+
+    def add(
+        self, scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
+        is_angle: np.ndarray | None = None,
+    ) -> None:
+        """Add one image.
+
+        Args:
+            scheme_output: measurement of the image.
+            observation: of the image.
+            tolerances: (k,) of the error.
+            is_angle: (k,) bool, components that may wrap; None: all.
+        """
+        is_angle = np.ones(len(tolerances), bool) if is_angle is None else is_angle
+        L, error = scheme_output.L, scheme_output.error
+        before, self._last_measurement = self._last_measurement, None
+        joints, self._joints = self._joints, observation.joints
+        if L is None or np.shape(L) != (len(error), 6):
+            return
+        self._last_measurement = (
+            error,
+            np.asarray(L, float),
+            np.array(scheme_output.error_drift, float, ndmin=1),
+        )
+        if before is None or observation.motion is None or len(before[0]) != len(error):
+            self._start_row(error)
+            return
+        predicted, wrapped, L_change = _predict_motion(
+            *before, *self._last_measurement, observation.motion, observation.dt, tolerances,
+            self._parts,
+            self._target_motion, is_angle,
+        )  # fmt: skip
+        if wrapped or L_change > max(self.MAX_L_CHANGE * predicted, self.MIN_ROW):
+            self._start_row(error)
+            return
+        self._images += 1
+        self._shaking = max(
+            self._shaking,
+            self._estimate_shaking(
+                joints, observation.joints, self._last_measurement[1], tolerances
+            ),
+        )
+        if predicted >= self.MIN_ROW:
+            self._add_row(predicted, (error - self._start_error - self._target_motion) / tolerances)
+        if predicted >= self.MIN_ROW or self._images >= self.MAX_IMAGES_PER_ROW:
+            self._start_row(error)
+
+    def _start_row(self, error: np.ndarray) -> None:
+        """Start a new row of the fit at this image, whose error is (k,)."""
+        self._start_error, self._parts = error, np.zeros((len(error), 6))
+        self._images, self._shaking, self._target_motion = 0, 0.0, np.zeros(len(error))
+
+    def _add_row(self, predicted: float, measured: np.ndarray) -> None:
+        """Add a row to the normal equations of the fit.
+
+        Args:
+            predicted: largest predicted motion of a feature, in tolerances.
+            measured: (k,) measured motion of the features, in tolerances.
+        """
+        weight = 1.0 / (1.0 + self.SHAKING_FACTOR * self._shaking)
+        parts, measured = weight * self._parts, weight * measured
+        self._normal += parts.T @ parts
+        self._right += parts.T @ measured
+        self._square += float(measured @ measured)
+        if self._last_row is not None and len(self._last_row[1]) == len(measured):
+            before, moved = self._last_row
+            self._next_normal += before.T @ parts
+            self._next_right += before.T @ measured + parts.T @ moved
+            self._next_square += float(moved @ measured)
+        self._last_row = parts, measured
+        self._path_length += weight * predicted
+        self._rows += len(measured)
+        self._fault = None
+
+    def _estimate_shaking(
+        self,
+        before: JointSample | None,
+        now: JointSample | None,
+        L: np.ndarray,
+        tolerances: np.ndarray,
+    ) -> float:
+        """Return a bound of the feature motion, in tolerances, that the joints do not explain."""
+        if self._jacobian is None or before is None or now is None:
+            return 0.0
+        return _compute_unexplained(
+            before.positions, before.velocities, now.positions, now.velocities,
+            now.stamp - before.stamp, self.LATE_PART, self._jacobian(now.positions), L, tolerances,
+        )  # fmt: skip
+
+    def find_fault(self) -> str:
+        """Describe what contradicts the camera model; the text is empty if nothing does."""
+        if self._fault is None:
+            self._fault = self._evaluate() if self._path_length > self.MIN_PATH else ""
+        return self._fault
+
+    def _evaluate(self) -> str:
+        depth, misfit, rest, direction, other_direction, scale, other_scale = _fit_scales(
+            self._normal, self._right, self._square, self._rows,
+            self.MIN_TRANSLATION, self.MIN_ROTATION, self.MIN_DIFFERENCE, self.MIN_DEVIATIONS,
+            self.MIN_NOISE,
+        )  # fmt: skip
+        text = "the features do not move as L and the arm's motion predict"
+        if depth <= 0.0:
+            return f"{text}: translations of the camera move them in the opposite direction"
+        if (
+            misfit > self.MAX_MISFIT_PART
+            and rest > self.MIN_MISFIT
+            and self._is_smooth(depth, misfit)
+        ):
+            return f"{text}: {100.0 * misfit:.0f} % of the motion is not explained"
+        if direction < 0:
+            return ""
+        where = (
+            "in other directions"
+            if direction == other_direction
+            else f"along {DIRECTIONS[other_direction]}"
+        )
+        return (
+            f"along {DIRECTIONS[direction]} the features move {scale:.2f} times as far as L and "
+            f"the arm's motion predict, {where} {other_scale:.2f} times as far"
+        )
+
+    def _is_smooth(self, depth: float, misfit: float) -> bool:
+        """Return whether the residuals of successive rows of a fit of the depth are correlated."""
+        scale = np.array([depth] * 3 + [1.0] * 3)
+        product = self._next_square - scale @ self._next_right + scale @ self._next_normal @ scale
+        return bool(product > self.MIN_CORRELATION * misfit * self._square)
+
+
+@jit("f8[:,:]")
+def _invert(matrix):
+    """Invert a symmetric positive definite matrix (n, n) by Gauss-Jordan elimination.
+
+    Such a matrix needs no pivoting.
+    """
+    left, right, count = matrix.copy(), np.eye(len(matrix)), len(matrix)
+    for i in range(count):
+        pivot = left[i, i]
+        for j in range(count):
+            left[i, j], right[i, j] = left[i, j] / pivot, right[i, j] / pivot
+        for k in range(count):
+            if k == i:
+                continue
+            factor = left[k, i]
+            for j in range(count):
+                left[k, j] -= factor * left[i, j]
+                right[k, j] -= factor * right[i, j]
+    return right
+
+
+@jit("f8[:,:], f8[:], f8, f8, f8, f8, f8, f8, f8")
+def _fit_scales(
+    normal,
+    right,
+    square,
+    rows,
+    min_translation,
+    min_rotation,
+    min_difference,
+    deviations,
+    min_noise,
+):
+    """Fit the scale of the features' motion for each direction of the camera.
+
+    Two translations are compared with each other, a rotation with 1.
+
+    Args:
+        normal, right, square: (6, 6), (6,) of the normal equations, and the squared motion.
+        rows: number of values in the normal equations.
+        min_translation, min_rotation, min_difference, deviations, min_noise: see the constants of
+            CameraCheck.
+
+    Returns:
+        The factor of the translations for rotations as predicted; its residual as a part of the
+        squared motion, and in tolerances (rms); the direction with a wrong scale (-1: none) and the
+        direction that it is compared with (the same for a rotation); the scales of both (1 for the
+        second of a rotation).
+    """
+    translation_square = translation_right = coupling = 0.0
+    for i in range(3):
+        translation_right += right[i]
+        for j in range(3):
+            translation_square += normal[i, j]
+            coupling += normal[i, 3 + j]
+    depth = 1.0
+    if translation_square > min_translation**2:
+        depth = (translation_right - coupling) / translation_square
+    expected, damped = np.ones(6), normal.copy()
+    for i in range(6):
+        expected[i] = depth if i < 3 else 1.0
+        damped[i, i] += 0.1  # directions without motion keep the expected scale
+    spread = _invert(damped)
+    scale, left, misfit = np.zeros(6), square, square
+    for i in range(6):
+        for j in range(6):
+            scale[i] += spread[i, j] * (right[j] + 0.1 * expected[j])
+    for i in range(6):
+        left -= 2.0 * right[i] * scale[i]
+        misfit -= 2.0 * right[i] * expected[i]
+        for j in range(6):
+            left += scale[i] * normal[i, j] * scale[j]
+            misfit += expected[i] * normal[i, j] * expected[j]
+    noise = max(np.sqrt(max(left, 0.0) / max(rows - 6.0, 1.0)), min_noise)
+    first, second, greatest = -1, -1, 0.0
+    for i in range(6):
+        for j in range(i if i < 3 else 1):
+            is_rotation = i > 2
+            difference = scale[i] - (1.0 if is_rotation else scale[j])
+            variance = spread[i, i]
+            if not is_rotation:
+                variance += spread[j, j] - 2.0 * spread[i, j]
+            deviation, unit = np.sqrt(variance), 1.0 if is_rotation else abs(depth)
+            # A residual from uncertain motion data makes scales too small.
+            bias = max(left, 0.0) * variance
+            excess = (abs(difference) - deviations * noise * deviation) / unit - bias
+            excess -= min_difference
+            min_motion = min_rotation if is_rotation else min_translation
+            if deviation <= 1.0 / min_motion and excess > greatest:
+                first, second, greatest = i, i if is_rotation else j, excess
+    if first != second and abs(scale[first] - 1.0) < abs(scale[second] - 1.0):
+        first, second = second, first
+    second_scale = 1.0 if first == second else scale[second]
+    rest = np.sqrt(max(misfit, 0.0) / rows)
+    return depth, misfit / square, rest, first, second, scale[max(first, 0)], second_scale
+
+
+@jit("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], f8[:,::1], f8[::1], "
+          "b1[:]", allocates=False)
+def _predict_motion(
+    error_before,
+    L_before,
+    error_drift_before,
+    error,
+    L,
+    error_drift,
+    motion,
+    dt,
+    tolerances,
+    parts,
+    target_motion,
+    is_angle,
+):
+    """Add the predicted effects of the camera's and the target's motion up to this image.
+
+    Args:
+        error_before, error: (k,) errors of the previous and the present image.
+        L_before, L: (k, 6) their interaction matrices.
+        error_drift_before, error_drift: (k,) or (1,) their drifts by the target's motion.
+        motion: (6,) camera motion between the two images.
+        dt: time between the two images, s.
+        tolerances: (k,) unit of `parts`.
+        parts: (k, 6) effect of each direction of the camera on each feature, added to in place.
+        target_motion: (k,) effect of the target's motion, added to in place.
+        is_angle: (k,) components that may wrap.
+
+    Returns:
+        The largest sum of `parts` over the directions; whether an angle wrapped; the largest
+        difference between the two L in the prediction of this step, in tolerances.
+    """
+    widest, greatest, wrapped, interaction_change = 0.0, 0.0, False, 0.0
+    for i in range(len(error)):
+        if is_angle[i]:
+            widest = max(widest, tolerances[i])
+    for i in range(len(error)):
+        predicted = changed = 0.0
+        for j in range(6):
+            parts[i, j] += 0.5 * (L_before[i, j] + L[i, j]) * motion[j] / tolerances[i]
+            predicted += parts[i, j]
+            changed += (L[i, j] - L_before[i, j]) * motion[j] / tolerances[i]
+        interaction_change = max(interaction_change, abs(changed))
+        greatest = max(greatest, abs(predicted))
+        if is_angle[i]:
+            wrapped |= abs(error[i] - error_before[i]) / tolerances[i] > 1.0 / widest
+        drift_sum = (
+            error_drift_before[min(i, len(error_drift_before) - 1)]
+            + error_drift[min(i, len(error_drift) - 1)]
+        )
+        target_motion[i] += 0.5 * drift_sum * dt
+    return greatest, wrapped, interaction_change
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8, f8, f8[:,:], f8[:,:], f8[:]", allocates=False)
+def _compute_unexplained(q_before, v_before, q, v, dt, late, jacobian, L, tolerances):
+    """Return the largest motion of a feature by joint motion that the joint speeds do not explain.
+
+    The result is in tolerances (k,).
+
+    Args:
+        q_before, v_before, q, v: (n,) positions and speeds, dt (s) apart.
+        late: part of dt in which a joint may still move at its previous speed.
+        jacobian, L: (6, n), (k, 6).
+    """
+    greatest = 0.0
+    for j in range(len(q)):
+        change = v[j] - v_before[j]
+        expected = (v_before[j] + 0.5 * change) * dt
+        unexplained = abs(q[j] - q_before[j] - expected) + late * dt * abs(change)
+        for i in range(len(L)):
+            moved = 0.0
+            for k in range(6):
+                moved += L[i, k] * (jacobian[k, j] * unexplained)
+            greatest = max(greatest, abs(moved / tolerances[i]))
+    return greatest

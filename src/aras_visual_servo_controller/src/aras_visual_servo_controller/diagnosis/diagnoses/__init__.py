@@ -1,0 +1,1 @@
+"""Diagnoses of a run, one class per file; `base.ORDER` defines their order."""

@@ -1,0 +1,76 @@
+"""Diagnosis of a camera retreat, which image points cause for rotations near 180 degrees."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...goals.goal import Goal
+from ...observation.observation import Observation
+from ...records.outcomes import Outcome, make_outcome
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+from ..step_check import predict_distance
+
+
+@DIAGNOSES.register("camera_retreat")
+class CameraRetreat(RunDiagnosis):
+    """Comparison of the target's distance, by its size in the image, with the start and the goal.
+    """
+
+    help = "the target appears far smaller than at the start and at the goal"
+    reads = "area of the target in the image, its distance by the joints"
+    kinds = ("camera_retreat", "gain_too_high")
+
+    # The camera has retreated if its distance exceeds RETREAT_FACTOR times that of both start and
+    # goal in MIN_IMAGES successive images; a single image may show only a part of the target or
+    # another object. Below RETURN_FACTOR times that distance it has returned.
+    RETREAT_FACTOR, MIN_IMAGES, RETURN_FACTOR = 3.0, 3, 1.5
+    # Smallest distance by the joints, as a part of the distance by the size in the image, that
+    # confirms the retreat.
+    CONFIRMED_PART = 0.6
+
+    def __init__(self) -> None:
+        self._first_distance = 0.0  # distance at the first image, relative to the goal
+        self._far_count, self._outcome = 0, Outcome()
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`; update the target's visible area."""
+        state, observation, goal = record.state, record.observation, evidence.run_context.goal
+        for view in (observation, *observation.other_cameras.values()):
+            if view.touched_borders:
+                by = f" of camera {view.name}" if observation.other_cameras else ""
+                evidence.last_touched_borders = f"{' and '.join(view.touched_borders)} border{by}"
+        self._check_distance(state.stamp, observation, goal, evidence)
+        evidence.motion_check.step_check.add_area(observation, goal)
+        if self._outcome.kind == "running" or state.phase == CONVERGED:
+            return None
+        fault = evidence.motion_check.find_scheme_fault(state.stamp, is_converged=False)
+        return make_outcome("scheme_fault", fault) if fault else evidence.add_advice(self._outcome)
+
+    def _check_distance(
+        self, stamp: float, observation: Observation, goal: Goal, evidence: Evidence
+    ) -> None:
+        """Update whether the camera has retreated, from the size of the target in the image."""
+        measured, desired = observation.moments, goal.moments
+        if not observation.valid or measured is None or desired is None or measured.m00 <= 0.0:
+            return
+        distance = float(np.sqrt(desired.m00 / measured.m00))
+        self._first_distance = self._first_distance or distance
+        is_far = distance > self.RETREAT_FACTOR * max(self._first_distance, 1.0)
+        if is_far and goal.world_T_camera is not None and observation.world_T_camera is not None:
+            by_joints = predict_distance(observation.world_T_camera, goal)
+            is_far = by_joints > self.CONFIRMED_PART * distance
+        self._far_count = self._far_count + 1 if is_far else 0
+        if distance < self.RETURN_FACTOR * max(self._first_distance, 1.0):
+            self._outcome = Outcome()
+        if self._outcome.kind == "running" and self._far_count == self.MIN_IMAGES:
+            text = (
+                f"the camera retreated to {distance:.1f} times the goal's distance from the target"
+            )
+            self._outcome = make_outcome("camera_retreat", text)
+            if found := evidence.gain_check.find_recent_oscillation(stamp):
+                self._outcome = replace(found, reason=f"{found.reason}; {text}")

@@ -1,0 +1,60 @@
+"""Diagnosis of an arrival at the goal, with its remaining uncertainty."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ...records.outcomes import CALIBRATE_CAMERA, ArrivalStatus, Outcome, make_outcome
+from ...records.remedy import Remedy, set_value
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+
+CHECK_FEATURE_ORDER = Remedy(
+    "check that the scheme compares each feature with its own value at the goal, and that it has "
+    "more features than degrees of freedom; a built-in scheme shows whether the goal can be "
+    "reached",
+    set_value("scheme", "points"),
+)
+
+
+@DIAGNOSES.register("converged")
+class Converged(RunDiagnosis):
+    """Arrival of every feature at its goal, with a bound of the remaining distance."""
+
+    help = "the mean error is within the tolerances; decides whether the camera is at its goal"
+    reads = "mean error, its noise, L, view and pose at the goal (`arrival_check.py`)"
+    kinds = ("converged", "ambiguous")
+
+    # factor on the uncertainty by L if L does not explain the camera's motion
+    INTERACTION_ERROR_FACTOR = 2.0
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`."""
+        if record.state.phase != CONVERGED:
+            return None
+        found, fault = _make_arrival_outcome(record.state.arrival_status), evidence.camera_fault
+        if found.kind == "ambiguous" and evidence.motion_check.is_user_scheme:
+            found = replace(found, remedy=CHECK_FEATURE_ORDER)
+        if not fault or found.kind == "ambiguous":
+            return evidence.explain_occlusion(found)
+        return replace(
+            found, reason=f"the image equals the goal's, taught with this camera; but {fault}",
+            remedy=CALIBRATE_CAMERA,
+            open_distance=self.INTERACTION_ERROR_FACTOR * found.open_distance,
+            open_angle=min(self.INTERACTION_ERROR_FACTOR * found.open_angle, np.pi),
+        )  # fmt: skip
+
+
+def _make_arrival_outcome(arrival_status: ArrivalStatus) -> Outcome:
+    """Return the outcome of an arrival, with its uncertainty."""
+    if arrival_status.wrong_pose_reason:
+        return make_outcome("ambiguous", arrival_status.wrong_pose_reason)
+    uncertainty = arrival_status.pose_uncertainty
+    kind = f"converged up to {uncertainty.description}" if uncertainty.description else "converged"
+    return Outcome(
+        kind, uncertainty.reason, uncertainty.remedy, uncertainty.distance, uncertainty.angle
+    )

@@ -1,0 +1,45 @@
+"""Diagnosis of user features that change in a way that no image can cause."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from ...records.outcomes import Outcome, make_outcome
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+
+
+@DIAGNOSES.register("features_contradict")
+class FeaturesContradict(RunDiagnosis):
+    """Check of the motion of the features; its thresholds are in MotionCheck and StepCheck."""
+
+    help = "the features are constant, jump or move against their L although the target does not"
+    reads = "steps of the features and of the target's centre, L (`motion_check.py`)"
+    kinds = ("scheme_fault",)
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`."""
+        state, observation, goal = record.state, record.observation, evidence.run_context.goal
+        scheme, motion = evidence.run_context.scheme, evidence.motion_check
+        evidence.tolerances = tolerances = np.asarray(scheme.tolerances, float)
+        evidence.error = evidence.progress_check.add(
+            state, tolerances, goal.distance,
+            bool(evidence.run_context.elbows) and evidence.is_stretched(state.joints),
+        )
+        # Angles, and features without a unit, may wrap; lengths cannot.
+        evidence.is_angle = angles = np.array(
+            [unit != "m" for unit in scheme.units] or [True] * len(tolerances)
+        )
+        # Features with a possibly wrong L do not show whether the target moves.
+        can_judge = getattr(scheme, "can_check_camera", True) and not motion.is_user_scheme
+        evidence.target_motion = evidence.target_check.add(
+            state.scheme_output, observation, goal, tolerances, can_judge, angles
+        )
+        motion.is_current_interaction = (
+            getattr(scheme, "can_check_camera", True) or motion.is_user_scheme
+        )
+        motion.add(state.scheme_output, observation, goal, tolerances, angles)
+        fault = motion.find_scheme_fault(state.stamp, state.phase == CONVERGED)
+        return make_outcome("scheme_fault", fault) if fault else None

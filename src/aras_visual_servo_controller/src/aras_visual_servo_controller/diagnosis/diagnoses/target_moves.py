@@ -1,0 +1,105 @@
+"""Diagnosis of a target that moves."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from ...observation.observation import Observation
+from ...records.outcomes import Outcome, make_outcome
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ...schemes.base import SchemeOutput
+from ..base import DIAGNOSES, RunDiagnosis
+from ..camera_check import CameraCheck
+from ..evidence import Evidence, combine_outcomes
+
+
+@DIAGNOSES.register("target_moves")
+class TargetMoves(RunDiagnosis):
+    """Motion of the target that, with the camera's, explains that of the features.
+
+    See TargetCheck for the fit.
+    """
+
+    help = "the target moves during servoing"
+    reads = "motion of the features, L, motion of the camera (`target_check.py`)"
+    kinds = ("target_moves", "wrong_camera_model")
+
+    # Part of the latest feature motion above which the target has moved, and s for which the camera
+    # is not checked after that.
+    MIN_TARGET_PART, RUNAWAY_MEMORY = 0.5, 1.0
+
+    def __init__(self) -> None:
+        # last time at which the target moved faster than the camera's motion can explain, s
+        self._runaway_stamp = -np.inf
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`; update the checks of cameras and gain."""
+        state, observation, run = record.state, record.observation, evidence.run_context
+        if evidence.motion_check.target_motion_part > self.MIN_TARGET_PART:
+            self._runaway_stamp = state.stamp
+        evidence.is_running_away = state.stamp - self._runaway_stamp < self.RUNAWAY_MEMORY
+        if evidence.target_motion:
+            evidence.camera_checks.clear()  # their data were affected by the target's motion
+        elif getattr(run.scheme, "can_check_camera", True):
+            for name, part, tolerated, wrap in split_by_camera(
+                state.scheme_output, observation, evidence.tolerances, evidence.is_angle
+            ):
+                check = evidence.camera_checks.get(name)
+                if check is None:
+                    check = evidence.camera_checks[name] = CameraCheck(run.jacobian)
+                check.add(part, observation, tolerated, wrap)
+        evidence.oscillation = evidence.gain_check.add(
+            state.stamp, evidence.error, run.scheme, record.age
+        )
+        evidence.is_oscillation_fast = evidence.gain_check.is_oscillating_fast(state.stamp)
+        if not evidence.target_motion or state.phase == CONVERGED or evidence.is_oscillation_fast:
+            return None
+        if evidence.target_check.has_camera_explanation and (
+            fault := evidence.find_contradiction()
+        ):
+            return evidence.explain_contradiction(fault)
+        found = make_outcome(
+            "target_moves", "the motion of the features is explained by the camera's motion and a "
+            f"motion of the target: {evidence.target_motion}",
+        )  # fmt: skip
+        oscillation = evidence.oscillation or evidence.gain_check.delay_outcome
+        return evidence.explain_occlusion(
+            found if oscillation is None else combine_outcomes(found, oscillation)
+        )
+
+
+def split_by_camera(
+    scheme_output: SchemeOutput, observation: Observation, tolerances: np.ndarray,
+    is_angle: np.ndarray | None = None,
+) -> Iterator[tuple[str, SchemeOutput, np.ndarray, np.ndarray]]:
+    """Split a scheme's output by camera.
+
+    Features of one of several cameras are named 'camera.feature'. All other features may use every
+    camera and are returned with an empty camera name.
+
+    Yields:
+        The camera's name, its part of the scheme's output, its tolerances, and the components that
+        may wrap (None: all).
+    """
+    if not observation.other_cameras:
+        yield observation.name, scheme_output, tolerances, is_angle
+        return
+    L, count = scheme_output.L, len(scheme_output.names)
+    if np.shape(L) != (count, 6):
+        return
+    rows: dict[str, list[int]] = {}
+    for i, name in enumerate(scheme_output.names):
+        camera = name.partition(".")[0]
+        rows.setdefault(camera if camera in observation.cameras else "", []).append(i)
+    rate = np.broadcast_to(scheme_output.error_drift, count)
+    for camera, at in rows.items():
+        yield (
+            camera,
+            replace(scheme_output, error=scheme_output.error[at], L=L[at], error_drift=rate[at]),
+            (tolerances[at]),
+            None if is_angle is None else is_angle[at],
+        )

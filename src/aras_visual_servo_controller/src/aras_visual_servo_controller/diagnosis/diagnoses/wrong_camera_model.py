@@ -1,0 +1,48 @@
+"""Diagnosis of a wrong camera model: intrinsic parameters or mounting."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+from ...goals.goal import Goal
+from ...observation.observation import Observation
+from ...records.outcomes import Outcome
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+
+
+@DIAGNOSES.register("wrong_camera_model")
+class WrongCameraModel(RunDiagnosis):
+    """Features that do not move as L and the arm's motion predict; see CameraCheck."""
+
+    help = "the camera's calibration or mounting differs from the one that the controller uses"
+    reads = "motion of the features, L, motion of the joints (`camera_check.py`)"
+    kinds = ("wrong_camera_model", "joint_limit")
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`."""
+        state, observation = record.state, record.observation
+        # During a fast oscillation L changes too much between two images.
+        fault = "" if evidence.is_oscillation_fast else evidence.find_camera_fault(observation)
+        is_there = state.phase == CONVERGED
+        if fault and not is_there and (evidence.oscillation or evidence.gain_check.delay_outcome):
+            # An oscillation or overshoot that is not over must not count as a wrong camera.
+            fault = ""
+        evidence.camera_fault = fault
+        # A goal that this camera has taught is reached when the image is the same, even with a
+        # wrong camera model. A computed goal is not.
+        if not fault or is_there and is_goal_camera(observation, evidence.run_context.goal):
+            return None
+        stalled = evidence.progress_check.explain_stall(state)
+        if stalled.kind == "joint_limit":  # a joint at its limit cannot continue in any case
+            return replace(stalled, reason=f"{stalled.reason}; in addition, {fault}")
+        return evidence.explain_contradiction(fault)
+
+
+def is_goal_camera(observation: Observation, goal: Goal) -> bool:
+    """Return whether each camera is the one that has taught its goal."""
+    goals = goal.cameras
+    return all(name in goals and goals[name].camera == view.camera
+               for name, view in observation.cameras.items())  # fmt: skip

@@ -1,0 +1,108 @@
+"""Diagnosis of a visible object whose shape differs from the goal's target."""
+
+from __future__ import annotations
+
+from math import atan2, hypot
+
+from aras_visual_servo_camera.degeneracy import anisotropy, gyration_radius
+from aras_visual_servo_camera.interaction import Plane
+
+from ...goals.goal import Goal
+from ...observation.observation import Observation
+from ...records.outcomes import Outcome, make_outcome
+from ...records.run_record import ImageRecord
+from ...records.state import CONVERGED
+from ..base import DIAGNOSES, RunDiagnosis
+from ..evidence import Evidence
+
+
+@DIAGNOSES.register("wrong_object")
+class WrongObject(RunDiagnosis):
+    """Comparison of the visible shape with the goal's target; see ShapeCheck."""
+
+    help = "another object is detected as the target"
+    reads = "moments (`wrong_object.py`) and visible area of the target (`step_check.py`)"
+    kinds = ("wrong_object", "wrong_camera_model", "scheme_fault")
+
+    def __init__(self) -> None:
+        self._shapes: dict[str, ShapeCheck] = {}
+
+    def judge(self, record: ImageRecord, evidence: Evidence) -> Outcome | None:
+        """Diagnose one image, see `RunDiagnosis.judge`.
+
+        A wrong scheme or camera model takes precedence, because a camera that moves in a wrong
+        direction also changes the visible shape.
+        """
+        state, observation = record.state, record.observation
+        if not (fault := self._explain_mismatch(observation, evidence.run_context.goal)):
+            return None
+        if found := evidence.motion_check.find_scheme_fault(state.stamp, state.phase == CONVERGED):
+            return make_outcome("scheme_fault", found)
+        if found := evidence.find_camera_fault(observation):
+            return evidence.explain_contradiction(found)
+        return evidence.explain_occlusion(make_outcome("wrong_object", fault))
+
+    def _explain_mismatch(self, observation: Observation, goal: Goal) -> str:
+        """Describe why a visible object cannot be the target of its goal; empty if it can."""
+        found, goals = "", goal.cameras
+        for name, view in observation.cameras.items():
+            check = self._shapes.get(name)
+            if check is None:
+                check = self._shapes[name] = ShapeCheck()
+            fault = check.add(view, goals[name]) if name in goals else ""
+            found = found or (
+                f"camera {name}: {fault}" if fault and observation.other_cameras else fault
+            )
+        return found
+
+
+class ShapeCheck:
+    """Test of whether a visible object can be the goal's target, by its spread and elongation.
+
+    Both measures are independent of distance, position and rotation in the image.
+    """
+
+    MAX_COMPACTNESS_RATIO = 1.25  # ratio of the spreads that a tilt of 40 degrees cannot explain
+    # Largest angle between the target's normal and the optical axis for which the shape is
+    # evaluated, if it differs from the goal's by more than MIN_TILT_DIFFERENCE, rad. Tuned on runs
+    # of the canonical tasks that diverge.
+    MAX_TILT, MIN_TILT_DIFFERENCE = 0.7, 0.2
+    MAX_ANISOTROPY_DIFFERENCE = 0.3
+    MIN_IMAGES = 3
+
+    def __init__(self) -> None:
+        self._mismatch_count = 0
+
+    def add(self, observation: Observation, goal: Goal) -> str:
+        """Add one image and describe why the object cannot be the target; empty if it can."""
+        measured, desired = observation.moments, goal.moments
+        if measured is None or desired is None or measured.kind != desired.kind:
+            return ""
+        if self._is_tilted(observation, goal):
+            self._mismatch_count = 0
+            return ""
+        ratio = (gyration_radius(measured) / gyration_radius(desired)) ** 2
+        ratio = ratio * desired.m00 / measured.m00
+        elongation_difference = abs(anisotropy(measured) - anisotropy(desired))
+        is_different = not 1.0 / self.MAX_COMPACTNESS_RATIO < ratio < self.MAX_COMPACTNESS_RATIO
+        is_different |= elongation_difference > self.MAX_ANISOTROPY_DIFFERENCE
+        self._mismatch_count = self._mismatch_count + 1 if is_different else 0
+        if self._mismatch_count < self.MIN_IMAGES:
+            return ""
+        return (
+            f"the visible object is not the goal's target: its spread is {ratio:.2f} times that of "
+            f"the target, and its elongation differs by {elongation_difference:.2f}"
+        )
+
+    def _is_tilted(self, observation: Observation, goal: Goal) -> bool:
+        """Return whether the camera views the target far more obliquely than at the goal."""
+        if observation.plane is None:
+            return False
+        here = tilt(observation.plane)
+        there = 0.0 if goal.plane is None else tilt(goal.plane)
+        return here > self.MAX_TILT and abs(here - there) > self.MIN_TILT_DIFFERENCE
+
+
+def tilt(plane: Plane) -> float:
+    """Return the angle between a plane's normal and the optical axis, rad."""
+    return atan2(hypot(plane.A, plane.B), plane.C)

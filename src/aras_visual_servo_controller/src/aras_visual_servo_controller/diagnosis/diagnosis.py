@@ -1,0 +1,225 @@
+"""Diagnosis of a run, online or from its record: outcome, reason and remedy.
+
+Each image is passed to the diagnoses of `ORDER` one after the other; the first outcome counts. An
+`outcome` is what the loop concludes from its own data. A `verdict` is based on the true poses,
+which only a simulation knows.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Sequence
+from dataclasses import replace
+
+import numpy as np
+
+from ..records.outcomes import Outcome, make_outcome
+from ..records.run_record import ImageRecord, Record, RunContext, RunEvent
+from .advice import suggest_longer_watchdog
+from .base import DIAGNOSES, ORDER
+from .evidence import Evidence
+
+# Outcomes in WHILE_SERVOING are reported for at least STEADY_TIME (s) before another one replaces
+# them.
+STEADY_TIME = 1.0
+WHILE_SERVOING = (
+    "running", "target_moves", "wrong_camera_model", "gain_too_high", "joint_limit", "singular",
+    "local_minimum", "camera_retreat", "out_of_reach", "saturation", "too_noisy", "no_progress",
+    "wrong_object",
+)  # fmt: skip
+# s without interruption after which earlier interruptions of the images are forgotten
+RECOVERY_TIME = 10.0
+
+
+def diagnose(
+    run_context: RunContext, records: Iterable[Record], order: Sequence[str] = ORDER
+) -> Outcome:
+    """Diagnose a recorded run; the result is the same as that of `Diagnosis` during the run.
+
+    Args:
+        run_context: arm, goal, scheme and settings; a law whose gain was changed counts with its
+            present gain.
+        records: images and events in their order, from the start of the loop.
+        order: names of the diagnoses that are used.
+    """
+    diagnosis = Diagnosis(run_context, order)
+    for record in records:
+        diagnosis.add(record)
+    return diagnosis.outcome
+
+
+class Diagnosis:
+    """Diagnosis of one run, updated record by record; `outcome` is available at any time."""
+
+    def __init__(self, run_context: RunContext, order: Sequence[str] = ORDER) -> None:
+        """Create the diagnosis.
+
+        Args:
+            run_context: arm, goal, scheme and settings.
+            order: names of the diagnoses, the last of which always reports an outcome.
+        """
+        self.run_context, self._order = run_context, tuple(order)
+        self._start()
+
+    def _start(self) -> None:
+        self.evidence = Evidence(self.run_context)
+        self._diagnoses = [DIAGNOSES[name]() for name in self._order]
+        # stamp and fault of each image for which the scheme failed
+        self._faults: list[tuple[float, str]] = []
+        self._image_count = 0
+        self._last_stamp: float | None = None  # stamp of the last image, s
+        self._longest_gap = 0.0  # longest time without an image, s
+        self._outcome_stamp = -np.inf  # time at which the present outcome was found first, s
+        # kind of the outcome that may replace the present one, and since when
+        self._candidate: tuple[str, float] | None = None
+        self._is_ended = False
+        self._starvation_count, self._starvation_outcome, self._starvation_stamp = (
+            0,
+            Outcome(),
+            -np.inf,
+        )
+
+    @property
+    def outcome(self) -> Outcome:
+        """Return what is known about the run so far."""
+        found = self.evidence.current_outcome
+        if not self._faults or found.kind in ("running", "scheme_fault"):
+            return found
+        reason = f"{found.reason}; {self._fault_summary}" if found.reason else self._fault_summary
+        return replace(found, reason=reason)
+
+    def add(self, record: Record) -> Outcome:
+        """Add an image or an event and return the present outcome."""
+        if isinstance(record, ImageRecord):
+            self._add_image(record)
+        else:
+            self._add_event(record)
+        return self.outcome
+
+    # -- events between images ---------------------------------------------------------------
+
+    def _add_event(self, event: RunEvent) -> None:
+        if event.kind == "started":
+            self._start()
+        elif event.kind == "scheme_failed":
+            self.evidence.current_outcome = make_outcome("scheme_fault", event.reason)
+        elif event.kind == "starved":
+            self._add_starvation(event.time, event.period)
+        elif event.kind == "timed_out":
+            self._time_out(event.time)
+        elif self._is_ended:
+            return
+        elif event.kind == "joints_unmeasured":
+            self.evidence.current_outcome = make_outcome("no_joint_states", event.reason)
+        elif event.kind == "halted":
+            self.evidence.current_outcome, self._is_ended = event.outcome, True
+        else:
+            raise ValueError(f"a run has no event '{event.kind}'")
+
+    def _add_starvation(self, t: float, period: float) -> None:
+        """Record that the watchdog stopped the arm.
+
+        Args:
+            t: time of the stop, s.
+            period: of the images before the stop, s.
+        """
+        self._starvation_count = (
+            1 if t - self._starvation_stamp > RECOVERY_TIME else self._starvation_count + 1
+        )
+        self._starvation_stamp = t
+        gap = t - self._last_stamp if self._last_stamp is not None else 0.0
+        self._longest_gap = max(self._longest_gap, gap, period)
+        found = make_outcome(
+            "too_few_images",
+            f"at {t:.2f} s no image had arrived for longer than the watchdog's time"
+            + (f" (before that, one every {period:.3f} s)" if period > 0.0 else ""),
+        )
+        if self._starvation_count > 1:
+            gain = getattr(getattr(self.run_context.scheme, "law", None), "gain", None)
+            remedy = suggest_longer_watchdog(
+                self._longest_gap, gain, self.run_context.settings.duration
+            )
+            found = replace(found, remedy=remedy)
+        self.evidence.current_outcome = self._starvation_outcome = found
+
+    def _time_out(self, duration: float) -> None:
+        """End the run because its time is over; an outcome that was found before remains."""
+        if self.outcome.kind == "running":
+            last = f": {self.outcome.reason}" if self.outcome.reason else ""
+            evidence = self.evidence
+            found = evidence.add_advice(
+                self._explain_timeout(f"not at the goal after {duration:.1f} s{last}")
+            )
+            # An image for which the scheme failed interrupts the loop: the camera has to settle
+            # again.
+            recent = self._faults and self._faults[-1][0] > (evidence.measured_stamp or 0.0) - (
+                self.run_context.settings.hold
+            )
+            if recent and found.kind in ("timed_out", "no_progress"):
+                found = make_outcome("scheme_fault", f"{found.reason}; {self._fault_summary}")
+            evidence.current_outcome = found
+        self._is_ended = True
+
+    def _explain_timeout(self, reason: str) -> Outcome:
+        if self.run_context.unreachable_reason:
+            return make_outcome("out_of_reach", self.run_context.unreachable_reason)
+        found = self.evidence.progress_check.explain_timeout(reason)
+        is_slow = found.kind in ("no_progress", "timed_out")
+        return is_slow and self.evidence.gain_check.explain_timeout(reason) or found
+
+    # -- images --------------------------------------------------------------------------------
+
+    def _add_image(self, record: ImageRecord) -> None:
+        stamp, evidence, joints = record.state.stamp, self.evidence, record.joints
+        if joints is not None:
+            evidence.joint_check.add(
+                stamp, joints.is_late, joints.commanded_velocities, joints.measured_velocities
+            )
+        self._image_count += 1
+        if self._last_stamp is not None and self._starvation_count:
+            self._longest_gap = max(self._longest_gap, stamp - self._last_stamp)
+        self._last_stamp = stamp
+        if record.is_faulty:
+            self._faults.append((stamp, record.state.reason))
+        if self._is_ended:
+            return
+        if record.state.scheme_output is None:
+            evidence.interrupt()
+        for diagnosis in self._diagnoses:
+            found = diagnosis.judge(record, evidence)
+            if found is not None:
+                break
+        # The watchdog stops the arm repeatedly; images in between do not change that outcome.
+        is_recent = stamp - self._starvation_stamp < RECOVERY_TIME
+        is_starved = found.kind == "running" and is_recent and self._starvation_count > 1
+        evidence.current_outcome = (
+            self._starvation_outcome if is_starved else self._debounce(stamp, found)
+        )
+
+    def _debounce(self, stamp: float, candidate: Outcome) -> Outcome:
+        """Return the outcome to report, which changes only after STEADY_TIME of a new one."""
+        current = self.evidence.current_outcome
+        if candidate.kind == current.kind:
+            self._candidate = None
+            return candidate
+        same_phase = candidate.kind in WHILE_SERVOING and current.kind in WHILE_SERVOING
+        is_new = stamp - self._outcome_stamp < STEADY_TIME
+        if not same_phase or current.kind == "running" or is_new:
+            self._outcome_stamp, self._candidate = stamp, None
+            return candidate
+        if self._candidate is None or self._candidate[0] != candidate.kind:
+            self._candidate = candidate.kind, stamp
+        if stamp - self._candidate[1] < STEADY_TIME:
+            return current
+        self._outcome_stamp, self._candidate = stamp, None
+        return candidate
+
+    @property
+    def _fault_summary(self) -> str:
+        """Return for how many images the scheme failed, when and why, as text."""
+        first, last, reason = self._faults[0], self._faults[-1], self._faults[-1][1]
+        when = f"at {first[0]:.2f} s" if first is last else (
+            f"from {first[0]:.2f} s to {last[0]:.2f} s"
+        )  # fmt: skip
+        count = len(self._faults)
+        images = f"{count} image{'s' if count > 1 else ''} of {self._image_count}"
+        return f"the scheme failed for {images} ({when}): {reason}"

@@ -1,0 +1,199 @@
+"""Evidence collected from the images of a run, shared by all diagnoses."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..kinematics.joint_sample import JointSample
+from ..observation.observation import Observation
+from ..records.outcomes import UNCOVER_TARGET, Outcome, make_outcome
+from ..records.remedy import Remedy
+from ..records.run_record import RunContext
+from .advice import is_user_scheme, suggest_scheme, suggest_wider_limits
+from .camera_check import CameraCheck
+from .gain_check import GainCheck
+from .joint_check import JointCheck, join_names
+from .motion_check import MotionCheck
+from .progress_check import ProgressCheck
+from .target_check import TargetCheck
+
+# Bend of an elbow, rad, below which the arm counts as stretched.
+STRETCHED_BEND = 0.1
+# Outcomes that can be a consequence of an occluded target or of a wrong L.
+CONSEQUENCES = ("camera_retreat", "gain_too_high", "local_minimum", "no_progress", "too_noisy",
+          "ambiguous", "target_lost", "singular", "timed_out", "target_moves", "wrong_object",
+          "wrong_camera_model")  # fmt: skip
+DRIFT_OUTCOME = make_outcome(
+    "target_moves", "the features moved steadily while the camera was at rest"
+)
+
+
+class Evidence:
+    """Findings about a run so far, to which the diagnoses add each image in their order.
+
+    Attributes:
+        run_context: arm, goal, scheme and settings, which do not change during the run.
+        current_outcome: outcome that was reported last.
+        joint_check, progress_check, gain_check, target_check, motion_check: checks with the images
+            that each of them has processed.
+        camera_checks: check of each camera, by camera name.
+        last_touched_borders: image borders that the target touched last, as text.
+        measured_stamp: stamp of the last image for which the scheme computed a task, s; None before
+            the first.
+        is_running_away: whether the target has just moved faster than the camera's motion can
+            explain.
+        error: (k,) error of this image, in tolerances.
+        tolerances: (k,) tolerances of the scheme.
+        is_angle: (k,) bool, components that may wrap.
+        target_motion: motion of the target, as text; empty if it is at rest.
+        oscillation: outcome for an oscillating error, or None.
+        is_oscillation_fast: whether the error oscillates faster than the target motions that
+            `TargetCheck` searches for.
+        camera_fault: contradiction to the camera model, as text; empty if there is none.
+    """
+
+    error: np.ndarray
+    tolerances: np.ndarray
+    is_angle: np.ndarray
+
+    def __init__(self, run_context: RunContext) -> None:
+        self.run_context = run_context
+        self.current_outcome = Outcome()
+        self.progress_check = ProgressCheck(run_context.settings.duration)
+        self.gain_check = GainCheck(run_context.settings.duration)
+        self.joint_check = JointCheck(run_context.names, run_context.joint_units)
+        self.target_check = TargetCheck()
+        self.motion_check = MotionCheck(
+            run_context.scheme is not None and is_user_scheme(run_context.scheme)
+        )
+        self.camera_checks: dict[str, CameraCheck] = {}
+        self.last_touched_borders = ""
+        self.measured_stamp: float | None = None
+        self.is_running_away = False
+        self.target_motion = self.camera_fault = ""
+        self.oscillation: Outcome | None = None
+        self.is_oscillation_fast = False
+
+    def interrupt(self) -> None:
+        """Reset the comparison with the previous image, because an image had no measurement."""
+        self.progress_check.clear()
+        self.target_check.interrupt()
+        self.motion_check.interrupt()
+        for check in self.camera_checks.values():
+            check.interrupt()
+
+    @property
+    def is_occluded(self) -> bool:
+        """Return whether something covers a part of the target."""
+        return self.motion_check.step_check.occluded_since is not None
+
+    def find_contradiction(self) -> str:
+        """Describe how the features contradict L over the run.
+
+        The text is empty if they agree with L, or if noise is too large to decide.
+        """
+        return (
+            ""
+            if self.progress_check.noise
+            else self.motion_check.find_contradiction(self.target_check.is_moving)
+        )
+
+    def find_camera_fault(self, observation: Observation) -> str:
+        """Describe what contradicts the camera model.
+
+        The text is empty if nothing does, or if the target has just moved faster than the camera's
+        motion can explain.
+        """
+        if self.is_running_away:
+            return ""
+        for name, check in self.camera_checks.items():
+            if fault := check.find_fault():
+                return f"camera {name}: {fault}" if observation.other_cameras and name else fault
+        return ""
+
+    def explain_contradiction(self, fault: str) -> Outcome:
+        """Return the outcome for features that do not move as L and the camera's motion predict."""
+        if self.motion_check.is_interaction_wrong:
+            return make_outcome(
+                "scheme_fault", f"{fault}, although the target's centre moves as predicted: L is "
+                "not that of the scheme's features",
+            )  # fmt: skip
+        return self.explain_occlusion(make_outcome("wrong_camera_model", fault))
+
+    def explain_occlusion(self, candidate: Outcome) -> Outcome:
+        """Return the occlusion of the target as the outcome if it can have caused `candidate`.
+
+        Otherwise `candidate` is returned.
+        """
+        steps = self.motion_check.step_check
+        if (
+            steps.occluded_since is None
+            or candidate.kind not in CONSEQUENCES
+            or self.progress_check.noise
+        ):
+            return candidate
+        return make_outcome(
+            "wrong_object",
+            f"something has covered the target since {steps.occluded_since:.2f} s; "
+            f"{100.0 * steps.visible_part:.0f} % of it is visible; {candidate.reason}",
+        ).with_remedy(UNCOVER_TARGET)
+
+    def add_advice(self, candidate: Outcome) -> Outcome:
+        """Add further findings and a specific remedy to the outcome of an unsuccessful run."""
+        if candidate.kind in ("camera_retreat", "local_minimum", "singular"):
+            candidate = replace(
+                candidate, remedy=suggest_scheme(candidate, self.run_context.scheme)
+            )
+        if candidate.kind == "joint_limit":
+            if keys := self._find_narrowing_parameters(candidate.reason):
+                candidate = replace(candidate, remedy=suggest_wider_limits(keys))
+            slow = self.progress_check.saturation_outcome
+            return candidate if slow is None else combine_outcomes(candidate, slow)
+        if candidate.kind == "saturation" and self.run_context.joints_beyond_limits:
+            return combine_outcomes(candidate, self._report_goal_limits())
+        if candidate.kind == "gain_too_high":
+            drifts = self.motion_check.step_check.has_drift and not self.motion_check.is_user_scheme
+            return self.explain_occlusion(
+                combine_outcomes(candidate, DRIFT_OUTCOME) if drifts else candidate
+            )
+        if candidate.kind not in CONSEQUENCES:
+            return candidate
+        if not self.is_occluded and (fault := self.find_contradiction()):
+            kind = (
+                "scheme_fault" if self.motion_check.is_interaction_wrong else "wrong_camera_model"
+            )
+            return make_outcome(kind, f"{fault}; {candidate.reason}")
+        jumped = self.motion_check.jump_reason
+        if jumped and jumped not in candidate.reason:
+            candidate = replace(candidate, reason=f"{candidate.reason}; {jumped}")
+        return self.explain_occlusion(candidate)
+
+    def is_stretched(self, joints: JointSample | None) -> bool:
+        """Return whether an elbow of the arm is almost straight."""
+        return joints is not None and any(
+            abs(joints.positions[fold.joint] - fold.straight_position) < STRETCHED_BEND
+            for fold in self.run_context.elbows
+        )
+
+    def _find_narrowing_parameters(self, reason: str) -> list[str]:
+        """Return the parameters that narrow the limits of the joints named in a reason."""
+        return sorted({key for key, names in self.run_context.narrowed_limits.items()
+                       if any(name in reason for name in names)})  # fmt: skip
+
+    def _report_goal_limits(self) -> Outcome:
+        """Return the outcome for a goal that was taught with joints beyond their limits."""
+        outside = join_names(list(self.run_context.joints_beyond_limits))
+        found = make_outcome("joint_limit", f"the goal was taught with {outside} beyond its limit")
+        keys = self._find_narrowing_parameters(found.reason)
+        return replace(found, remedy=suggest_wider_limits(keys)) if keys else found
+
+
+def combine_outcomes(first: Outcome, second: Outcome) -> Outcome:
+    """Return the first outcome with the reasons and the changes of both."""
+    changes = dict.fromkeys((*first.remedy.changes, *second.remedy.changes))
+    return replace(
+        first, reason=f"{first.reason}; in addition, {second.reason}",
+        remedy=Remedy(str(first.remedy).partition(":")[0], *changes),
+    )  # fmt: skip

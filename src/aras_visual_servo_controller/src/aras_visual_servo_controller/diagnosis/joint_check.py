@@ -1,0 +1,135 @@
+"""Check whether the joints follow their commanded velocities."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..observation.recent_errors import RecentErrors
+
+
+class JointCheck:
+    """Test for joints that lag behind their commands or oscillate, over the last SPAN seconds.
+
+    A joint lags if the loop waits for it in most images (see `lead` and `lag` of the settings), or
+    if the loop waits in some images and the joint has hardly moved as commanded.
+    """
+
+    SPAN = 1.5  # s
+    MAX_WAITING_PART = 0.6  # part of the images in which the loop waits for a joint that lags
+    # Part of the images in which the loop waits for a blocked joint, and largest part of the
+    # commanded motion that this joint makes.
+    MIN_WAITING_PART, MIN_MOTION_PART = 0.1, 0.1
+    SLOW_SPEED = 1e-3  # rad/s or m/s above which a lagging joint is slow, not blocked
+    # A joint oscillates if the rms difference between its measured and commanded velocity exceeds
+    # MIN_SPEED_ERROR (rad/s or m/s) and SPEED_ERROR_FACTOR times the rms commanded velocity.
+    MIN_SPEED_ERROR, SPEED_ERROR_FACTOR = 0.5, 3.0
+    CHECK_PERIOD = 5  # images between two evaluations
+    MIN_SPAN = 0.3  # s of data that detect an oscillating joint; a lagging joint needs SPAN
+
+    def __init__(self, names: Sequence[str] = (), lengths: np.ndarray | float = 1.0) -> None:
+        """Create the check.
+
+        Args:
+            names: of the n joints.
+            lengths: (n,) joint units: motion of each joint that counts as 1 rad or 1 m.
+        """
+        self._names, self._lengths = tuple(names), np.asarray(lengths, float)
+        self._samples = RecentErrors()
+        self._new_images = 0
+        self.joints, self.reason = "", ""
+        self.is_slow = False  # whether the lagging joints move towards their commands, but slowly
+
+    def add(
+        self, stamp: float, late: np.ndarray, commanded: np.ndarray, measured: np.ndarray
+    ) -> None:
+        """Add the joints at one image.
+
+        Args:
+            stamp: of the image, s.
+            late: (n,) whether the loop waits for each joint.
+            commanded, measured: (n,) velocities, rad/s or m/s.
+        """
+        samples = self._samples
+        samples.add(stamp, np.concatenate([
+            late, commanded / self._lengths, measured / self._lengths
+        ]))  # fmt: skip
+        self._new_images += 1
+        if self._new_images >= self.CHECK_PERIOD:
+            self._new_images = 0
+            samples.drop_oldest(int(np.searchsorted(samples.stamps, stamp - self.SPAN)))
+            self._judge(stamp - samples.stamps[0])
+
+    def _judge(self, span: float) -> None:
+        rows = self._samples.errors
+        late, waiting_part, motion, commanded, speed_error, max_speed = _sum_rows(rows)
+        lags = late > 0.0
+        if waiting_part <= self.MAX_WAITING_PART:
+            lags = (motion < self.MIN_MOTION_PART * commanded) & (late > self.MIN_WAITING_PART)
+        lags &= span >= 0.9 * self.SPAN
+        oscillates = (
+            (span > self.MIN_SPAN)
+            & (speed_error > self.MIN_SPEED_ERROR**2)
+            & (speed_error > self.SPEED_ERROR_FACTOR**2 * commanded)
+        )
+        self.joints = self._format_names(oscillates if oscillates.any() else lags)
+        self.is_slow = not oscillates.any() and bool((max_speed[lags] > self.SLOW_SPEED).all())
+        self.reason = ""
+        if oscillates.any():
+            fastest = max_speed[oscillates].max()
+            self.reason = (
+                f"{self.joints} oscillates without a command, at up to {fastest:.1f} rad/s or m/s"
+            )
+        elif lags.any():
+            self.reason = f"{self.joints} does not follow its command"
+
+    def _format_names(self, joints: np.ndarray) -> str:
+        """Return the names of the selected joints, (n,) bool, as text."""
+        names = [name for name, is_selected in zip(self._names, joints, strict=True) if is_selected]
+        return join_names(names)
+
+
+def join_names(names: Sequence[str]) -> str:
+    """Join names as 'a, b and c'."""
+    return " and ".join(filter(None, [", ".join(names[:-1]), *names[-1:]]))
+
+
+def describe_foreign_nodes(nodes: Mapping[str, str]) -> str:
+    """Describe which other nodes command which joints; the text is empty if none does.
+
+    Args:
+        nodes: name of the node by joint.
+    """
+    joints = {node: [j for j, n in nodes.items() if n == node] for node in nodes.values()}
+    return "; ".join(f"{node} commands {join_names(names)}" for node, names in joints.items())
+
+
+@jit("f8[:,:]")
+def _sum_rows(rows):
+    """Compute statistics of rows (m, 3 n): late flags, commanded and measured velocities.
+
+    Returns:
+        (n,) part of the rows in which each joint was late; part in which any joint was; (n,) means
+        of commanded times measured, commanded squared, and squared difference; (n,) largest
+        measured speeds.
+    """
+    count, n = rows.shape[0], rows.shape[1] // 3
+    sums, max_speed, waiting = np.zeros((4, n)), np.zeros(n), 0.0
+    for row in rows:
+        any_late = 0.0
+        for i in range(n):
+            commanded, measured = row[n + i], row[2 * n + i]
+            sums[0, i] += row[i]
+            sums[1, i] += commanded * measured
+            sums[2, i] += commanded * commanded
+            sums[3, i] += (measured - commanded) ** 2
+            max_speed[i] = max(max_speed[i], abs(measured))
+            any_late = max(any_late, row[i])
+        waiting += any_late
+    for k in range(4):
+        for i in range(n):
+            sums[k, i] /= count
+    return sums[0], waiting / count, sums[1], sums[2], sums[3], max_speed

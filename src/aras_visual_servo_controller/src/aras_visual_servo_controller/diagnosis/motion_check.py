@@ -1,0 +1,178 @@
+"""Check of the features' steps from image to image against the scheme's L and the camera's motion.
+"""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+
+from ..goals.goal import Goal
+from ..observation.observation import Observation
+from ..schemes.base import SchemeOutput
+from .joint_check import join_names
+from .step_check import StepCheck
+from .target_check import TargetCheck, compute_centre
+
+# The features agree with L if the correlation of their motion with the prediction exceeds
+# MIN_CORRELATION; a single feature below OPPOSING_CORRELATION moves against L. The correlation is
+# evaluated only for ratios of measured to predicted motion between 1 / MAX_MOTION_RATIO and
+# MAX_MOTION_RATIO: a moving target moves the features farther, or hardly at all if the camera
+# follows it. Below MIN_MOTION_RATIO L is wrong.
+MIN_CORRELATION, OPPOSING_CORRELATION, MAX_MOTION_RATIO, MIN_MOTION_RATIO = 0.5, -0.7, 2.0, 0.2
+SCATTER_FACTOR = 50.0  # ratio of unexplained feature steps to those of the target's centre
+# Predicted motion of the target's centre, in tolerances, that is compared at once: a camera that
+# moves in a wrong direction loses its target within 0.2 s.
+CENTRE_MIN_ROW = 3.0
+# Correlation between motions of target centre and camera above which L of the scheme is at fault.
+SURE_CORRELATION = 0.8
+
+
+class MotionCheck:
+    """Check of the steps of the features and, for user schemes, of the target's centre.
+
+    The interaction matrix of the centre is known. If the centre moves as the camera's motion
+    predicts, a contradiction is the fault of the user's scheme.
+
+    Attributes:
+        step_check: steps of the features.
+        is_user_scheme: whether the scheme or a feature is user code.
+        is_current_interaction: whether the scheme's L belongs to the present view, so that it
+            predicts the effect of the camera's motion; L at the goal, a mean or an estimate does
+            not.
+    """
+
+    def __init__(self, is_user_scheme: bool = False) -> None:
+        self.step_check, self.is_user_scheme, self.is_current_interaction = (
+            StepCheck(),
+            is_user_scheme,
+            True,
+        )
+        self._centre_check = StepCheck(CENTRE_MIN_ROW) if is_user_scheme else None
+
+    def interrupt(self) -> None:
+        """Reset the comparison with the previous image, because an image had no measurement."""
+        self.step_check.interrupt()
+        if self._centre_check is not None:
+            self._centre_check.interrupt()
+
+    def add(
+        self,
+        scheme_output: SchemeOutput,
+        observation: Observation,
+        goal: Goal,
+        tolerances: np.ndarray,
+        is_angle: np.ndarray,
+    ) -> None:
+        """Add one image.
+
+        Args:
+            scheme_output: measurement of the image.
+            observation: of the image.
+            goal: of the run.
+            tolerances: (k,) of the error.
+            is_angle: (k,) bool, components that may wrap.
+        """
+        self.step_check.add(scheme_output, observation, tolerances, is_angle)
+        if self._centre_check is not None:
+            self._add_centre(scheme_output, observation, goal)
+
+    @property
+    def target_motion_part(self) -> float:
+        """Return the part of the latest image motion that is the target's own, 0 to 1.
+
+        It is 0 if L does not belong to the present view. See `StepCheck.target_motion_part`.
+        """
+        if not self.is_current_interaction:
+            return 0.0
+        return (
+            self.step_check if self._centre_check is None else self._centre_check
+        ).target_motion_part
+
+    def find_scheme_fault(self, stamp: float, is_converged: bool) -> str:
+        """Describe a behaviour of the features that no image can cause; empty if there is none."""
+        centre, steps = self._centre_check, self.step_check
+        if steps.unchanged_since is not None and not is_converged:
+            return (
+                f"the scheme's features have not changed since {steps.unchanged_since:.2f} s, "
+                "although the camera moves and with it the image of the target"
+            )
+        if self.is_interaction_wrong and (names := self._list_opposing_features()):
+            return f"{names} moves opposite to the prediction by the scheme's L; check its sign"
+        if not is_converged and centre is not None:
+            if steps.is_jumping(stamp):
+                return f"the features jump repeatedly, the target does not: {self.jump_reason}"
+            if centre.has_enough_motion and steps.typical_step > max(
+                steps.MIN_JUMP, SCATTER_FACTOR * centre.typical_step
+            ):
+                return (
+                    f"the features change by {steps.typical_step:.0f} tolerances from image to "
+                    "image without a motion of the camera or of the target's centre"
+                )
+        return ""
+
+    def _add_centre(
+        self, scheme_output: SchemeOutput, observation: Observation, goal: Goal
+    ) -> None:
+        """Add the target's centre, whose L is known, to its own step check."""
+        centre, L, _ = compute_centre(observation, goal)
+        count = len(centre)
+        own = replace(
+            scheme_output, names=("x", "y")[:count], features=centre, desired=centre, error=centre,
+            L=L,
+            error_drift=0.0,
+        )  # fmt: skip
+        self._centre_check.add(
+            own, observation, np.full(count, TargetCheck.CENTRE_TOLERANCE), np.zeros(count, bool)
+        )
+
+    @property
+    def is_interaction_wrong(self) -> bool:
+        """Return whether a contradiction between features and camera motion shows a wrong L.
+
+        This is so if the target's centre moves as the camera's motion predicts.
+        """
+        centre = self._centre_check
+        return (
+            centre is not None
+            and centre.has_enough_motion
+            and centre.correlation > SURE_CORRELATION
+        )
+
+    @property
+    def jump_reason(self) -> str:
+        """Return the first jump of the error as text; it is empty if there was none."""
+        jump = self.step_check.first_jump
+        return "" if jump is None else str(jump)
+
+    def find_contradiction(self, is_target_moving: bool) -> str:
+        """Describe how the features contradict L over the run; the text is empty if they do not.
+
+        Args:
+            is_target_moving: whether the target moves, so that a single feature may move against L.
+        """
+        steps, text = (
+            self.step_check,
+            "the features do not move as L and the arm's motion predict",
+        )
+        if not (steps.has_enough_motion and self.is_current_interaction):
+            return ""
+        if (
+            1.0 / MAX_MOTION_RATIO < steps.motion_ratio < MAX_MOTION_RATIO
+            and steps.correlation < MIN_CORRELATION
+        ):
+            return f"{text}: their correlation is {steps.correlation:.2f}"
+        against = steps.correlation < MIN_CORRELATION and steps.motion_ratio < MAX_MOTION_RATIO
+        if not is_target_moving and against and (names := self._list_opposing_features()):
+            return f"{text}: {names} moves in the opposite direction"
+        if self.is_interaction_wrong and steps.motion_ratio < MIN_MOTION_RATIO:
+            return f"{text}: they move {steps.motion_ratio:.2g} times as far"
+        return ""
+
+    def _list_opposing_features(self) -> str:
+        """Return the names of the features that move against L, as text."""
+        parts = self.step_check.feature_correlations
+        if parts is None or not (parts < OPPOSING_CORRELATION).any():
+            return ""
+        return join_names([n for n, part in zip(self.step_check.names, parts, strict=True)
+                       if part < OPPOSING_CORRELATION])  # fmt: skip

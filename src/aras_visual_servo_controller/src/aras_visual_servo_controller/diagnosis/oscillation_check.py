@@ -1,0 +1,206 @@
+"""Check whether the error oscillates without decaying."""
+
+from __future__ import annotations
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..observation.recent_errors import RecentErrors
+
+# Probability that white noise is taken for an oscillation at one of the tested frequencies.
+MAX_CHANCE = 1e-8
+
+
+class OscillationCheck:
+    """Test for large reversals of the error that do not decay and have a dominant frequency.
+
+    Noise reverses as often, but has no dominant frequency. As the period is unknown, each of SPANS
+    is searched; the longer ones less often.
+    """
+
+    SPANS = (2.0, 5.0, 12.0)  # s; a delay of 0.4 s causes oscillations with periods of 1.6 to 3 s
+    CHECK_PERIODS = (1, 6, 12)  # images between two searches, for each span
+    MIN_HEIGHT = 6.0  # tolerances from peak to peak; noise is smaller
+    MIN_REVERSALS = 5
+    # Smallest number of images from peak to peak if no frequency is determined.
+    MIN_IMAGES_PER_REVERSAL = 4.0
+
+    def __init__(self) -> None:
+        self._errors, self._new_images = RecentErrors(), 0
+
+    def add(self, stamp: float, error: np.ndarray) -> float | None:
+        """Add the error (k,) of an image, in tolerances; return its frequency (Hz) or None."""
+        recent = self._errors
+        recent.add(stamp, error)
+        recent.drop_oldest(int(np.searchsorted(recent.stamps, stamp - self.SPANS[-1])))
+        self._new_images += 1
+        for span, period in zip(self.SPANS, self.CHECK_PERIODS, strict=True):
+            if self._new_images % period:
+                continue
+            first = int(np.searchsorted(recent.stamps, stamp - span))
+            frequency = _find_frequency(
+                recent.stamps[first:], recent.errors[first:], self.MIN_HEIGHT, self.MIN_REVERSALS
+            )
+            if frequency > 0.0:
+                return frequency
+        return None
+
+    @property
+    def is_oscillating(self) -> bool:
+        """Return whether the error has oscillated recently, even too briefly for a frequency."""
+        return len(self._find_turning_points(4)) == 4
+
+    @property
+    def is_growing(self) -> bool:
+        """Return whether the amplitude of the oscillation grows up to now."""
+        latest = np.abs(self._find_turning_points(3))
+        return len(latest) == 3 and bool((np.diff(latest) > 0.0).all())
+
+    @property
+    def has_overshot(self) -> bool:
+        """Return whether a component of the error has been both clearly positive and negative."""
+        errors = self._errors.errors
+        return bool(((errors > self.MIN_HEIGHT).any(0) & (errors < -self.MIN_HEIGHT).any(0)).any())
+
+    def _find_turning_points(self, count: int) -> np.ndarray:
+        """Return the latest turning points (count,) of the error component with the largest range.
+
+        The array is empty if the error did not change its sign between each two of them.
+        """
+        errors = self._errors.errors
+        if len(errors) < 3:
+            return np.zeros(0)
+        error = errors[:, _find_largest_error(errors)].copy()
+        peaks = _find_peaks(error, self.MIN_HEIGHT)[-count:]
+        changes_sign = (np.diff(np.sign(error[peaks])) != 0.0).all()
+        # Noise reverses at about every second image.
+        is_smooth = len(peaks) > 1 and np.diff(peaks).mean() >= self.MIN_IMAGES_PER_REVERSAL
+        return error[peaks] if changes_sign and is_smooth else np.zeros(0)
+
+
+@jit("f8[:], f8[:]", allocates=False)
+def _dot(a, b):
+    """Return the dot product of two vectors (m,)."""
+    total = 0.0
+    for n in range(len(a)):
+        total += a[n] * b[n]
+    return total
+
+
+@jit("f8[:], f8[:], f8")
+def _find_dominant_wave(stamps, error, near_frequency):
+    """Fit a wave and a straight line to an error (m,).
+
+    The frequency is searched near the one at which the error reverses. The amplitude of the wave
+    may change linearly.
+
+    Returns:
+        The frequency, Hz, and the residual as a part of the error's square.
+    """
+    count = len(error)
+    time, rest = np.empty(count), np.empty(count)
+    middle, mean = stamps.mean(), error.mean()
+    for n in range(count):
+        time[n], rest[n] = stamps[n] - middle, error[n] - mean
+    slope = _dot(rest, time) / _dot(time, time)
+    for n in range(count):
+        rest[n] -= slope * time[n]
+    whole = _dot(rest, rest)
+    frequency, min_residual = near_frequency, 1.0
+    basis = np.empty((6, count))
+    for step in range(41):
+        candidate = (0.7 + 0.0125 * step) * near_frequency
+        omega = 2.0 * np.pi * candidate
+        for n in range(count):
+            basis[0, n], basis[1, n] = 1.0, time[n]
+            basis[2, n], basis[3, n] = np.cos(omega * time[n]), np.sin(omega * time[n])
+            basis[4, n], basis[5, n] = time[n] * basis[2, n], time[n] * basis[3, n]
+        residual = whole
+        for i in range(6):
+            row = basis[i]
+            length = _dot(row, row)
+            for k in range(i):
+                part = _dot(row, basis[k])
+                for n in range(count):
+                    row[n] -= part * basis[k, n]
+            square = _dot(row, row)
+            is_independent = square > 1e-9 * length
+            size = np.sqrt(square)
+            for n in range(count):
+                row[n] = row[n] / size if is_independent else 0.0
+            if is_independent and i > 1:
+                residual -= _dot(rest, row) ** 2
+        if residual < min_residual * whole:
+            frequency, min_residual = candidate, residual / whole
+    return frequency, min_residual
+
+
+@jit("f8[:,:]")
+def _find_largest_error(errors):
+    """Return the column of errors (m, k) with the largest range in its second half."""
+    largest, largest_range = 0, -1.0
+    for column in range(errors.shape[1]):
+        late = errors[len(errors) // 2 :, column]
+        if late.max() - late.min() > largest_range:
+            largest, largest_range = column, late.max() - late.min()
+    return largest
+
+
+@jit("f8[:], f8")
+def _find_peaks(error, min_height):
+    """Return the indices of the turning points of an error (m,), including its ends.
+
+    A peak is confirmed when the error has changed back by more than `min_height`.
+    """
+    peaks, found = np.zeros(len(error), np.int64), 1
+    for i in range(1, len(error)):
+        last = peaks[found - 1]
+        direction = error[last] - error[peaks[found - 2]] if found > 1 else 0.0
+        step = error[i] - error[last]
+        if direction == 0.0 or step * direction < 0.0:
+            if abs(step) >= min_height:
+                peaks[found] = i
+                found += 1
+        else:
+            peaks[found - 1] = i
+    return peaks[:found]
+
+
+@jit("f8[:], f8[:,:], f8, f8")
+def _find_frequency(stamps, errors, min_height, reversals):
+    """Return the frequency, Hz, of the error with the largest range; 0 if it does not oscillate.
+
+    Args:
+        stamps: (m,) of the images, s.
+        errors: (m, k) in tolerances.
+        min_height: smallest peak-to-peak height, in tolerances.
+        reversals: smallest number of reversals.
+    """
+    count = len(stamps)
+    error = errors[:, _find_largest_error(errors)].copy()
+    peaks = _find_peaks(error, min_height)
+    between, late, before = len(peaks) - 1, 0.0, 0.0
+    for i in range(between):
+        height = abs(error[peaks[i + 1]] - error[peaks[i]])
+        if i >= between - 3:
+            late = max(late, height)
+        if i < between - 2:
+            before = max(before, height)
+    if between < reversals or late < 0.5 * before:
+        return 0.0
+    since, until, half_periods = stamps[peaks[1]], stamps[peaks[-1]], len(peaks) - 2
+    # The oscillation must continue until now; one and a half periods without a peak end it.
+    if until <= since or stamps[-1] - until > 1.5 * (until - since) / half_periods:
+        return 0.0
+    near_frequency = 0.5 * half_periods / (until - since)
+    # In a loop that oscillates between joint limits, only the last periods may be alike.
+    for start in (0, count // 2):
+        free = count - start - 6  # degrees of freedom after the fit of line and wave
+        if free < 6:
+            break
+        frequency, rest = _find_dominant_wave(stamps[start:], error[start:].copy(), near_frequency)
+        # The residual is at most half, and less than white noise leaves at one frequency by chance.
+        if rest < min(0.5, MAX_CHANCE ** (2.0 / free)):
+            return frequency
+    return 0.0

@@ -1,0 +1,467 @@
+"""Bound of the remaining distance between the camera and its goal: 99.7 % of runs are within it.
+
+The bound covers the mean offset by L, the noise of the mean, the accuracy of the features (twice,
+because the goal was measured in the same way), directions that are controlled by kinematics,
+directions that nothing measures, and poses from which the target looks the same.
+
+Offsets are scaled in this module: rotations are multiplied by the target's depth, so that all six
+components are in m.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Sequence
+from math import inf, pi, radians, sin, sqrt
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.poses import pose_difference, skew
+from aras_visual_servo_camera.interaction import Plane
+
+from ..goals.goal import DEFAULT_DEPTH
+from ..kinematics.held_directions import compute_held_directions
+from ..records.outcomes import NO_REMEDY, PoseUncertainty
+from ..records.remedy import Remedy
+from .advice import suggest_larger_target
+
+if TYPE_CHECKING:
+    from ..goals.goal import Goal
+    from ..kinematics.ik_solution import IKSolution
+    from ..observation.observation import Observation
+    from ..schemes.base import SchemeOutput
+    from .ambiguous_poses import AmbiguousPose
+
+# Largest uncertainty (part of the target's depth, rad) that is reported as plain 'converged': 0.3
+# mm at 0.2 m.
+NEGLIGIBLE_UNCERTAINTY = (1.5e-3, radians(0.3))
+# Motion of a camera at rest between two images by its joints: part of the depth, rad.
+REST_MOTION = (5e-5, 1e-4)
+# s for which the camera may continue to move as before the last image, until the ramped command
+# acts
+REACTION_TIME = 0.06
+# Factors on the translation and rotation of an offset that exceeds noise: L may be computed with
+# 0.6 of the true depth, and the camera's mounting may be wrong by 8 degrees.
+OFFSET_FACTORS = 1.7, 1.4
+# Factor on the standard deviation of corners and pixels, whose errors have longer tails than a
+# normal distribution. Of 949 pairs of rendered views, 0.8 % of the offsets by corners exceed the
+# 99.7 % bound, by a factor of 1.2 at most. A factor of 1.25 would reduce this to 0.1 % and widen
+# the bound by a seventh.
+TAIL_FACTOR = 1.1
+Z_997 = 2.748  # 99.7 % quantile of a normal distribution
+# Part of one image's scatter that averaging does not remove: clipping of noise at black and white
+# shifts the measurement. For corners and markers averaged over 25 images with noise of 5 grey
+# levels, the error is twice the 0.2 of pure noise in a quarter of the cases, and four times in one
+# of twenty.
+SYSTEMATIC_PART = 0.25
+RANK_TOLERANCE = 1e-6  # part of L's largest singular value below which a direction is not measured
+# Largest offset (part of the depth, rad) for which the linearisation by L holds. A direction known
+# less accurately counts as not measured: a small plate looks the same from two sides, where an
+# estimated offset of 0.08 was 0.19 in truth.
+MAX_LINEAR_OFFSET = 0.05
+# limit on the scatter of one image's offset; the mean over images is more accurate
+MAX_SCATTER = 0.08
+# Ratio of translation to scaled rotation of an unmeasured direction, above which it is no rotation
+# about an axis.
+MIN_TRANSLATION_RATIO = 20.0
+# largest number of rows of L whose residual is evaluated; the accuracy of more rows is known
+MAX_RESIDUAL_ROWS = 64
+# Part of L's largest singular value below which a nearby pose may have the same features; and part
+# of the largest change of the plane below which a motion does not turn it.
+WEAK_DIRECTION, MIN_PLANE_CHANGE = 0.05, 0.05
+NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
+NOISE_DEVIATIONS = 3.0  # standard deviations above which an error is not noise
+USE_LARGER_TARGET = suggest_larger_target(1.5)
+ADD_FEATURE = Remedy("if the pose matters, add a feature that measures these motions")
+PLANE_REASON = (
+    "according to kinematics the target's plane differs from the goal's in the camera's frame (the "
+    "target was moved, or the calibration is wrong, or another pose has the same features):"
+)
+CHECK_CALIBRATION = Remedy("check the camera's calibration and the target's pose at the goal")
+ADD_POINTS = Remedy("use a target with more points, farther apart, or not in one plane")
+
+
+class PoseOffsets(NamedTuple):
+    """Mean offset of the camera from its goal over several noisy images.
+
+    Attributes:
+        mean: (6,) offset, m and rad.
+        scatter: (6, 6) covariance of the offset by a single image.
+        count: number of images.
+        speed: of the camera relative to its goal before the last image, m/s and rad/s.
+    """
+
+    mean: np.ndarray
+    scatter: np.ndarray
+    count: int
+    speed: tuple[float, float]
+
+
+class ArrivalMargin:
+    """Uncertainty model of an arrival, valid until the error becomes clearly smaller."""
+
+    def __init__(
+        self,
+        scheme_output: SchemeOutput,
+        observation: Observation,
+        goal: Goal,
+        error: np.ndarray,
+        accuracy: np.ndarray | float | None,
+        ik_solution: IKSolution | None,
+        noise: np.ndarray | float = 0.0,
+        scatter: np.ndarray | None = None,
+    ) -> None:
+        """Create the model from the image with which the camera reached its goal.
+
+        Args:
+            scheme_output: measurement and task of the image.
+            observation: of the image.
+            goal: of the run.
+            error: (k,) mean error of the last images.
+            accuracy: of the features that L's rows belong to, see Feature.accuracy.
+            ik_solution: shows which directions an arm of few joints can move; None: all six.
+            noise: (k,) standard deviations of the mean error.
+            scatter: (6, 6) covariance of the offsets by single images, m and rad.
+        """
+        self._goal, self._modelled = goal, scheme_output.task.modelled
+        self._ambiguity, self._symmetry_bound = (
+            scheme_output.ambiguity,
+            bound_symmetry(scheme_output.ambiguity, goal),
+        )
+        self._systematic_part = 0.0 if accuracy is None else SYSTEMATIC_PART
+        self._depth = depth = goal.distance
+        scale = self._scale = np.array([1.0] * 3 + [depth] * 3)
+        L = np.asarray(scheme_output.L, float) / scale
+        if scheme_output.residual is not None:
+            error, noise = scheme_output.residual, 0.0
+        if np.ndim(accuracy) == 0 and accuracy is not None:
+            accuracy = accuracy * np.eye(len(L))
+        if len(error) <= MAX_RESIDUAL_ROWS:
+            accuracy = _estimate_residual_accuracy(L, error, noise) if accuracy is None else (
+                accuracy * max(compute_unexplained_ratio(L, error, accuracy, noise), 1.0)
+            )  # fmt: skip
+        if len(L) > 6:  # an equivalent least-squares problem with six rows
+            Q, L = np.linalg.qr(L)
+            accuracy = None if accuracy is None else Q.T @ accuracy
+        self._ik_solution = ik_solution
+        free = split_directions(observation, goal, self._modelled, ik_solution)[1]
+        u, s, vt = np.linalg.svd(L @ free.T)
+        s = np.append(s, np.zeros(len(vt) - len(s)))
+        is_measured = s > RANK_TOLERANCE * s[0]
+        spread = np.zeros((len(vt), 0))
+        if accuracy is not None:
+            spread = (u.T @ accuracy)[: len(s)]
+            spread = np.vstack([spread, np.zeros((len(s) - len(spread), spread.shape[1]))])
+            is_measured &= np.linalg.norm(spread, axis=1) <= MAX_LINEAR_OFFSET / Z_997 * depth * s
+        along = vt @ free
+        if scatter is not None:
+            variance = ((along * scale) @ scatter * (along * scale)).sum(axis=1)
+            is_measured &= np.sqrt(np.maximum(variance, 0.0)) <= MAX_SCATTER * depth
+        inverse = np.divide(1.0, s, out=np.zeros_like(s), where=is_measured)
+        out = free.T @ vt.T * inverse  # (6, f): from rotated rows to offsets
+        spread = out @ spread
+        # The factor 2 accounts for the measurement of the goal.
+        self._measurement_covariance = 2.0 * TAIL_FACTOR**2 * spread @ spread.T
+        rows = min(len(L), len(s))
+        self._coupling = np.eye(6) - out[:, :rows] @ u.T[:rows] @ L
+        self._unseen_directions = along[~is_measured]
+        # A computed goal has an exact pose. The target of a goal that this camera has taught may
+        # have been moved since. Then only the direction of the plane by kinematics is used, along
+        # directions that the features measure poorly.
+        self._is_goal_camera = goal.camera is not None and goal.camera == observation.camera
+        self._plane_offset: tuple[float, float] | None = None
+        self._doubtful_directions = (
+            along[is_measured & (s < WEAK_DIRECTION * s[0])] if self._is_goal_camera else IDENTITY
+        )
+
+    @property
+    def has_unseen_directions(self) -> bool:
+        """Return whether there are directions that nothing measures."""
+        return len(self._unseen_directions) > 0
+
+    def bound_uncertainty(
+        self,
+        observation: Observation,
+        offsets: PoseOffsets,
+        unseen_motion: np.ndarray | None = None,
+        poses: Sequence[AmbiguousPose] = (),
+    ) -> PoseUncertainty:
+        """Bound the distance of the camera from its goal at an image.
+
+        Args:
+            observation: of the image.
+            offsets: mean offset and its covariance.
+            unseen_motion: (6,) motion that the view shows but no feature measures, scaled.
+            poses: ambiguous poses at which the camera may be.
+        """
+        held_offset = self._compute_held_offset(observation)
+        scatter_part = self._compute_scatter_part(offsets)
+        distance, angle = _compute_bounds(
+            offsets.mean,
+            offsets.scatter,
+            self._measurement_covariance,
+            scatter_part,
+            self._coupling,
+            held_offset,
+            self._scale,
+        )
+        distance += REST_MOTION[0] * self._depth + REACTION_TIME * offsets.speed[0]
+        angle = angle / self._depth + REST_MOTION[1] + REACTION_TIME * offsets.speed[1]
+        parts = [self._ambiguity] if self._ambiguity else []
+        reason, remedy = "", NO_REMEDY
+        if count := len(self._unseen_directions):
+            parts.append(f"{count} direction{'s' if count > 1 else ''}")
+            reason = f"no feature measures {count} of the camera's motions accurately enough"
+            remedy = ADD_FEATURE
+        else:
+            cause, remedy = "because of noise and the accuracy of the image", USE_LARGER_TARGET
+            if self._plane_offset is None:  # computed once, as the camera is at rest
+                offset = self.compute_offset(observation, offsets.mean)
+                self._plane_offset = self._compute_plane_offset(observation, offset)
+            plane_distance, plane_angle = self._plane_offset
+            if plane_distance > distance or plane_angle > angle:
+                plane_distance, plane_angle = pose_difference(
+                    self._goal.world_T_camera, observation.world_T_camera
+                )
+                distance, angle = distance + plane_distance, min(angle + plane_angle, pi)
+                cause, remedy = PLANE_REASON, CHECK_CALIBRATION
+            if unseen_motion is not None and unseen_motion.any():
+                distance += float(np.linalg.norm(unseen_motion[:3]))
+                angle += float(np.linalg.norm(unseen_motion[3:])) / self._depth
+                cause = "because the view differs by a motion that no feature measures"
+                remedy = ADD_FEATURE
+            if poses:
+                distance += max(pose.distance for pose in poses)
+                angle = min(angle + max(pose.angle for pose in poses), pi)
+                cause = f"because {len(poses) + 1} camera poses give the same image points"
+                remedy = ADD_POINTS
+            if size := _format_size(distance, angle, self._depth):
+                parts.append(size)
+                reason = (
+                    f"{cause} the camera may be {1e3 * distance:.2f} mm and "
+                    f"{np.degrees(angle):.2f} degrees from its goal"
+                )
+            remedy = remedy if reason else NO_REMEDY
+        if parts:
+            for extra_distance, extra_angle in (self._bound_unseen_motion(), self._symmetry_bound):
+                distance, angle = distance + extra_distance, min(angle + extra_angle, pi)
+        return PoseUncertainty(distance, angle, " and ".join(parts), reason, remedy)
+
+    def compute_offset(self, observation: Observation, offset: np.ndarray) -> np.ndarray:
+        """Return the camera's offset (6,) from the goal by features and kinematics, scaled."""
+        return offset * self._scale + self._coupling @ self._compute_held_offset(observation)
+
+    def compute_covariance(self, offsets: PoseOffsets) -> np.ndarray:
+        """Return the covariance (6, 6) of the offset by features and kinematics."""
+        scatter = self._scale[:, None] * offsets.scatter * self._scale
+        return self._compute_scatter_part(offsets) * scatter + self._measurement_covariance
+
+    def _compute_plane_offset(
+        self, observation: Observation, offset: np.ndarray
+    ) -> tuple[float, float]:
+        """Return the additional offset of the camera that the target's plane by kinematics shows.
+
+        Only directions that the features measure poorly count. A camera motion v, w changes the
+        plane p by (p . v) p + p x w and its normal n by n x w.
+
+        Args:
+            observation: with the camera's pose.
+            offset: (6,) of the camera from the goal by features, scaled.
+
+        Returns:
+            Distance, m, and angle, rad.
+        """
+        plane, pose = self._goal.plane, observation.world_T_camera
+        now = None if pose is None else self._goal.compute_plane(pose)
+        if now is None or not len(self._doubtful_directions):
+            return 0.0, 0.0
+        p, now = self._depth * np.array(plane), self._depth * np.array(now)
+        moves = np.outer(p, p)
+        if self._is_goal_camera:
+            p, now, moves = p / np.linalg.norm(p), now / np.linalg.norm(now), np.zeros((3, 3))
+        changes = np.hstack([moves, skew(p)]) / self._depth
+        rest = now - p - changes @ offset
+        by_motion = changes @ self._doubtful_directions.T
+        motion = np.linalg.pinv(by_motion, MIN_PLANE_CHANGE) @ rest @ self._doubtful_directions
+        return float(np.linalg.norm(motion[:3])), float(np.linalg.norm(motion[3:])) / self._depth
+
+    def _compute_held_offset(self, observation: Observation) -> np.ndarray:
+        return split_directions(observation, self._goal, self._modelled, self._ik_solution)[0]
+
+    def _compute_scatter_part(self, offsets: PoseOffsets) -> float:
+        """Return the part of one image's scatter that remains in the mean."""
+        return 1.0 / max(offsets.count - 1, 1) + self._systematic_part**2
+
+    def _bound_unseen_motion(self) -> tuple[float, float]:
+        """Bound the camera's motion along directions that nothing measures, m and rad."""
+        if not len(self._unseen_directions):
+            return 0.0, 0.0
+        distance, angle = (
+            float(np.linalg.norm(part)) for part in np.split(self._unseen_directions[0], 2)
+        )
+        if len(self._unseen_directions) > 1 or distance > MIN_TRANSLATION_RATIO * angle:
+            return inf, pi
+        return 2.0 * distance * self._depth / angle, pi  # rotation about an axis
+
+
+def split_directions(
+    observation: Observation, goal: Goal, modelled: np.ndarray, ik_solution: IKSolution | None
+) -> tuple[np.ndarray, np.ndarray]:
+    """Split the camera's offset into controlled directions by kinematics and by the task.
+
+    For an arm of few joints only the directions that it can move count.
+
+    Returns:
+        The offset (6,) along the directions that kinematics control, and the directions (f, 6) in
+        which the task moves the camera, scaled.
+    """
+    if ik_solution is not None and ik_solution.jacobian.shape[1] < 6:
+        scale = np.repeat((1.0, goal.distance), 3)
+        return np.zeros(6), np.linalg.qr(scale[:, None] * ik_solution.jacobian)[0].T
+    here, there = observation.world_T_camera, goal.world_T_camera
+    if modelled.all():
+        return NO_OFFSET, IDENTITY
+    if here is None or there is None:
+        return NO_OFFSET, IDENTITY[modelled]
+    held, errors, free = compute_held_directions(here, there, modelled, goal.distance)
+    return -errors @ held, free
+
+
+def _estimate_residual_accuracy(
+    L: np.ndarray, error: np.ndarray, noise: np.ndarray | float
+) -> np.ndarray | None:
+    """Estimate the accuracy (k, k) of features that declare none.
+
+    It is the part of the error (k,) that no motion explains by L (k, 6), minus noise (k,); None if
+    L explains the whole error.
+    """
+    lengths = np.linalg.norm(L, axis=1)
+    weights = np.divide(1.0, lengths, out=np.zeros_like(lengths), where=lengths > 0.0)
+    u, s, _ = np.linalg.svd(weights[:, None] * L)
+    rest = u[:, int((s > RANK_TOLERANCE * s[0]).sum()) :].T
+    if not len(rest):
+        return None
+    noise = NOISE_DEVIATIONS * np.linalg.norm(rest * (weights * noise))
+    left = np.linalg.norm(rest @ (weights * error)) ** 2 - noise**2
+    return np.diag(lengths * sqrt(left / len(rest))) if left > 0.0 else None
+
+
+def compute_unexplained_ratio(
+    L: np.ndarray, error: np.ndarray, accuracy: np.ndarray, noise: np.ndarray | float = 0.0
+) -> float:
+    """Return the ratio of the unexplained part of an error (k,) to its expected size.
+
+    The unexplained part is the one that neither a motion by L (k, 6) nor noise (k,) explains. Its
+    expected size follows from the accuracy (k, m) of the goal and the image. The ratio is 0 if k
+    does not exceed the rank of L.
+    """
+    u, s, _ = np.linalg.svd(L)
+    rest = u[:, int((s > RANK_TOLERANCE * s[0]).sum()) :].T
+    expected = 2.0 * float(((rest @ accuracy) ** 2).sum())
+    found = float(((rest @ error) ** 2).sum() - ((rest * noise) ** 2).sum())
+    return sqrt(found / expected) if expected > 0.0 and found > 0.0 else 0.0
+
+
+@jit("f8[:], f8[:,:]")
+def compute_confidence_length(mean, covariance):
+    """Return the length that 99.7 % of normally distributed vectors in R^3 do not exceed.
+
+    The squared length is approximated by a scaled chi-square variable with the same mean and
+    variance (P. Patnaik, Biometrika 36, 1949), whose quantile is approximated according to E.
+    Wilson and M. Hilferty, 1931.
+
+    Args:
+        mean, covariance: (3,), (3, 3).
+    """
+    square, variance = 0.0, 0.0
+    for i in range(3):
+        square += mean[i] * mean[i] + covariance[i, i]
+        for j in range(3):
+            variance += 2.0 * covariance[i, j] ** 2 + 4.0 * mean[i] * covariance[i, j] * mean[j]
+    if variance <= 0.0 or square <= 0.0:
+        return np.sqrt(max(square, 0.0))
+    inverse = variance / (9.0 * square * square)  # 2 / (9 degrees of freedom)
+    return np.sqrt(square * (1.0 - inverse + Z_997 * np.sqrt(inverse)) ** 3)
+
+
+@jit("f8[:], f8[:,:], f8[:,:], f8, f8[:,:], f8[:], f8[:]")
+def _compute_bounds(mean, scatter, measured, scatter_part, coupling, held_offset, scale):
+    """Return 99.7 % bounds of an offset's translation and rotation, m (scaled).
+
+    Args:
+        mean, scatter: (6,), (6, 6) of the offset by images, m and rad.
+        measured: (6, 6) covariance by the accuracy of the features, scaled.
+        scatter_part: part of the scatter that remains in the mean.
+        coupling, held_offset: (6, 6), (6,) of the directions that kinematics control, scaled.
+        scale: (6,) scale of the offset.
+    """
+    known, covariance, factors = np.empty(6), np.empty((6, 6)), np.empty(2)
+    for block in range(2):
+        square, noise = 0.0, 0.0
+        for i in range(3 * block, 3 * block + 3):
+            square += mean[i] ** 2
+            noise += scatter_part * scatter[i, i]
+        # An offset that is pure noise is not enlarged.
+        certainty = 1.0 - noise / square if noise < square else 0.0
+        factors[block] = 1.0 + (OFFSET_FACTORS[block] - 1.0) * certainty
+    for i in range(6):
+        known[i] = factors[i // 3] * mean[i] * scale[i]
+        for j in range(6):
+            known[i] += coupling[i, j] * held_offset[j]
+            covariance[i, j] = scatter_part * scale[i] * scale[j] * scatter[i, j] + measured[i, j]
+    return compute_confidence_length(known[:3], covariance[:3, :3]), compute_confidence_length(
+        known[3:], covariance[3:, 3:]
+    )
+
+
+def bound_symmetry(ambiguity: str, goal: Goal) -> tuple[float, float]:
+    """Bound the camera's motion around a symmetric target, which looks the same after a rotation.
+
+    Args:
+        ambiguity: angle of the symmetry, such as '90°'; any other text gives infinite bounds.
+        goal: of the run.
+
+    Returns:
+        Distance, m, and angle, rad.
+    """
+    if not ambiguity:
+        return 0.0, 0.0
+    found = re.match(r"(\d+)°", ambiguity)
+    if found is None:
+        return inf, pi
+    step = radians(float(found[1]))
+    angle = step * max(round(pi / step - 0.01), 1)
+    angle = min(angle, 2.0 * pi - angle)
+    plane = _get_plane(goal)
+    x, y = _get_centre(goal)
+    centre = np.array([x, y, 1.0]) / plane.inverse_depth(x, y)
+    normal = np.array(plane) / np.linalg.norm(plane)
+    axis_distance = float(np.linalg.norm(np.cross(centre, normal)))
+    return 2.0 * axis_distance * sin(0.5 * angle), angle
+
+
+def _get_plane(goal: Goal) -> Plane:
+    """Return the target's plane at the goal."""
+    return goal.plane or Plane.fronto_parallel(goal.distance)
+
+
+def _get_centre(goal: Goal) -> np.ndarray:
+    """Return the target's centre (2,) at the goal, normalised; (0, 0) if it is unknown."""
+    if goal.moments is not None:
+        return np.array([goal.moments.xg, goal.moments.yg])
+    for feature in goal.features.values():
+        if "points" in feature:
+            return np.mean(feature["points"], axis=0)
+    return np.zeros(2)
+
+
+def _format_size(distance: float, angle: float, depth: float = DEFAULT_DEPTH) -> str:
+    """Format the larger part as '0.4 mm' or '0.5 degrees'; empty if both are negligible."""
+    parts = distance / (NEGLIGIBLE_UNCERTAINTY[0] * depth), angle / NEGLIGIBLE_UNCERTAINTY[1]
+    if max(parts) <= 1.0:
+        return ""
+    if parts[0] >= parts[1]:
+        return f"{np.ceil(1e4 * distance) / 10.0:g} mm"
+    return f"{np.ceil(10.0 * np.degrees(angle)) / 10.0:g} degrees"

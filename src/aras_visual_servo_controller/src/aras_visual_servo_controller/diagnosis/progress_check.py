@@ -1,0 +1,371 @@
+"""Check why the error does not decrease, from the images of the last WINDOW seconds."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..goals.goal import DEFAULT_DEPTH
+from ..records.outcomes import Outcome, make_outcome
+from ..records.state import SERVOING, ServoState
+from .advice import suggest_larger_target, suggest_longer_watchdog, suggest_more_time
+
+if TYPE_CHECKING:
+    from ..kinematics.ik_solution import IKSolution
+
+# Time over which progress is evaluated, s, and ratio of the errors of its second to its first half
+# above which there is no progress.
+WINDOW, MIN_PROGRESS = 1.5, 0.9
+STALL_REASON = "the error does not decrease"
+# Ratio below which an error is slow: it would reach its goal with more time. A gain of 0.1 gives
+# 0.93.
+SLOW_PROGRESS = 0.98
+# Smallest part of the window's images that have to show a cause.
+MIN_IMAGE_PART = 0.6
+# Scatter of the error from image to image (tolerances, and part of its whole scatter) above which
+# noise hides whether the camera is at its goal.
+MIN_NOISE, MIN_NOISE_PART = 1.0, 0.5
+# Velocity scale below which a joint limits the motion; part of a run's images with such a limit
+# above which the run needs more time.
+FULL_SPEED, MIN_SLOWED_PART = 0.99, 0.3
+# Smallest commanded camera speed that is evaluated, depths/s, and depths that 1 rad/s counts as.
+MIN_SPEED, ROTATION_WEIGHT = 1e-3, 0.5
+# Part of the error that a camera motion can reduce according to L, below which it is a local
+# minimum.
+MIN_EXPLAINED_PART = 0.1
+# s between two images above which the frame rate, not the gain, makes a run slow
+MAX_PERIOD = 0.2
+
+
+@dataclass(frozen=True, eq=False)
+class _ServoedImage:
+    """Data of one servoed image; size and error (k,) are in tolerances (k,)."""
+
+    stamp: float
+    error_size: float
+    state: ServoState
+    full_rank: int
+    error: np.ndarray
+    tolerances: np.ndarray
+    depth: float
+    is_stretched: bool = False
+
+    @property
+    def ik_solution(self) -> IKSolution | None:
+        """Return the joint velocities of the state's task."""
+        return self.state.ik_solution
+
+    # Cached, because they are used at every image of the window.
+    @cached_property
+    def rank(self) -> int:
+        """Return the rank of L."""
+        return self.state.rank
+
+    @cached_property
+    def is_infeasible(self) -> bool:
+        """Return whether the arm achieves too little of the desired camera twist."""
+        if self.ik_solution is None:
+            return False
+        desired = _compute_speed(self.state.desired_twist, self.depth)
+        lost = _compute_speed(np.asarray(self.ik_solution.infeasible_twist), self.depth)
+        return desired >= MIN_SPEED and lost > 0.3 * desired
+
+    @cached_property
+    def explained_part(self) -> float:
+        """Return the part of the error that a camera twist can reduce according to L."""
+        L, norm = self.state.scheme_output.L, float(np.linalg.norm(self.error))
+        if L is None or len(L) != len(self.error) or norm == 0.0:
+            return 1.0
+        L = L * np.repeat((self.depth, 1.0), 3) / self.tolerances[:, None]
+        twist = np.linalg.lstsq(L, self.error, rcond=1e-6)[0]
+        return float(np.linalg.norm(L @ twist)) / norm
+
+
+class ProgressCheck:
+    """Progress towards the goal over the images of the last WINDOW."""
+
+    def __init__(self, duration: float = np.inf) -> None:
+        """Create the check; `duration`: time limit of the run, s."""
+        self._window: deque[_ServoedImage] = deque()
+        self._duration = duration
+        self._image_count = self._slowed_count = 0
+        # Time, s, and size of the error at the first image, and at the last image in which a limit
+        # scaled the velocity.
+        self._first: tuple[float, float] | None = None
+        self._last_slowed, self._limiting_joint = (0.0, 0.0), ""
+
+    def clear(self) -> None:
+        """Remove all images, because the loop was interrupted."""
+        self._window.clear()
+
+    def add(
+        self, state: ServoState, tolerances: np.ndarray, depth: float = DEFAULT_DEPTH,
+        is_stretched: bool = False,
+    ) -> np.ndarray:
+        """Add one image and return its error (k,) in tolerances (k,).
+
+        Args:
+            state: of the loop at the image.
+            tolerances: (k,) of the error.
+            depth: of the target, m.
+            is_stretched: whether an elbow of the arm is almost straight.
+        """
+        output = state.scheme_output
+        error = output.error / tolerances
+        size = max(map(abs, error.tolist()))
+        modelled = 6 if output.task is None else int(output.task.modelled.sum())
+        self._window.append(
+            _ServoedImage(state.stamp, size, state, min(modelled, len(error)), error, tolerances,
+                depth,
+                  is_stretched)
+        )  # fmt: skip
+        self._image_count += 1
+        self._first = self._first or (state.stamp, size)
+        if state.ik_solution is not None and state.ik_solution.scale < FULL_SPEED:
+            self._slowed_count += 1
+            self._last_slowed, self._limiting_joint = (
+                (state.stamp, size),
+                state.ik_solution.limiting_joint,
+            )
+        while self._window[0].stamp < state.stamp - WINDOW:
+            self._window.popleft()
+        return error
+
+    @property
+    def is_shrinking(self) -> bool:
+        """Return whether the error has decreased or is within its tolerances except for noise."""
+        images = list(self._window)
+        half = len(images) // 2
+        if half == 0:
+            return True
+        before, after = (max(s.error_size for s in part) for part in (images[:half], images[half:]))
+        return after < 1.0 or after < MIN_PROGRESS * before or _is_within_tolerances(images[half:])
+
+    @property
+    def period(self) -> float:
+        """Return the mean time between two images, s; 0 if there are none."""
+        images = self._window
+        return (images[-1].stamp - images[0].stamp) / (len(images) - 1) if len(images) > 1 else 0.0
+
+    def explain_stall(self, state: ServoState) -> Outcome:
+        """Return the outcome for an error that does not decrease; 'running' while it decreases."""
+        images = list(self._window)
+        if state.phase != SERVOING or images[-1].stamp - images[0].stamp < 0.9 * WINDOW:
+            return Outcome("running", state.reason)
+        if self.is_shrinking:
+            # The error is within its tolerances, but the camera is not at its goal: a limit of the
+            # arm may prevent the rest of the motion.
+            held_back = _is_within_tolerances(images[len(images) // 2 :]) and (
+                _find_limit(images) or _find_infeasibility(images)
+            )
+            return held_back or Outcome("running", state.reason)
+        for cause in (
+            (_find_limit, _find_rank_loss, _find_minimum)
+            if self.noise
+            else (_find_limit, _find_rank_loss, _find_minimum, _find_infeasibility)
+        ):
+            if (found := cause(images)) is not None:
+                return found
+        if (found := self._explain_saturation()) is not None:
+            return found
+        return Outcome("running", state.reason or STALL_REASON)
+
+    @property
+    def noise(self) -> float:
+        """Return the scatter of the largest error from image to image, in tolerances.
+
+        The scatter is 0 if it is small or not noise.
+        """
+        return _estimate_noise(self._window)
+
+    @property
+    def _halves(self) -> tuple[float, float]:
+        """Return the mean size of the error in the first and the second half of the images."""
+        images = list(self._window)
+        half = len(images) // 2
+        before, after = (
+            float(np.mean([s.error_size for s in part])) if part else 0.0
+            for part in (images[:half], images[half:])
+        )
+        return before, after
+
+    def _explain_saturation(self) -> Outcome | None:
+        """Return the outcome for joints at their speed limits, with the time that the run needs."""
+        found = _find_saturation(list(self._window))
+        if found is None or self.noise:
+            return None
+        before, after = self._halves
+        rate = (before - after) / (0.5 * WINDOW)
+        return replace(found, remedy=suggest_more_time(self._duration, after, rate, linear=True))
+
+    @property
+    def saturation_outcome(self) -> Outcome | None:
+        """Return the outcome for joints that were often at their speed limits, or None."""
+        if self._slowed_count < MIN_SLOWED_PART * self._image_count:
+            return None
+        (start, before), (end, after) = self._first, self._last_slowed
+        rate = (before - after) / max(end - start, 1e-9)
+        return replace(make_outcome(
+            "saturation", f"{self._limiting_joint} was at its speed or acceleration limit in "
+            f"{100.0 * self._slowed_count / self._image_count:.0f} % of the images",
+        ), remedy=suggest_more_time(self._duration, self._window[-1].error_size, rate,
+        linear=True))  # fmt: skip
+
+    def explain_timeout(self, reason: str) -> Outcome:
+        """Return the outcome of a run whose time is over, from its last images.
+
+        Args:
+            reason: of the outcome so far.
+        """
+        if self.period > MAX_PERIOD:
+            return replace(make_outcome(
+                "too_few_images", f"{reason}; images arrived only every {self.period:.2f} s"
+            ), remedy=suggest_longer_watchdog(self.period, None, self._duration))  # fmt: skip
+        images = list(self._window)
+        for cause in (
+            (_find_limit, _find_rank_loss)
+            if self.noise
+            else (_find_limit, _find_rank_loss, _find_infeasibility)
+        ):
+            if (found := cause(images)) is not None:
+                return found
+        if (found := self._explain_saturation()) is not None:
+            return found
+        if dropped := next(
+            (s.state.dropped_reason for s in reversed(images) if s.state.dropped_reason), ""
+        ):
+            text = f"{reason}; {dropped}" if dropped not in reason else reason
+            return replace(
+                make_outcome("too_noisy", text), remedy=suggest_larger_target(self.noise)
+            )
+        before, after = self._halves
+        slow = self.is_shrinking or after < SLOW_PROGRESS * before
+        rate = float(np.log(max(before, 1e-9) / max(after, 1e-9))) / (0.5 * WINDOW)
+        if (noise := self.noise) > 0.0:
+            # Noise makes the measured rate useless.
+            slow = after < MIN_PROGRESS * before
+            others = suggest_more_time(self._duration, after, rate).changes if slow else ()
+            return replace(make_outcome(
+                "too_noisy", f"{reason}; from image to image the error scatters by {noise:.1f} "
+                f"times its tolerance{_describe_accuracy(images)}",
+            ), remedy=suggest_larger_target(noise, *others))  # fmt: skip
+        if slow:
+            reason = reason.removesuffix(f": {STALL_REASON}")
+            return replace(
+                make_outcome("timed_out", reason),
+                remedy=suggest_more_time(self._duration, after, rate),
+            )
+        if STALL_REASON not in reason:
+            reason = f"{reason}; {STALL_REASON}"
+        return make_outcome("no_progress", reason)
+
+
+def _compute_speed(twist: np.ndarray, depth: float) -> float:
+    """Return the size of a twist (6,), m/s and rad/s, in depths (m) per second."""
+    return float(np.linalg.norm(twist[:3]) / depth + ROTATION_WEIGHT * np.linalg.norm(twist[3:]))
+
+
+def _estimate_noise(images: Sequence[_ServoedImage]) -> float:
+    """Return the scatter of the largest error from image to image, in tolerances.
+
+    The scatter is 0 if it is small or not noise.
+    """
+    if len({len(s.error) for s in images}) != 1 or len(images) < 10:
+        return 0.0
+    errors = np.array([s.error for s in images])
+    scatter = errors.std(axis=0)
+    largest = int(scatter.argmax())
+    change = np.diff(errors[:, largest])
+    # The mean square of the second difference is 0 for a steady motion and 6 times the variance for
+    # white noise. The mean square of the first difference is twice the variance for white noise,
+    # and 4 times for an error that changes sides at every image.
+    noise = float(np.sqrt((np.diff(change) ** 2).mean() / 6.0))
+    if (change**2).mean() > 3.0 * scatter[largest] ** 2:
+        return 0.0
+    return noise if noise > max(MIN_NOISE, MIN_NOISE_PART * scatter[largest]) else 0.0
+
+
+def _describe_accuracy(images: Sequence[_ServoedImage]) -> str:
+    """Describe how accurately one image determines the camera pose; empty if L does not show it."""
+    last = images[-1]
+    L = last.state.scheme_output.L
+    if L is None or np.shape(L) != (len(last.error), 6):
+        return ""
+    scale = np.repeat((last.depth, 1.0), 3)
+    inverse = np.linalg.pinv(L * scale / last.tolerances[:, None], rcond=1e-6)
+    pose = (np.array([s.error for s in images]) @ inverse.T * scale).std(axis=0)
+    distance, angle = 1e3 * np.linalg.norm(pose[:3]), np.degrees(np.linalg.norm(pose[3:]))
+    return (
+        f": one image determines the camera's pose to {distance:.2g} mm and {angle:.2g} degrees"
+    )
+
+
+def _find_limit(images: Sequence[_ServoedImage]) -> Outcome | None:
+    stopped = [s.ik_solution.stopped_joints for s in images if s.ik_solution is not None]
+    if not images or sum(bool(names) for names in stopped) < MIN_IMAGE_PART * len(images):
+        return None
+    joints = ", ".join(sorted({name for names in stopped for name in names}))
+    return make_outcome(
+        "joint_limit", f"{joints} at its limit: the path to the goal leads beyond it"
+    )
+
+
+def _find_rank_loss(images: Sequence[_ServoedImage]) -> Outcome | None:
+    if not images or sum(s.rank < s.full_rank for s in images) < MIN_IMAGE_PART * len(images):
+        return None
+    text = f"L has rank {images[-1].rank} of {images[-1].full_rank}"
+    if (dropped := images[-1].state.dropped_reason):
+        return replace(
+            make_outcome("too_noisy", f"{text}: {dropped}"),
+            remedy=suggest_larger_target(_estimate_noise(images)),
+        )
+    return make_outcome("singular", f"{text}: a direction of the camera is not measured")
+
+
+def _find_minimum(images: Sequence[_ServoedImage]) -> Outcome | None:
+    if not all(s.explained_part < MIN_EXPLAINED_PART for s in images[len(images) // 2 :]):
+        return None
+    text = ""
+    solution = images[-1].ik_solution
+    if solution is not None and solution.null_direction is not None:
+        direction = np.round(np.asarray(solution.null_direction), 2).tolist()
+        text = f"; null direction {direction}"
+    return make_outcome(
+        "local_minimum",
+        f"the camera is at rest with an error of {images[-1].error_size:.0f} times its tolerance: "
+        f"a camera motion can reduce {100.0 * images[-1].explained_part:.0f} % of it{text}",
+    )
+
+
+def _find_infeasibility(images: Sequence[_ServoedImage]) -> Outcome | None:
+    if not images or sum(s.is_infeasible for s in images) < MIN_IMAGE_PART * len(images):
+        return None
+    solution = images[-1].ik_solution
+    missing = np.round(np.asarray(solution.infeasible_twist), 4).tolist()
+    if sum(s.is_stretched for s in images) > MIN_IMAGE_PART * len(images):
+        return make_outcome(
+            "out_of_reach", "the arm is stretched and the goal lies beyond its reach; part of the "
+            f"desired twist that is lost: {missing}",
+        )  # fmt: skip
+    return make_outcome(
+        "singular", f"the arm cannot move the camera as desired; lost part of the twist: {missing}"
+    )
+
+
+def _find_saturation(images: Sequence[_ServoedImage]) -> Outcome | None:
+    slowed = [s.ik_solution for s in images if s.ik_solution and s.ik_solution.scale < FULL_SPEED]
+    if not slowed or len(slowed) < MIN_IMAGE_PART * len(images):
+        return None
+    joint = slowed[-1].limiting_joint
+    return make_outcome("saturation", f"{joint} is at its speed or acceleration limit")
+
+
+def _is_within_tolerances(images: Sequence[_ServoedImage]) -> bool:
+    """Return whether the mean errors are within their tolerances, so that only noise remains."""
+    errors = [s.error for s in images]
+    return len({len(e) for e in errors}) == 1 and bool((np.abs(np.mean(errors, axis=0)) < 1).all())

@@ -1,0 +1,418 @@
+"""Check of the motion of features and target from one image to the next."""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass
+from math import hypot, sqrt
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..goals.goal import Goal
+from ..observation.observation import Observation
+from ..schemes.base import SchemeOutput
+
+
+@dataclass(frozen=True)
+class Jump:
+    """A change of the error between two images that the camera's motion does not explain.
+
+    Attributes:
+        stamp: of the later image, s.
+        feature: name of the feature.
+        size: of the change, in the feature's unit.
+        explained: change that L and the camera's motion explain, in the feature's unit.
+    """
+
+    stamp: float
+    feature: str
+    size: float
+    explained: float
+
+    def __str__(self) -> str:
+        return (
+            f"{self.feature} jumps by {self.size:.2g} at {self.stamp:.2f} s, where L and the "
+            f"camera's motion explain {self.explained:.2g}"
+        )
+
+
+class StepCheck:
+    """Comparison of the steps of features and visible area with the camera's motion.
+
+    Attributes:
+        jumps: of the error, the latest within JUMP_WINDOW s.
+        first_jump: first jump of the run; None if there was none.
+        unchanged_since: time since which the error has been exactly the same although the camera's
+            motion should have changed it by MIN_PREDICTED_MOTION tolerances, s; None if it changes.
+        occluded_since: time since which a part of the target inside the image has been invisible,
+            s; None if the visible part is the same as at the first image.
+        has_drift: whether the features have moved steadily while the camera was at rest.
+        names: (k,) of the features.
+        next_region: ranges of x and y, normalised, in which the target may be in the next image;
+            None if it has not been visible.
+        typical_step: usual unexplained step, in tolerances.
+    """
+
+    # time window, s, and number of jumps in it that count as repeated jumping
+    JUMP_WINDOW, FREQUENT_JUMPS = 2.0, 4
+    # A jump exceeds MIN_JUMP tolerances, and JUMP_FACTOR times both the explained step and the
+    # typical step.
+    MIN_JUMP, JUMP_FACTOR = 20.0, 8.0
+    STEP_MEMORY = 0.9  # weight of the old value in the typical step
+    # For `unchanged_since`: predicted motion, tolerances, and number of images without a change.
+    MIN_PREDICTED_MOTION, UNCHANGED_IMAGES = 5.0, 8
+    # Predicted motion that is compared at once (a row), in tolerances: large enough to make noise a
+    # small part. MIN_ROWS such rows determine a correlation.
+    MIN_ROW, MIN_ROWS = 8.0, 5
+    RECENT_IMAGES = 5
+    # For features that drift while the camera is at rest: largest predicted motion of a camera at
+    # rest and smallest drift, tolerances; part of the squared steps that a steady drift explains
+    # (noise: 1/n); smallest and largest number of images.
+    MAX_REST_MOTION, MIN_DRIFT, MIN_DRIFT_PART, MIN_REST_IMAGES, MAX_REST_IMAGES = (
+        0.05,
+        2.5,
+        0.7,
+        4,
+        30,
+    )
+    MIN_CENTRE_JUMP = 0.02  # smallest jump of the target's centre, normalised
+    # Smallest part of the area (corrected for the distance by kinematics) that disappears between
+    # two images, for RECENT_IMAGES images, if something covers the target.
+    MIN_HIDDEN_PART = 0.06
+    # largest relative change of the squared distance between two such images
+    MAX_DISTANCE_CHANGE = 0.2
+
+    def __init__(self, min_row: float = MIN_ROW) -> None:
+        """Create the check; `min_row`: predicted motion of a row, in tolerances, see MIN_ROW."""
+        self._min_row = min_row
+        self.jumps: deque[Jump] = deque(maxlen=self.FREQUENT_JUMPS)
+        self.first_jump: Jump | None = None
+        self.unchanged_since: float | None = None
+        self.occluded_since: float | None = None
+        self.names: tuple[str, ...] = ()
+        self._last_measurement: tuple[np.ndarray, np.ndarray, np.ndarray] | None = None
+        self.typical_step, self._count = 1.0, 0
+        self._same_count, self._same_stamp, self._path = 0, 0.0, 0.0
+        # While the camera is at rest: number of images, sum of the squared steps, and sum of the
+        # steps (k,), in tolerances.
+        self._rest_sums: tuple[int, float, np.ndarray | float] = 0, 0.0, 0.0
+        self.has_drift = False
+        self._steps: deque[tuple[float, float, float]] = deque(maxlen=self.RECENT_IMAGES)
+        self._scale = 1.0  # squared distance by kinematics at the last image, relative to the goal
+        # area in the last image, corrected for the distance, relative to the goal
+        self._last_area = 0.0
+        # Running mean of this area, and its typical relative deviation.
+        self._mean_area = self._area_deviation = 0.0
+        # number of images since a part disappeared, and stamp of the first of them, s
+        self._hidden_count, self._hidden_stamp = 0, 0.0
+        self._whole_area = 0.0  # corrected area before something covered the target
+        self.next_region: tuple[tuple[float, float], tuple[float, float]] | None = None
+        self._centre: tuple[float, float] | None = None
+        self._centre_jumps = 0
+        # Sums (3, k) over complete rows: measured times predicted motion, and both squared. The
+        # incomplete row is (2, k): measured and predicted motion.
+        self._correlation_sums: np.ndarray | None = None
+        self._row = np.zeros((2, 0))
+
+    def interrupt(self) -> None:
+        """Reset the comparison with the previous image, because an image had no measurement."""
+        self._last_measurement = None
+
+    @property
+    def target_motion_part(self) -> float:
+        """Return the part of the features' latest motion that is the target's own, 0 to 1.
+
+        It is evaluated over the last RECENT_IMAGES images.
+        """
+        if not self._steps:
+            return 0.0
+        whole, rest, predicted = (sum(part) for part in zip(*self._steps, strict=True))
+        # The motion has to exceed the effect of the camera with any mounting.
+        return rest / whole if whole > max(self.MIN_JUMP, self.JUMP_FACTOR * predicted) else 0.0
+
+    @property
+    def has_frequent_jumps(self) -> bool:
+        """Return whether the features jump repeatedly while the target does not."""
+        jumps = self.jumps
+        is_frequent = (
+            len(jumps) == self.FREQUENT_JUMPS
+            and jumps[-1].stamp - jumps[0].stamp < self.JUMP_WINDOW
+        )
+        return is_frequent and self._centre_jumps < self.FREQUENT_JUMPS // 2
+
+    def is_jumping(self, stamp: float) -> bool:
+        """Return whether the features have jumped repeatedly until `stamp`, s."""
+        return self.has_frequent_jumps and stamp - self.jumps[-1].stamp < self.JUMP_WINDOW
+
+    @property
+    def feature_correlations(self) -> np.ndarray | None:
+        """Return the correlation (k,) of each feature's motion with its prediction by L, -1 to 1.
+
+        The correlation is 0 for features with too little predicted motion; None if there are no
+        data.
+        """
+        if self._correlation_sums is None:
+            return None
+        product, moved, predicted = self._correlation_sums
+        size = np.sqrt(moved * predicted)
+        known = (predicted > self.MIN_ROWS * self._min_row**2) & (moved > 0.0)
+        return np.divide(product, size, out=np.zeros(len(size)), where=known)
+
+    @property
+    def correlation(self) -> float:
+        """Return the correlation of all features' motion with the prediction by L, -1 to 1.
+
+        The correlation is 1 if the predicted motion is too small.
+        """
+        if not self.has_enough_motion:
+            return 1.0
+        product, moved, predicted = self._correlation_sums.sum(axis=1)
+        if moved == 0.0:
+            return 0.0
+        return float(product / np.sqrt(moved * predicted))
+
+    @property
+    def has_enough_motion(self) -> bool:
+        """Return whether the camera has moved the features far enough for a correlation."""
+        return (
+            self._correlation_sums is not None
+            and self._correlation_sums[2].sum() >= self.MIN_ROWS * self._min_row**2
+        )
+
+    @property
+    def motion_ratio(self) -> float:
+        """Return the ratio of the features' measured motion to the prediction by L."""
+        if self._correlation_sums is None:
+            return 1.0
+        _, moved, predicted = self._correlation_sums.sum(axis=1)
+        return float(np.sqrt(moved / max(predicted, 1.0)))
+
+    def add(
+        self,
+        scheme_output: SchemeOutput,
+        observation: Observation,
+        tolerances: np.ndarray,
+        is_angle: np.ndarray,
+    ) -> None:
+        """Add one image.
+
+        Args:
+            scheme_output: measurement of the image.
+            observation: of the image.
+            tolerances: (k,) of the error.
+            is_angle: (k,) bool, components that may wrap.
+        """
+        L, error = scheme_output.L, np.asarray(scheme_output.error, float)
+        before, self._last_measurement = self._last_measurement, None
+        if L is None or np.shape(L) != (len(error), 6):
+            return
+        now = error, np.asarray(L, float), np.array(scheme_output.error_drift, float, ndmin=1)
+        self._last_measurement, self.names = now, scheme_output.names
+        if before is None or observation.motion is None or len(before[0]) != len(error):
+            self._same_stamp, self._same_count, self._path = observation.stamp, 0, 0.0
+            self._steps.clear()
+            return
+        sums = self._correlation_sums
+        if sums is None or sums.shape[1] != len(error):
+            sums, self._row = np.zeros((3, len(error))), np.zeros((2, len(error)))
+            self._correlation_sums = sums
+        largest, at, explained, moved, unexplained, path, wrapped = _compare_step(
+            *before, *now, observation.motion, observation.dt, tolerances, is_angle, self._min_row,
+            self._row, sums,
+        )  # fmt: skip
+        if wrapped:
+            self._row[:] = 0.0
+            return
+        if path > self.MAX_REST_MOTION:
+            self._rest_sums = 0, 0.0, 0.0
+        elif self._rest_sums[0] < self.MAX_REST_IMAGES:
+            self._add_rest_step(moved, (error - before[0]) / tolerances)
+        self._steps.append((moved, unexplained, len(error) * path * path))
+        self._count += 1
+        if self._count <= self.RECENT_IMAGES:
+            self.typical_step = max(self.typical_step, largest)
+        elif largest > max(self.MIN_JUMP, self.JUMP_FACTOR * max(self.typical_step, explained)):
+            change = abs(error[at] - before[0][at])
+            jump = Jump(
+                observation.stamp, scheme_output.names[at], change, explained * tolerances[at]
+            )
+            self.jumps.append(jump)
+            self.first_jump = self.first_jump or jump
+        else:
+            self.typical_step = (
+                self.STEP_MEMORY * self.typical_step + (1.0 - self.STEP_MEMORY) * largest
+            )
+        if moved != 0.0:
+            self._same_count, self._path, self._same_stamp = 0, 0.0, observation.stamp
+            self.unchanged_since = None
+            return
+        self._same_count, self._path = self._same_count + 1, self._path + path
+        if self._same_count >= self.UNCHANGED_IMAGES and self._path > self.MIN_PREDICTED_MOTION:
+            self.unchanged_since = self._same_stamp
+
+    def _add_rest_step(self, moved: float, step: np.ndarray) -> None:
+        """Add the step of the features while the camera is at rest.
+
+        Args:
+            moved: squared length of the step.
+            step: (k,) in tolerances.
+        """
+        images, square, sums = self._rest_sums
+        images, square, sums = self._rest_sums = images + 1, square + moved, sums + step
+        length = float(np.linalg.norm(sums))
+        is_steady = length**2 > self.MIN_DRIFT_PART * images * square
+        self.has_drift = (
+            self.has_drift
+            or is_steady
+            and images >= self.MIN_REST_IMAGES
+            and length > self.MIN_DRIFT
+        )
+
+    def add_area(self, observation: Observation, goal: Goal) -> None:
+        """Update the visible area of the target, and detect occlusions and jumps of its centre."""
+        moments, desired = observation.moments, goal.moments
+        if not observation.valid or moments is None or desired is None or moments.m00 <= 0.0:
+            return
+        x, y = moments.xg, moments.yg
+        dx, dy = (0.0, 0.0) if self._centre is None else (x - self._centre[0], y - self._centre[1])
+        self._centre = x, y
+        jumped = max(abs(dx), abs(dy)) > self.MIN_CENTRE_JUMP
+        # Predict twice the last displacement, extended by the target's size.
+        x, y, size = x + 2.0 * dx, y + 2.0 * dy, sqrt(moments.m00)
+        self.next_region = (x - size, x + size), (y - size, y + size)
+        self._centre_jumps = min(self._centre_jumps + 1, self.FREQUENT_JUMPS) if jumped else max(
+            self._centre_jumps - 1, 0)
+        scale = 1.0 / predict_area(observation, goal)
+        area, scale_change = moments.m00 / desired.m00 * scale, abs(scale / self._scale - 1.0)
+        last, self._last_area, self._scale = self._last_area or area, area, scale
+        before = self._mean_area or area
+        if (
+            observation.touched_borders
+            or moments.kind != desired.kind
+            or scale_change > self.MAX_DISTANCE_CHANGE
+        ):
+            return
+        change = abs(area / before - 1.0)
+        if self._hidden_count:
+            if area > (1.0 - 0.5 * self.MIN_HIDDEN_PART) * self._whole_area:
+                self._hidden_count, self.occluded_since = 0, None
+                return
+            self._hidden_count += 1
+            if self._hidden_count == self.RECENT_IMAGES:
+                self.occluded_since = self._hidden_stamp
+        elif max(area / before, area / last) < 1.0 - max(
+            self.MIN_HIDDEN_PART, self.JUMP_FACTOR * self._area_deviation
+        ):
+            self._hidden_count, self._hidden_stamp, self._whole_area = 1, observation.stamp, before
+        else:
+            self._area_deviation = (
+                self.STEP_MEMORY * self._area_deviation + (1.0 - self.STEP_MEMORY) * change
+            )
+            self._mean_area = self.STEP_MEMORY * before + (1.0 - self.STEP_MEMORY) * area
+
+    @property
+    def visible_part(self) -> float:
+        """Return the visible part of a covered target, 0 to 1."""
+        return self._last_area / self._whole_area if self._whole_area else 1.0
+
+
+def predict_area(observation: Observation, goal: Goal) -> float:
+    """Return the area that the target should have in this view, relative to the goal.
+
+    The prediction uses the estimated plane. A small patch of a plane n P = d has an image area of d
+    / Z^3 times its own. The plane gives 1 / Z and n / d. Without a plane, the area is inversely
+    proportional to the squared distance.
+    """
+    measured, desired, plane = observation.moments, goal.moments, observation.plane
+    if plane is None or goal.plane is None:
+        return predict_distance(observation.world_T_camera, goal) ** -2
+    here, there = (
+        max(one.inverse_depth(m.xg, m.yg), 1e-9) ** 3 / hypot(one.A, one.B, one.C)
+        for one, m in ((plane, measured), (goal.plane, desired))
+    )
+    return max(here / there, 1e-9)
+
+
+def predict_distance(world_T_camera: np.ndarray | None, goal: Goal) -> float:
+    """Return the target's depth by the joints alone, relative to the goal's depth.
+
+    The ratio is 1 if the goal has no pose.
+    """
+    if world_T_camera is None or goal.world_T_camera is None:
+        return 1.0
+    goal_pose = goal.world_T_camera
+    target = goal_pose[:3, 3] + goal.distance * goal_pose[:3, 2]
+    depth = float(world_T_camera[:3, 2] @ (target - world_T_camera[:3, 3]))
+    return max(depth / goal.distance, 1e-3)
+
+
+@jit("f8[:], f8[:,:], f8[:], f8[:], f8[:,:], f8[:], f8[:], f8, f8[:], b1[:], f8, f8[:,::1], "
+          "f8[:,::1]", allocates=False)
+def _compare_step(
+    error_before,
+    L_before,
+    error_drift_before,
+    error,
+    L,
+    error_drift,
+    motion,
+    dt,
+    tolerances,
+    is_angle,
+    min_row,
+    row,
+    sums,
+):
+    """Compare one step of the features with the camera's motion.
+
+    Args:
+        error_before, error: (k,) errors of the previous and the present image.
+        L_before, L: (k, 6) their interaction matrices.
+        error_drift_before, error_drift: (k,) or (1,) their drifts by the target's motion.
+        motion: (6,) of the camera between the two images.
+        dt: time between the two images, s.
+        tolerances: (k,) of the error.
+        is_angle: (k,) components that may wrap.
+        min_row: predicted motion, in tolerances, that completes a row.
+        row: (2, k) measured and predicted motion of the incomplete row; added to in place.
+        sums: (3, k) over complete rows of measured times predicted motion, measured squared,
+            predicted squared; added to in place.
+
+    Returns:
+        The largest unexplained step, in tolerances; its feature; the explained step of this
+        feature; the squares of all steps and of the unexplained steps, in tolerances; the largest
+        predicted step; whether an angle wrapped.
+    """
+    largest, at, explained, square, unexplained, path, longest = -1.0, 0, 0.0, 0.0, 0.0, 0.0, 0.0
+    for i in range(len(error)):
+        if is_angle[i] and abs(error[i] - error_before[i]) > 1.0:
+            return 0.0, 0, 0.0, 0.0, 0.0, 0.0, True
+    for i in range(len(error)):
+        predicted = 0.0
+        for j in range(6):
+            predicted += 0.5 * (L_before[i, j] + L[i, j]) * motion[j]
+        drift_sum = (
+            error_drift_before[min(i, len(error_drift_before) - 1)]
+            + error_drift[min(i, len(error_drift) - 1)]
+        )
+        predicted = (predicted + 0.5 * drift_sum * dt) / tolerances[i]
+        moved = (error[i] - error_before[i]) / tolerances[i]
+        residual = abs(moved - predicted)
+        if residual > largest:
+            largest, at, explained = residual, i, abs(predicted)
+        square += moved * moved
+        unexplained += (moved - predicted) ** 2
+        path = max(path, abs(predicted))
+        row[0, i] += moved
+        row[1, i] += predicted
+        longest = max(longest, abs(row[1, i]))
+    if longest >= min_row:
+        for i in range(len(error)):
+            moved, predicted = row[0, i], row[1, i]
+            sums[0, i] += moved * predicted
+            sums[1, i] += moved * moved
+            sums[2, i] += predicted * predicted
+            row[0, i] = row[1, i] = 0.0
+    return largest, at, explained, square, unexplained, path, False

@@ -1,1 +1,0 @@
-"""Moving the arm by hand: keyboard, gamepad, single steps."""

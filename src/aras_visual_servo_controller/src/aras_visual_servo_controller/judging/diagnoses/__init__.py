@@ -1,1 +1,0 @@
-"""The diagnoses of a run, one class a file; `..order` says in which order they are asked."""

@@ -1,0 +1,168 @@
+"""Compiled linear algebra of small matrices, for the inverse kinematics and the features."""
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+# Part of the largest singular value below which one counts as 0; float64 rounding leaves 1e-15.
+ROUNDING_TOLERANCE = 1e-12
+# Largest cosine between rows that count as orthogonal, and maximum number of Jacobi sweeps (six are
+# usual).
+RIGHT_ANGLE, SWEEPS = 2e-15, 40
+
+
+@jit("f8[:,:]")
+def svd(a):
+    """Compute the singular value decomposition U (m, r), s (r,), V^T (r, n) of a (m, n).
+
+    r = min(m, n), which may be 0; the singular values are in descending order. The algorithm is
+    one-sided Jacobi rotation (M. Hestenes, Inversion of matrices by biorthogonalization, 1958). The
+    vector of a zero singular value is 0 on the longer side.
+
+    Raises:
+        numpy.linalg.LinAlgError: an element is not finite.
+    """
+    m, n = a.shape
+    r, length = min(m, n), max(m, n)
+    largest = 0.0
+    for i in range(m):
+        for j in range(n):
+            if not abs(a[i, j]) < np.inf:
+                raise np.linalg.LinAlgError("singular values of a matrix that is not finite")
+            largest = max(largest, abs(a[i, j]))
+    rows, turn = np.zeros((r, length)), np.eye(r)  # invariant: turn @ (shorter side of a) = rows
+    if largest > 0.0:  # scaling prevents overflow and underflow of the squares
+        for i in range(r):
+            for j in range(length):
+                rows[i, j] = (a[i, j] if m <= n else a[j, i]) / largest
+    for _ in range(SWEEPS):
+        done = True
+        for i in range(r - 1):
+            for j in range(i + 1, r):
+                one, other, both = 0.0, 0.0, 0.0
+                for k in range(length):
+                    one += rows[i, k] * rows[i, k]
+                    other += rows[j, k] * rows[j, k]
+                    both += rows[i, k] * rows[j, k]
+                if abs(both) <= RIGHT_ANGLE * np.sqrt(one * other):
+                    continue
+                done = False
+                slope = (other - one) / (2.0 * both)
+                tangent = 1.0 / (abs(slope) + np.sqrt(1.0 + slope * slope))
+                if slope < 0.0:
+                    tangent = -tangent
+                cosine = 1.0 / np.sqrt(1.0 + tangent * tangent)
+                sine = cosine * tangent
+                for k in range(length):
+                    x, y = rows[i, k], rows[j, k]
+                    rows[i, k], rows[j, k] = cosine * x - sine * y, sine * x + cosine * y
+                for k in range(r):
+                    x, y = turn[i, k], turn[j, k]
+                    turn[i, k], turn[j, k] = cosine * x - sine * y, sine * x + cosine * y
+        if done:
+            break
+    sizes, order = np.empty(r), np.empty(r, np.int64)
+    for i in range(r):  # compiles to a tenth of the machine code of NumPy's norm and argsort
+        square = 0.0
+        for k in range(length):
+            square += rows[i, k] * rows[i, k]
+        sizes[i] = np.sqrt(square)
+        place = i
+        while place > 0 and sizes[order[place - 1]] < sizes[i]:
+            order[place] = order[place - 1]
+            place -= 1
+        order[place] = i
+    u, s, vt = np.empty((m, r)), np.empty(r), np.empty((r, n))
+    for i in range(r):
+        row = order[i]
+        size = sizes[row]
+        s[i] = size * largest
+        for k in range(length):
+            value = rows[row, k] / size if size > 0.0 else 0.0
+            if m <= n:
+                vt[i, k] = value
+            else:
+                u[k, i] = value
+        for k in range(r):
+            if m <= n:
+                u[k, i] = turn[row, k]
+            else:
+                vt[i, k] = turn[row, k]
+    return u, s, vt
+
+
+@jit("f8[:,:], f8[:,:]")
+def multiply(a, b):
+    """Compute a @ b; for small matrices this is faster than a BLAS call."""
+    product = np.zeros((a.shape[0], b.shape[1]))
+    for i in range(a.shape[0]):
+        for j in range(b.shape[1]):
+            for k in range(a.shape[1]):
+                product[i, j] += a[i, k] * b[k, j]
+    return product
+
+
+@jit("f8[:,:], f8[:]")
+def multiply_vector(a, x):
+    """Compute a @ x."""
+    product = np.zeros(a.shape[0])
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            product[i] += a[i, k] * x[k]
+    return product
+
+
+@jit("f8[:,:], f8[:], f8")
+def solve_least_squares(L, e, tolerance):
+    """Compute L^+ e (n,) of L (k, n).
+
+    Singular values up to `tolerance` times the largest count as 0.
+    """
+    u, s, vt = svd(L)
+    parts = multiply_vector(u.T, e)
+    for i in range(len(s)):
+        parts[i] = parts[i] / s[i] if s[i] > tolerance * s[0] else 0.0
+    return multiply_vector(vt.T, parts)
+
+
+@jit("f8[:,:], f8")
+def has_singular_values_above(a, bound):
+    """Return whether all singular values of a (m, n) are above `bound`.
+
+    This holds if the Cholesky decomposition of a a^T - bound^2 I (with the shorter side) exists.
+    """
+    side = a if a.shape[0] <= a.shape[1] else a.T
+    squares = multiply(side, side.T)
+    for i in range(len(squares)):
+        squares[i, i] -= bound * bound
+        for j in range(i + 1):
+            for k in range(j):
+                squares[i, j] -= squares[i, k] * squares[j, k]
+            if j < i:
+                squares[i, j] /= squares[j, j]
+        if not squares[i, i] > 0.0:
+            return False
+        squares[i, i] = np.sqrt(squares[i, i])
+    return True
+
+
+@jit("f8[:], f8[:], f8[:]")
+def are_finite(a, b, c):
+    """Return whether three arrays (k,) are finite; 0 times a value that is not finite is NaN."""
+    total = 0.0
+    for array in (a, b, c):
+        for value in array:
+            total += 0.0 * value
+    return total == 0.0
+
+
+@jit("f8[:,:], f8[:]")
+def is_task_finite(L, rate):
+    """Return whether L (k, 6) and rate (k,) are finite."""
+    total = 0.0
+    for row in L:
+        for value in row:
+            total += 0.0 * value
+    for value in rate:
+        total += 0.0 * value
+    return total == 0.0

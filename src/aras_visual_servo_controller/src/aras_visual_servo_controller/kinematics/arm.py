@@ -1,0 +1,385 @@
+"""Kinematics of any joint chain that moves a camera, from the URDF of the robot."""
+
+from collections.abc import Callable, Mapping, Sequence
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.errors import DescriptionError
+from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.poses import optical_pose, xyz_rpy_from_matrix
+from aras_visual_servo_base.urdf import (
+    LINK,
+    MOVING_KINDS,
+    OPTICAL,
+    Joint,
+    UrdfTree,
+    parse_tree,
+)
+
+from ..errors import ConfigurationError, MeasurementError
+from .chain import Chain
+from .joint_sample import JointSample
+
+# A measured position is implausible if it is outside the limits by more than their span, a speed if
+# it exceeds the joint's maximum by this factor. Joints without limits have this span, rad or m.
+UNLIMITED_SPAN, IMPLAUSIBLE_SPEED = 1e4, 100.0
+
+
+class Arm:
+    """Pose and Jacobian of a camera as functions of the joints that move it.
+
+    For joints q (n,), in rad or m, `pose(q)` is base_T_camera (4, 4) and `jacobian(q)` is J (6, n)
+    with v = J q_dot, the twist of the camera in its own optical frame, m/s and rad/s.
+    `from_urdf` constructs an arm from a robot description.
+
+    The base is the root link of the robot, or a named link. The controller does not know the pose
+    of the base in the world: `world_T_camera` in this package is `base_T_camera`.
+
+    With a `target_frame` the camera need not be on the arm (eye-to-hand: the camera is fixed and
+    the arm moves the target). Pose and Jacobian are then those of the camera's motion relative to
+    that link, and `world` is that link.
+
+    Attributes:
+        names: (n,) of the joints, from the base to the camera, then those to the target.
+        lower, upper: (n,) limits of position, rad or m; infinite for continuous joints.
+        velocity, effort: (n,) maxima, rad/s or m/s and N m or N; infinite if not specified.
+        is_prismatic: (n,) bool.
+        camera_frame, base_frame, target_frame: links; target_frame '' means that no joint moves
+            the target.
+        chain: the joints as arrays.
+        plausible_bounds: (3, n) lowest and highest positions and highest speeds that a measurement
+            can have.
+    """
+
+    def __init__(
+        self,
+        camera_path: Sequence[Joint],
+        target_path: Sequence[Joint] = (),
+        joints: Sequence[str] | None = None,
+        locked: Mapping[str, float] | None = None,
+    ) -> None:
+        """Construct the arm from the joints on the paths to the camera and the target."""
+        moving = [joint for joint in camera_path if joint.kind != "fixed"]
+        shared = {joint.name for joint in camera_path}
+        moving += [j for j in target_path if j.kind != "fixed" and j.name not in shared]
+        moving = _select_joints(moving, joints)
+        if not moving:
+            raise ConfigurationError("robot description: no joint moves the camera")
+        limits = np.array(list(zip(*map(_read_limits, moving), strict=True)))
+        self.lower, self.upper, self.velocity, self.effort = map(_make_read_only, limits)
+        span = np.where(np.isfinite(self.upper - self.lower), self.upper - self.lower, np.nan)
+        self.plausible_bounds = np.array([
+            np.nan_to_num(self.lower - span, nan=-UNLIMITED_SPAN),
+            np.nan_to_num(self.upper + span, nan=UNLIMITED_SPAN),
+            IMPLAUSIBLE_SPEED * np.clip(self.velocity, 1.0, UNLIMITED_SPAN),
+        ])  # fmt: skip
+        self._zero_velocities = _make_read_only(np.zeros(len(moving)))
+        # Joint names of the last message, and the rows of this arm's joints among them.
+        self._row_cache: tuple[tuple[str, ...], list[int]] = ((), [])
+        self.names = tuple(joint.name for joint in moving)
+        self.is_prismatic = np.array([joint.kind == "prismatic" for joint in moving])
+        self.is_prismatic.setflags(write=False)
+        self.camera_frame, self.base_frame = camera_path[-1].child, camera_path[0].parent
+        self.target_frame = target_path[-1].child if target_path else ""
+
+        self.chain = Chain.from_paths(camera_path, target_path, self.names, locked or {})
+        # The last joint positions of `pose_and_jacobian`, with their result.
+        self._pose_cache: tuple[bytes, tuple[np.ndarray, np.ndarray]] | None = None
+
+    @classmethod
+    def from_urdf(
+        cls,
+        urdf: str,
+        camera_frame: str = "camera_optical_frame",
+        base_frame: str = "",
+        joints: Sequence[str] | None = None,
+        target_frame: str = "",
+        locked: Mapping[str, float] | None = None,
+    ) -> "Arm":
+        """Construct the arm that moves the camera in a robot description.
+
+        Args:
+            urdf: text of the description.
+            camera_frame: optical frame (z forward, x right, y down), or a link with a camera
+                sensor; see `find_camera_path`.
+            base_frame: base link; '' for the root of the description.
+            joints: names of the joints to use, in this order; None: all that move the camera,
+                starting from the base. The other joints are at rest.
+            target_frame: link that carries the target, if the arm moves the target.
+            locked: positions of the joints at rest, rad or m; 0 by default.
+
+        Raises:
+            ConfigurationError: the description cannot be used; the message says what is missing
+                and suggests the nearest name.
+        """
+        try:
+            tree = parse_tree(urdf)
+            path = find_camera_path(tree, base_frame, camera_frame)
+            target_path = tree.find_path(base_frame, target_frame) if target_frame else []
+            for joint in [*path, *target_path]:
+                _check_joint(joint)
+        except DescriptionError as error:
+            raise ConfigurationError(f"robot description: {error}") from None
+        if not path:
+            raise ConfigurationError(
+                f"robot description: {camera_frame} is the base itself, no joint moves it"
+            )
+        return cls(path, target_path, joints, locked)
+
+    @staticmethod
+    def find_fixed_pose(urdf: str, camera_frame: str, base_frame: str = "") -> np.ndarray | None:
+        """Return base_T_camera (4, 4) of a camera that no joint moves; None if a joint moves it.
+
+        Raises:
+            ConfigurationError: as in `from_urdf`.
+        """
+        try:
+            path = find_camera_path(parse_tree(urdf), base_frame, camera_frame)
+        except DescriptionError as error:
+            raise ConfigurationError(f"robot description: {error}") from None
+        if any(joint.kind != "fixed" for joint in path):
+            return None
+        return Chain.from_paths(path, (), (), {}).tip_frames[0]
+
+    def __len__(self) -> int:
+        """Return the number of joints."""
+        return len(self.names)
+
+    def pose(self, q: np.ndarray) -> np.ndarray:
+        """Compute `world_T_camera` (4, 4) for joints q (n,), read-only.
+
+        The world is the frame in which the target is at rest: the base, or the target's own frame
+        if the arm moves the target.
+        """
+        return self.pose_and_jacobian(q)[0]
+
+    def poses(self, positions: np.ndarray) -> np.ndarray:
+        """Compute `world_T_camera` (m, 4, 4) for m rows of joint positions (m, n)."""
+        return self.chain.compute_poses(positions)
+
+    def jacobian(self, q: np.ndarray) -> np.ndarray:
+        """Compute the geometric Jacobian (6, n) of the camera, expressed in the optical frame.
+
+        twist = jacobian(q) @ q_dot, with twist = (vx, vy, vz, wx, wy, wz) of the camera in its
+        own frame, m/s and rad/s; relative to the target's frame if the arm moves the target.
+        """
+        return self.pose_and_jacobian(q)[1]
+
+    def pose_and_jacobian(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute pose (4, 4) and Jacobian (6, n) for joints q (n,) together; both read-only."""
+        q = np.asarray(q, float)
+        if q.shape != self.lower.shape:
+            raise ValueError(f"an arm of {len(self.names)} joints was given joints {q.shape}")
+        key, cached = q.tobytes(), self._pose_cache
+        if cached is not None and key == cached[0]:
+            return cached[1]  # for one image, several parts of the loop need the same result
+        pose, jacobian = self.chain.compute_pose_and_jacobian(q)
+        result = _make_read_only(pose), _make_read_only(jacobian)
+        self._pose_cache = key, result
+        return result
+
+    def joint_frames(self, q: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Compute the origins (n, 3) and unit axes (n, 3) of the joints in the base frame."""
+        frames = self.chain.compute_frames(q)
+        return frames[:, 9:12], frames[:, 12:]
+
+    def joint_origins(self, positions: np.ndarray) -> np.ndarray:
+        """Compute the joint origins (m, n, 3) from base to camera in the base frame.
+
+        `positions` are joints (m, n). If the arm moves the target, not the camera, the result is
+        (m, 0, 3).
+        """
+        count = 0 if self.target_frame else len(self)
+        found = np.zeros((len(positions), count, 3))
+        for row, q in zip(found, positions if count else (), strict=False):
+            row[:] = self.joint_frames(q)[0][self.chain.order]
+        return found
+
+    def read_joints(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float] = (),
+        stamp: float = 0.0,
+    ) -> JointSample:
+        """Extract the arm's joints from a joint state, by name; missing velocities are 0.
+
+        Raises:
+            MeasurementError: a joint is missing, lengths differ, or a value is not plausible: not
+                finite, or too far outside its limits.
+        """
+        if len(names) != len(positions):
+            raise MeasurementError(f"{len(names)} joint names but {len(positions)} positions")
+        if len(velocities) not in (0, len(names)):
+            raise MeasurementError(f"{len(names)} joint names but {len(velocities)} velocities")
+        rows = self._find_rows(names)
+        q = np.array([positions[i] for i in rows], float)
+        speed = self._zero_velocities
+        if len(velocities):
+            speed = np.array([velocities[i] for i in rows], float)
+        self.check(q, speed)
+        return JointSample(float(stamp), self.names, _make_read_only(q), _make_read_only(speed))
+
+    def _find_rows(self, names: Sequence[str]) -> list[int]:
+        """Return the indices of the arm's joints among these names; cached for the next message."""
+        names = tuple(names)
+        if names != self._row_cache[0]:
+            index = {name: i for i, name in enumerate(names)}
+            missing = [name for name in self.names if name not in index]
+            if missing:
+                raise MeasurementError(
+                    f"joint states lack {', '.join(missing)}; {suggest(missing[0], names)}"
+                )
+            self._row_cache = names, [index[name] for name in self.names]
+        return self._row_cache[1]
+
+    def check(self, q: np.ndarray, velocities: np.ndarray | None = None) -> None:
+        """Check that positions and velocities (n,) are possible for the joints of this arm.
+
+        Raises:
+            MeasurementError: a value is not finite or implausibly large, or the lengths differ.
+        """
+        q = np.asarray(q, float)
+        speeds = self._zero_velocities if velocities is None else np.asarray(velocities, float)
+        if not q.shape == speeds.shape == self.lower.shape:
+            raise MeasurementError(
+                f"joint positions {q.shape} and velocities {speeds.shape} for an arm of "
+                f"{len(self.names)} joints"
+            )
+        joint, is_speed = find_implausible_joint(q, speeds, *self.plausible_bounds)
+        if joint >= 0 and not is_speed:
+            raise MeasurementError(
+                f"{self.names[joint]} measured at {q[joint]:g}: no position that it can have "
+                f"({self.lower[joint]:g} to {self.upper[joint]:g})"
+            )
+        if joint >= 0:
+            raise MeasurementError(
+                f"{self.names[joint]} measured at a speed of {speeds[joint]:g}: no speed that "
+                f"it can have (limit {self.velocity[joint]:g})"
+            )
+
+    def inverse_kinematics(
+        self, world_T_camera: np.ndarray, q0: np.ndarray, tolerance: float = 1e-7,
+        cost: Callable[[np.ndarray], float] | None = None,
+    ) -> np.ndarray:
+        """Find joints (n,) within the limits that put the camera at a pose (4, 4), from q0 (n,).
+
+        Args:
+            tolerance: largest pose error, m and 0.1 m x rad. Most solutions are exact to 1e-12;
+                near a singularity of the arm, a few iterations leave up to 1e-8.
+            cost: function that returns the cost >= 0 of joints (n,). The first solution without
+                cost is returned, otherwise the cheapest found; None: the first solution.
+
+        Raises:
+            UnreachableError: no solution was found; it contains the remaining distance.
+        """
+        # Imported here, because SciPy's optimisers take a third of a second to import.
+        from .inverse_kinematics import solve_inverse_kinematics
+
+        return solve_inverse_kinematics(
+            self.pose_and_jacobian, self.lower, self.upper, world_T_camera, q0, tolerance, cost
+        )
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8[:]")
+def find_implausible_joint(q, velocities, lower, upper, max_speeds):
+    """Return the first joint with an implausible value, and whether the value is its velocity.
+
+    Positions are checked before velocities. The joint is -1 if all values are plausible. A value
+    that is not finite fails every comparison.
+    """
+    for i in range(len(q)):
+        if not lower[i] <= q[i] <= upper[i]:
+            return i, False
+    for i in range(len(q)):
+        if not abs(velocities[i]) <= max_speeds[i]:
+            return i, True
+    return -1, False
+
+
+def find_camera_path(tree: UrdfTree, base: str, camera_frame: str) -> list[Joint]:
+    """Return the joints from the base to the camera's optical frame (z forward, x right, y down).
+
+    A link of the description is taken as the optical frame. If the link carries a camera sensor
+    and its name does not end in `_optical_frame`, the pose of the sensor gives the viewing
+    direction. A frame `x_optical_frame` that the description lacks is that of the sensor on the
+    link `x_link`.
+
+    Raises:
+        DescriptionError: there is no such frame, or its viewing direction is not known.
+    """
+    link = camera_frame
+    if camera_frame.endswith(OPTICAL):
+        link = camera_frame.removesuffix(OPTICAL) + LINK
+        if camera_frame in tree.links or link not in tree.links:
+            return tree.find_path(base, camera_frame)
+    path = tree.find_path(base, link)
+    if link not in tree.cameras:
+        if link == camera_frame:
+            return path
+        raise DescriptionError(
+            f"link '{link}' carries no camera sensor that defines a viewing direction: "
+            f"describe '{camera_frame}' in it, z forward, x right and y down, or name as "
+            "camera_frame a link that looks along its z axis"
+        )
+    xyz, rpy = xyz_rpy_from_matrix(optical_pose(tree.cameras[link].matrix()))
+    frame = camera_frame if camera_frame != link else f"{link}{OPTICAL}"
+    return [*path, Joint(f"{link}_to_{frame}", "fixed", link, frame, tuple(xyz), tuple(rpy))]
+
+
+def _check_joint(joint: Joint) -> None:
+    """Raise DescriptionError for a joint that moves the camera or target but is not supported."""
+    if not joint.is_movable and joint.kind != "fixed":
+        raise DescriptionError(
+            f"joint '{joint.name}' on the path to the camera is '{joint.kind}': "
+            f"{', '.join(MOVING_KINDS)} and fixed are known"
+        )
+    if joint.is_movable and joint.mimic is not None:
+        raise DescriptionError(
+            f"joint '{joint.name}' mimics another and moves the camera: chains with such joints "
+            "are not supported"
+        )
+    lower, upper, _, _ = _read_limits(joint)
+    if not lower < upper:
+        raise DescriptionError(
+            f"joint '{joint.name}': lower limit {lower:g} must be below the upper {upper:g}"
+        )
+
+
+def _read_limits(joint: Joint) -> tuple[float, float, float, float]:
+    """Return lower, upper, velocity and effort limits of a joint; infinite without a limit."""
+    if joint.limits is None:
+        return -np.inf, np.inf, np.inf, np.inf
+    lower, upper = joint.limits.lower, joint.limits.upper
+    return (
+        -np.inf if lower is None else lower, np.inf if upper is None else upper,
+        joint.limits.velocity, joint.limits.effort,
+    )  # fmt: skip
+
+
+def _select_joints(
+    moving: list[Joint], joints: Sequence[str] | None
+) -> list[Joint]:
+    """Return the joints with the given names, in the given order; None: all moving joints."""
+    if joints is None:
+        return moving
+    by_name = {joint.name: joint for joint in moving}
+    for name in joints:
+        if name not in by_name:
+            raise ConfigurationError(
+                f"no joint {name} moves the camera; {suggest(name, by_name)}"
+            )
+    if len(set(joints)) != len(joints):
+        raise ConfigurationError(f"joints {', '.join(joints)}: one is named twice")
+    return [by_name[name] for name in joints]
+
+
+def _make_read_only(array: np.ndarray) -> np.ndarray:
+    array.setflags(write=False)
+    return array
+
+
+def is_free_camera(arm: Arm) -> bool:
+    """Return whether this is a free-flying camera without an arm."""
+    return getattr(arm, "is_free", False)

@@ -1,0 +1,491 @@
+"""Compiled solution of the differential inverse kinematics for one image.
+
+Rotations in twists are multiplied by a length, so that all six components are in m/s.
+"""
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from .algebra import ROUNDING_TOLERANCE, has_singular_values_above, multiply, multiply_vector, svd
+from .chain import CHAIN_SIGNATURE, compute_pose_and_jacobian
+from .held_directions import compute_held_directions
+from .limits import compute_velocity_ranges
+
+# If the singular values of L are above this part of the largest, all twists have full weight.
+WELL_CONDITIONED = 0.05
+# A weak joint motion is damped as if the task had at least this sensitivity to it.
+MIN_DEMAND = 0.3
+SINGULAR_TOLERANCE = 1e-9  # part of the largest singular value below which one is a rounding error
+STRAIGHT_TOLERANCE = 1e-9  # rad; at a smaller bend of an elbow, its side would be rounding noise
+# rad or m; a smaller joint motion leaves the Jacobian practically unchanged, also near an elbow.
+SMALL_MOTION = 0.002
+REUSE_TIME = 0.05  # s that constant velocities may be reused: the image period of a slow camera
+
+
+@jit("f8[:]")
+def _norm(a):
+    """Compute the norm of a."""
+    square = 0.0
+    for value in a:
+        square += value * value
+    return np.sqrt(square)
+
+
+@jit("f8[:,:], f8[:], f8[:,:], f8[:], f8[:,:], f8[:,:], f8, f8")
+def _build_rows(
+    L, rate, held_directions, held_speeds, free, scaled_jacobian, hold_onset, hold_full
+):
+    """Compute the directions that the solution must move in, with their velocities and weights.
+
+    The task is inverted only in the directions that are not held, so that it does not affect the
+    held ones.
+
+    Args:
+        L: (k, 6) interaction matrix of the task.
+        rate: (k,) desired rate of the task.
+        held_directions: (p, 6) directions that are held.
+        held_speeds: (p,) desired velocities along the held directions.
+        free: (6 - p, 6) the other directions.
+        scaled_jacobian: (6, n) Jacobian of the arm.
+        hold_onset, hold_full: singular value at which the arm starts to control a held direction,
+            and at which it controls the direction fully.
+
+    Returns:
+        basis (m, 6), orthonormal directions; velocities (m,) along them; weights (m,), 0 to 1, used
+        if the arm cannot realise all of them.
+    """
+    # Held directions, sorted by how well the arm can move along them.
+    u_held, reach, _ = svd(multiply(held_directions, scaled_jacobian))
+    along, hold = multiply(u_held.T, held_directions), multiply_vector(u_held.T, held_speeds)
+    weights = np.empty(len(reach))
+    for i in range(len(reach)):
+        part = min(max((reach[i] - hold_onset) / (hold_full - hold_onset), 0.0), 1.0)
+        weights[i] = part * part * (3.0 - 2.0 * part)
+    # Subtract the effect of the held motion on the features from the desired rate.
+    weighted = np.empty(len(reach))
+    for i in range(len(reach)):
+        weighted[i] = weights[i] * hold[i]
+    rest = multiply_vector(L, multiply_vector(along.T, weighted))
+    for i in range(len(rest)):
+        rest[i] = rate[i] - rest[i]
+    u, s, vt = svd(multiply(L, free.T))
+    rank = 0
+    while rank < len(s) and s[rank] > ROUNDING_TOLERANCE * s[0]:
+        rank += 1
+    projected = multiply_vector(u.T, rest)
+    basis = np.empty((rank + len(reach), 6))
+    others = multiply(vt[:rank], free)
+    speed, weight = np.empty(len(basis)), np.empty(len(basis))
+    for i in range(len(reach)):
+        speed[rank + i], weight[rank + i] = hold[i], weights[i]
+        for j in range(6):
+            basis[rank + i, j] = along[i, j]
+    for i in range(rank):
+        for j in range(6):
+            basis[i, j] = others[i, j]
+        speed[i] = projected[i] / s[i]
+        # A twist that hardly changes the features has less weight.
+        weight[i] = min(1.0, s[i] / (WELL_CONDITIONED * s[0]))
+    return basis, speed, weight
+
+
+@jit("f8[:,:], f8[:,:], f8[:], f8[:], f8[:], b1[:], f8[:], f8, f8, f8[:]")
+def _solve_damped(
+    scaled_jacobian, basis, desired, weights, preferred, free, fixed, damping, damping_below, units
+):
+    """Compute joint velocities for the desired twist, and the redundant part of a secondary motion.
+
+    Args:
+        scaled_jacobian: (6, n) Jacobian of the arm.
+        basis, desired, weights: result of `_build_rows`.
+        preferred: (n,) velocities that secondary tasks prefer.
+        free: (n,) joints that may move.
+        fixed: (n,) velocities of the other joints.
+        damping: maximum damping.
+        damping_below: singular value of the Jacobian below which a motion is damped.
+        units: (n,) motion of each joint that has the same weight as the others.
+
+    Returns:
+        (n,) velocities for the desired twist; (n,) part of `preferred` that does not affect it.
+    """
+    joints = np.flatnonzero(free)
+    arm = np.empty((6, len(joints)))
+    for column, joint in enumerate(joints):
+        for i in range(6):
+            arm[i, column] = scaled_jacobian[i, joint] * units[joint]
+    rows = np.empty(basis.shape)
+    for i in range(len(basis)):
+        for j in range(6):
+            rows[i, j] = weights[i] * basis[i, j]
+    rates = multiply_vector(rows, multiply_vector(scaled_jacobian, fixed))
+    for i in range(len(rates)):
+        rates[i] = weights[i] * desired[i] - rates[i]
+    task = multiply(rows, arm)
+    m, damped = len(task), task
+    if not has_singular_values_above(arm, damping_below):
+        u_arm, s, weak = svd(arm)
+        strong = 0
+        while strong < len(s) and s[strong] >= damping_below:
+            strong += 1
+        damped = np.empty((m + len(s) - strong, len(joints)))
+        for i in range(m):
+            for j in range(len(joints)):
+                damped[i, j] = task[i, j]
+        # Scale the damping with the sensitivity of the task in that direction.
+        sensitivity = multiply(rows, u_arm)
+        for i in range(strong, len(s)):
+            strength = max(_norm(sensitivity[:, i]), MIN_DEMAND)
+            ratio = s[i] / damping_below
+            factor = damping * np.sqrt(1.0 - ratio * ratio) * strength
+            for j in range(len(joints)):
+                damped[m + i - strong, j] = factor * weak[i, j]
+    u, s, vt = svd(damped)
+    scaled_preferred = np.empty(len(joints))
+    for column, joint in enumerate(joints):
+        scaled_preferred[column] = preferred[joint] / units[joint]
+    towards, against = (
+        multiply_vector(u[:m].T, rates),
+        multiply_vector(u[:m].T, multiply_vector(task, scaled_preferred)),
+    )
+    for i in range(len(s)):
+        inverse = 1.0 / s[i] if s[i] >= SINGULAR_TOLERANCE * s[0] and s[i] > 0.0 else 0.0
+        towards[i] *= inverse
+        against[i] *= inverse
+    moved, task_part = multiply_vector(vt.T, towards), multiply_vector(vt.T, against)
+    primary, secondary = fixed.copy(), np.zeros(len(free))
+    for column, joint in enumerate(joints):
+        primary[joint] = moved[column] * units[joint]
+        secondary[joint] = (scaled_preferred[column] - task_part[column]) * units[joint]
+    return primary, secondary
+
+
+@jit("f8[:], f8[:]")
+def _find_scale(desired, room):
+    """Return the largest factor <= 1 with |factor desired| <= room (n,), and the limiting joint."""
+    part, joint = 1.0, 0
+    for i in range(len(desired)):
+        size = abs(desired[i])
+        if size > room[i] and max(room[i], 0.0) / size < part:
+            part, joint = max(room[i], 0.0) / size, i
+    return part, joint
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8[:,:], f8, b1, f8[:], f8[:], f8[:]")
+def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, previous, total, task):
+    """Limit velocities by position range, speed and acceleration.
+
+    Args:
+        desired: (n,) velocities for the task.
+        secondary: (n,) velocities that do not affect the task.
+        low, high: (n,) result of `compute_velocity_ranges`.
+        is_limited: whether the acceleration is limited, starting from `previous`.
+        previous: (n,) velocities commanded before.
+        total, task: (n,) last solution and its part for the task; if `previous` equals `total`, the
+            acceleration of the task is counted from `task`.
+
+    Returns:
+        Velocities (n,); their part for the task (n,); its scale; the joint whose limit reduced the
+        scale, or -1.
+    """
+    count, fastest, acceleration = len(desired), limits[2], limits[3]
+    part, slowest = _find_scale(desired, fastest)
+    if part == 1.0:
+        slowest = -1
+    primary, others = np.empty(count), np.zeros(count)
+    for i in range(count):
+        primary[i] = part * desired[i]
+    if is_limited:
+        unchanged, change = True, np.empty(count)
+        for i in range(count):
+            unchanged &= abs(previous[i] - total[i]) < 1e-9
+        before, steps = task if unchanged else previous, np.empty(count)
+        for i in range(count):
+            others[i] = previous[i] - before[i]
+            steps[i] = primary[i] - before[i]
+            change[i] = acceleration[i] * dt
+        part, joint = _find_scale(steps, change)
+        if part < 1.0:
+            slowest = joint
+            for i in range(count):
+                primary[i] = before[i] + part * steps[i]
+    towards, room, velocities = np.empty(count), np.empty(count), np.empty(count)
+    for i in range(count):
+        lowest, highest = max(low[i], -fastest[i]), min(high[i], fastest[i])
+        if is_limited:
+            # A joint that cannot brake hard enough for its range brakes as hard as it can.
+            slower, faster = previous[i] - acceleration[i] * dt, previous[i] + acceleration[i] * dt
+            lowest = min(max(lowest, slower), faster)
+            highest = min(max(highest, slower), faster)
+        velocities[i] = min(max(primary[i] + others[i], lowest), highest)
+        # The secondary tasks get the range that the task leaves.
+        towards[i] = secondary[i] - others[i]
+        room[i] = highest - velocities[i] if towards[i] > 0.0 else velocities[i] - lowest
+    part, _ = _find_scale(towards, room)
+    along, whole = 0.0, 0.0
+    for i in range(count):
+        velocities[i] += part * towards[i]
+        along += primary[i] * desired[i]
+        whole += desired[i] * desired[i]
+    return velocities, primary, along / whole if slowest >= 0 else 1.0, slowest
+
+
+@jit("f8[:], f8[:], f8[:], f8, f8")
+def _passes_straight(q, elbow, velocities, reach_bend, dt):
+    """Return whether this step would remove more than half of an elbow's small bend."""
+    bend, speed = q[int(elbow[0])] - elbow[1], velocities[int(elbow[0])]
+    side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
+    return abs(bend) < reach_bend and speed * side < 0.0 and abs(speed) * dt > 0.5 * abs(bend)
+
+
+@jit("f8[:,:], f8[:,:], f8[:,:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:,:], f8[:,:], "
+          "f8[:], f8, f8, f8[:]")
+def _solve_within_ranges(
+    scaled_jacobian,
+    bent_jacobian,
+    basis,
+    desired,
+    weights,
+    preferred,
+    low,
+    high,
+    elbows,
+    limits,
+    q,
+    dt,
+    reach_bend,
+    damping,
+):
+    """Solve repeatedly until no joint leaves its range and no elbow passes its straight position.
+
+    Returns:
+        The result of `_solve_damped`; (n,) joints that may move; joints stopped at a limit; and
+        whether an elbow was kept from becoming straight.
+    """
+    count = len(q)
+    free, fixed = np.ones(count, np.bool_), np.zeros(count)
+    stopped, stops, straight = np.empty(count, np.int64), 0, False
+    solution, spare = fixed, fixed
+    for _ in range(count + 1):
+        near, back = False, True
+        for elbow in elbows:
+            near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
+        if near:  # try the Jacobian of bent elbows, used if it bends the elbows further
+            solution, spare = _solve_damped(
+                bent_jacobian,
+                basis,
+                desired,
+                weights,
+                preferred,
+                free,
+                fixed,
+                damping[0],
+                damping[1],
+                limits[4],
+            )
+            for elbow in elbows:
+                joint = int(elbow[0])
+                bend = q[joint] - elbow[1]
+                if free[joint] and abs(bend) < reach_bend:
+                    side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
+                    back &= solution[joint] * side > 0.0
+        if not (near and back):
+            solution, spare = _solve_damped(
+                scaled_jacobian,
+                basis,
+                desired,
+                weights,
+                preferred,
+                free,
+                fixed,
+                damping[0],
+                damping[1],
+                limits[4],
+            )
+        done = True
+        for elbow in elbows:
+            joint = int(elbow[0])
+            if free[joint] and _passes_straight(q, elbow, solution, reach_bend, dt):
+                fixed[joint] = -0.5 * (q[joint] - elbow[1]) / dt
+                free[joint], straight, done = False, True, False
+        if not done:
+            continue
+        for i in range(count):
+            inside = min(max(solution[i], low[i]), high[i])
+            if free[i] and inside != solution[i]:
+                fixed[i], free[i], done = inside, False, False
+                stopped[stops] = i
+                stops += 1
+        if done:
+            break
+    return solution, spare, free, stopped[:stops], straight
+
+
+@jit("f8[:,:], f8")
+def _scale_rotations(twists, length):
+    """Multiply the rotations of twists (6, n) by the length, m/s."""
+    scaled = np.empty(twists.shape)
+    for i in range(6):
+        factor = length if i > 2 else 1.0
+        for j in range(twists.shape[1]):
+            scaled[i, j] = factor * twists[i, j]
+    return scaled
+
+
+@jit("f8[:], f8[:,:], f8")
+def _bend_elbows(q, elbows, reach_bend):
+    """Return the joints (n,) with elbows bent by at least `reach_bend`, and whether they differ.
+
+    `elbows` has one row of the fields of Elbow for each elbow.
+    """
+    bent, other = q.copy(), False
+    for elbow in elbows:
+        joint = int(elbow[0])
+        bend = q[joint] - elbow[1]
+        if abs(bend) < reach_bend:
+            side = np.sign(bend) if abs(bend) > STRAIGHT_TOLERANCE else elbow[2]
+            more, other = side * reach_bend - bend, True
+            bent[joint] += more
+            bent[int(elbow[3])] += elbow[5] * more
+            bent[int(elbow[4])] += elbow[6] * more
+    return bent, other
+
+
+SOLVER_SIGNATURE = (
+    "f8[:,:], f8[:,:], f8[:], b1[:], f8[:], f8[:,:,:], f8[:,:], f8[:,:], f8, b1, f8[:], "
+    "f8[:,:], f8[:]"
+)
+
+
+@jit(f"{CHAIN_SIGNATURE}, f8[:], f8[:,::1], f8[:,::1], {SOLVER_SIGNATURE}")
+def solve_velocities(
+    order,
+    parents,
+    is_prismatic,
+    signs,
+    origins,
+    axes,
+    end_joints,
+    tip_frames,
+    q,
+    pose,
+    jacobian,
+    goal,
+    L,
+    rate,
+    modelled,
+    preferred,
+    range_tasks,
+    elbows,
+    limits,
+    dt,
+    is_limited,
+    previous,
+    last,
+    settings,
+):
+    """Compute the solution of `DifferentialIK.solve`.
+
+    Args:
+        order … tip_frames: fields of the Chain; a chain without joints: `pose` and `jacobian` are
+            inputs.
+        q: (n,) joint positions.
+        pose, jacobian: (4, 4) and (6, n) at q; written unless the chain has no joints.
+        goal: (4, 4) pose at which directions that the task does not control are held.
+        L, rate, modelled: (k, 6), (k,) and (6,) of the task.
+        preferred: (n,) velocities of the secondary tasks, without the range tasks.
+        range_tasks: (p, 3, n) rows of the secondary tasks that are a JointRangeTask.
+        elbows: (m, 7) fields of each Elbow.
+        limits: (5, n) lower, upper, velocity, acceleration and units; see `_solve_damped`.
+        dt, is_limited, previous: see `_limit_velocities`.
+        last: (2, n) last velocities, and their part for the task.
+        settings: the fields of IKSettings.
+
+    Returns:
+        velocities and primary (n,); desired, achieved and infeasible twist (6,), in SI units;
+        scale; the joint that limited the speed, or -1; joints stopped at a limit; whether an elbow
+        would become straight; whether the infeasible twist is large enough to be reported; whether
+        the velocities can be reused; distances (n,) to the position limits.
+    """
+    length, reach, bent = settings[0], settings[6], jacobian
+    if len(order) > 0:
+        compute_pose_and_jacobian(
+            order,
+            parents,
+            is_prismatic,
+            signs,
+            origins,
+            axes,
+            end_joints,
+            tip_frames,
+            q,
+            pose,
+            jacobian,
+        )
+        posture, other = _bend_elbows(q, elbows, reach)
+        if other:
+            bent = np.empty((6, len(q)))
+            compute_pose_and_jacobian(
+                order,
+                parents,
+                is_prismatic,
+                signs,
+                origins,
+                axes,
+                end_joints,
+                tip_frames,
+                posture,
+                np.empty((4, 4)),
+                bent,
+            )
+    held, errors, free = compute_held_directions(pose, goal, modelled, length)
+    for i in range(len(errors)):
+        errors[i] *= settings[3]
+    preferred = preferred.copy()
+    for task in range_tasks:
+        for i in range(len(q)):
+            preferred[i] += task[2, i] * (min(max(q[i], task[0, i]), task[1, i]) - q[i])
+    scaled, scaled_L = _scale_rotations(jacobian, length), L.copy()
+    for i in range(len(L)):
+        for j in range(3, 6):
+            scaled_L[i, j] /= length
+    basis, desired, weights = _build_rows(
+        scaled_L, rate, held, errors, free, scaled, length * settings[4], length * settings[5]
+    )  # fmt: skip
+    low, high = compute_velocity_ranges(q, limits, dt)
+    solution, spare, moving, stopped, straight = _solve_within_ranges(
+        scaled, _scale_rotations(bent, length), basis, desired, weights, preferred, low, high,
+        elbows, limits,
+        q, dt, reach, settings[1:3],
+    )  # fmt: skip
+    velocities, primary, part, slowest = _limit_velocities(
+        solution, spare, low, high, limits, dt, is_limited, previous, last[0], last[1]
+    )
+    short = multiply_vector(basis, multiply_vector(scaled, solution))
+    fast, margins = 0.0, np.empty(len(q))
+    for i in range(len(short)):
+        short[i] = desired[i] - short[i]
+    twist, missing = multiply_vector(basis.T, desired), multiply_vector(basis.T, short)
+    bound = max(settings[7], settings[8] * _norm(twist))
+    is_reported = _norm(missing) > bound
+    for i in range(3, 6):
+        twist[i], missing[i] = twist[i] / length, missing[i] / length
+    for i in range(len(q)):
+        fast = max(fast, abs(velocities[i]) / limits[4, i])
+        margins[i] = min(q[i] - limits[0, i], limits[1, i] - q[i])
+    reusable = (
+        len(stopped) == 0 and not straight and slowest < 0 and fast * REUSE_TIME <= SMALL_MOTION
+    )
+    if reusable:
+        low, high = compute_velocity_ranges(q, limits, REUSE_TIME)
+        for i in range(len(q)):
+            reusable &= low[i] <= velocities[i] <= high[i]
+        for elbow in elbows:
+            reusable &= not (
+                moving[int(elbow[0])] and _passes_straight(q, elbow, velocities, reach, REUSE_TIME)
+            )
+    return (
+        velocities, primary, twist, multiply_vector(jacobian, velocities), missing, part, slowest,
+        stopped,
+        straight, is_reported, reusable, margins,
+    )  # fmt: skip

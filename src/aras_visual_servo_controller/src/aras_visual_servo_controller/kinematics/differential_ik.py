@@ -1,0 +1,258 @@
+"""Differential inverse kinematics: from a task to joint velocities.
+
+With L the task's interaction matrix, J the arm's Jacobian and H the directions that the task does
+not control, the velocities q_dot solve in the least-squares sense
+
+    L J q_dot = e_dot        H J q_dot = hold_gain (goal - now)
+
+where twists are scaled so that 1 rad has the weight of a length.
+
+Damping: near a singularity of the arm, the weak joint motions v_i (those with singular values s_i
+of J below a bound) are damped by rows d_i v_i. All other motions are exact (Nakamura and Hanafusa
+1986; damping of single directions: Maciejewski and Klein 1988). A held direction that the arm can
+hardly move, such as the roll of a camera on two nearly parallel axes, is released gradually.
+
+Secondary tasks are added up, z, and projected: q_dot += (I - A^+ T) z.
+
+Limits: a joint at the end of its range stops, and the other joints realise the task as well as
+possible. Speed and acceleration limits scale the task without changing its direction; the secondary
+tasks get the remaining speed.
+
+Stretched elbows (see `elbow.py`), where the camera cannot move along the arm to first order:
+
+- On the way out, the elbow approaches its straight position but never passes it. The damping
+  ensures this in continuous time; in addition, one step removes at most half of the remaining bend.
+- On the way back, J is computed for an elbow bent by `reach_bend`, because bending moves the camera
+  only to second order.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import astuple, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..errors import ServoError
+from .algebra import are_finite
+from .arm import Arm
+from .chain import NO_JOINTS
+from .compiled_ik import REUSE_TIME, solve_velocities
+from .elbow import Elbow, find_elbows
+from .ik_solution import IKSolution
+from .limits import Limits
+from .task import DIRECTIONS, UNITS
+
+if TYPE_CHECKING:
+    from .secondary_tasks import SecondaryTask
+    from .task import Task
+
+
+@dataclass(frozen=True)
+class IKSettings:
+    """Parameters of the inverse kinematics; the defaults are for an arm.
+
+    Attributes:
+        length: length that has the same weight as 1 rad of camera rotation, m.
+        damping: maximum damping, m per unit of joint.
+        damping_below: singular value of J below which a joint motion is damped, m per unit.
+        hold_gain: rate at which held directions return to the goal, 1/s.
+        hold_onset, hold_full: camera rotation per unit of joint, rad, above which a held direction
+            is controlled at all, and fully.
+        reach_bend: bend of an elbow for which J is computed on the way back from straight, rad.
+        reported_speed: infeasible part of the desired twist that is reported, m/s.
+        reported_part: infeasible part that is reported, relative to the desired twist.
+        prismatic_unit: motion of a prismatic joint that has the same weight as 1 rad of a revolute
+            joint, m.
+    """
+
+    length: float = 0.1
+    damping: float = 0.003
+    damping_below: float = 0.012
+    hold_gain: float = 3.0
+    hold_onset: float = 0.05
+    hold_full: float = 0.2
+    reach_bend: float = 0.05
+    reported_speed: float = 0.002
+    reported_part: float = 0.1
+    prismatic_unit: float = 1.0
+
+    @classmethod
+    def for_free_camera(cls, depth: float, hold_gain: float) -> IKSettings:
+        """Return the parameters for a free-flying camera, which has no singularities.
+
+        Args:
+            depth: depth of the target, which scales all lengths, m.
+            hold_gain: rate at which held directions return to the goal, 1/s.
+        """
+        return cls(
+            length=depth, damping=0.0, damping_below=0.0, hold_gain=hold_gain, hold_onset=0.0,
+            hold_full=1e-9, reported_speed=0.01 * depth, prismatic_unit=depth,
+        )  # fmt: skip
+
+
+class DifferentialIK:
+    """Differential inverse kinematics of an arm, with limits, damping and secondary tasks.
+
+    It solves L J q_dot = e_dot in the least-squares sense for the joint velocities q_dot (n,), in
+    rad/s or m/s. Directions that the task does not control are held as at the goal. Weak motions of
+    a nearly singular arm are damped. The docstring of this module has equations and sources.
+
+    Attributes:
+        goal: `reference_T_camera` (4, 4) at which directions that a task does not control are held;
+            None: the camera pose at the first call of `solve` after a reset.
+        other_tasks: secondary tasks that are not a JointRangeTask.
+        setting_values, limit_rows, has_acceleration_limits, elbow_rows, range_tasks,
+            last_velocities: inputs of `solve_velocities`, as arrays.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        limits: Limits | None = None,
+        tasks: Sequence[SecondaryTask] = (),
+        settings: IKSettings | None = None,
+        elbows: Sequence[Elbow] | None = None,
+    ) -> None:
+        """Prepare the inverse kinematics of one arm.
+
+        Args:
+            arm: arm that provides pose and Jacobian of the camera.
+            limits: limits of position, speed and acceleration; None: those of the description.
+            tasks: secondary tasks, which use the redundancy of the arm.
+            settings: parameters; None: the defaults, for an arm of usual size.
+            elbows: elbows that can stretch; None: those found in the arm.
+        """
+        self.arm = arm
+        self.limits = limits if limits is not None else Limits.for_arm(arm)
+        self.tasks = tuple(tasks)
+        self.settings = settings if settings is not None else IKSettings()
+        self.elbows = tuple(find_elbows(arm) if elbows is None else elbows)
+        self.goal: np.ndarray | None = None
+        self._scale = np.array([1.0] * 3 + [self.settings.length] * 3)
+        self.setting_values = np.array(astuple(self.settings))
+        units = np.where(arm.is_prismatic, self.settings.prismatic_unit, 1.0)
+        self.limit_rows = np.array([*astuple(self.limits)[1:], units], float)
+        self.has_acceleration_limits = bool(np.isfinite(self.limits.acceleration).any())
+        self.elbow_rows = np.array([astuple(elbow) for elbow in self.elbows], float).reshape(-1, 7)
+        range_tasks: list[JointRangeTask] = []
+        if self.tasks:
+            from .secondary_tasks import JointRangeTask
+
+            range_tasks = [
+                task for task in self.tasks if type(task).velocity is JointRangeTask.velocity
+            ]
+        self.range_tasks = np.array([task.rows for task in range_tasks]).reshape(
+            -1, 3, len(arm.names)
+        )
+        self.other_tasks = [task for task in self.tasks if task not in range_tasks]
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the last velocities and the pose at which directions are held."""
+        self._cached_view: np.ndarray | None = None
+        # The last velocities, and their part for the task; NaN: there are none yet.
+        self.last_velocities = np.full((2, len(self.arm.names)), np.nan)
+
+    def solve(
+        self, q: np.ndarray, task: Task, dt: float, previous: np.ndarray | None = None
+    ) -> IKSolution:
+        """Compute the joint velocities for a task.
+
+        Args:
+            q: (n,) joint positions, rad or m.
+            task: task with L (k, 6), desired_rate (k,) and modelled (6,).
+            dt: time for which the velocities will be commanded, s; 0: only speeds are limited.
+            previous: (n,) velocities commanded before, for the acceleration limits.
+
+        Raises:
+            ValueError: an input is not finite, or has a wrong shape.
+            numpy.linalg.LinAlgError: the Jacobian is not finite.
+        """
+        q, dt = np.asarray(q, float), float(dt)
+        if not (are_finite(q, q, q) and math.isfinite(dt)):
+            raise ValueError(f"inverse kinematics: not finite: joints {q}, dt {dt}")
+        preferred = np.zeros(len(q))
+        for entry in self.other_tasks:
+            preferred += entry.velocity(q)
+        limited = previous is not None and self.has_acceleration_limits and dt > 0.0
+        before = np.asarray(previous, float) if limited else q
+        goal = self._find_hold_pose(q, task.modelled) if self.goal is None else self.goal
+        inputs = (
+            goal, task.L, task.desired_rate, task.modelled, preferred, self.range_tasks,
+            self.elbow_rows, self.limit_rows, dt, limited, before, self.last_velocities,
+            self.setting_values,
+        )  # fmt: skip
+        chain, view = getattr(self.arm, "chain", None), (np.empty((4, 4)), np.empty((6, len(q))))
+        if chain is None:
+            chain, view = NO_JOINTS, tuple(map(np.array, self.arm.pose_and_jacobian(q)))
+        found = solve_velocities(*chain, q, *view, *inputs)
+        velocities, primary, desired, achieved, infeasible, scale = found[:6]
+        slowest, stopped, straight, is_reported, reusable, margins = found[6:]
+        self.last_velocities[:] = velocities, primary
+        names = [self.arm.names[joint] for joint in stopped]
+        reasons = [f"{name} stopped at its limit" for name in names]
+        if is_reported:
+            reasons += self._explain_infeasible(infeasible, bool(names), straight)
+        limiting = "" if slowest < 0 else self.arm.names[slowest]
+        if limiting:
+            reasons.append(f"slowed to {100.0 * scale:.0f} % for a limit of {limiting}")
+        return IKSolution(
+            velocities, primary, desired, achieved, infeasible, scale, margins, tuple(names),
+            limiting, tuple(reasons), task.L, view[1], task.modelled,
+            REUSE_TIME if reusable else 0.0,
+        )  # fmt: skip
+
+    def _find_hold_pose(self, q: np.ndarray, modelled: np.ndarray) -> np.ndarray:
+        """Return the camera pose at the first call since the reset, used if `goal` is None."""
+        if self._cached_view is not None:
+            return self._cached_view
+        view = self.arm.pose_and_jacobian(q)[0]
+        if not modelled.all():
+            self._cached_view = view
+        return view
+
+    def _explain_infeasible(
+        self, infeasible_twist: np.ndarray, is_stopped: bool, is_straight: bool
+    ) -> list[str]:
+        """Explain as text why a part of the desired twist is infeasible."""
+        if is_straight:
+            return ["the arm is stretched: the commanded motion leads beyond its reach"]
+        if is_stopped:
+            return []  # the joint that is stopped at its limit has already been named
+        missing = np.abs(infeasible_twist * self._scale)
+        main = np.flatnonzero(missing > 0.5 * missing.max())
+        words = ", ".join(f"{DIRECTIONS[i]} {infeasible_twist[i]:.3g} {UNITS[i]}" for i in main)
+        return [f"the arm cannot produce this motion here: {words}"]
+
+
+def solve_ik(
+    task: Task,
+    q: np.ndarray,
+    differential_ik: DifferentialIK,
+    period: float = 0.0,
+    velocities: np.ndarray | None = None,
+) -> IKSolution:
+    """Compute joint velocities for the camera motion of a task: L J q_dot = e_dot.
+
+    Args:
+        task: L (k, 6) and the desired rate (k,) of the error.
+        q: (n,) joint positions, rad or m.
+        differential_ik: inverse kinematics of the arm, with limits and secondary tasks.
+        period: time for which the velocities will be commanded, s; 0: not known.
+        velocities: (n,) velocities commanded before, for the acceleration limits.
+
+    Returns:
+        The solution, with velocities (n,) in rad/s or m/s. Directions that the features do not
+        measure well enough are not part of the task.
+
+    Raises:
+        ServoError: the velocities are not finite.
+        ValueError: an input is not finite.
+    """
+    solution = differential_ik.solve(q, task.measurable_task, period, velocities)
+    if not are_finite(solution.velocities, solution.velocities, solution.velocities):
+        raise ServoError("the joint velocities are not finite")
+    return solution

@@ -1,0 +1,166 @@
+"""Joint limits of the commands: those of the description, narrowed by parameters."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+from aras_visual_servo_base.names import suggest
+
+from ..errors import ConfigurationError
+from .arm import Arm
+
+# One number for all joints, one for each in the arm's order, or some by joint name.
+JointValues = float | Sequence[float] | Mapping[str, float] | None
+
+
+@dataclass(frozen=True, eq=False)
+class Limits:
+    """Limits of the commands, in the arm's order: rad or m, and their rates.
+
+    Attributes:
+        names: (n,) names of the joints.
+        lower, upper: (n,) position limits; infinite if there is no limit.
+        velocity, acceleration: (n,) maxima, > 0; infinite if there is no limit.
+    """
+
+    names: tuple[str, ...]
+    lower: np.ndarray
+    upper: np.ndarray
+    velocity: np.ndarray
+    acceleration: np.ndarray
+
+    @classmethod
+    def for_arm(
+        cls,
+        arm: Arm,
+        lower: JointValues = None,
+        upper: JointValues = None,
+        velocity: JointValues = None,
+        acceleration: JointValues = None,
+    ) -> "Limits":
+        """Return the arm's limits, replaced by narrower ones where given.
+
+        Without `acceleration`, accelerations are not limited.
+
+        Raises:
+            ConfigurationError: a joint is unknown, a count is wrong, or a limit is not a number,
+                leaves an empty range, or is wider than the robot's own limit.
+        """
+        own = {"lower": arm.lower, "upper": arm.upper, "velocity": arm.velocity}
+        own["acceleration"] = np.full(len(arm.names), np.inf)
+        given = {
+            "lower": lower, "upper": upper, "velocity": velocity, "acceleration": acceleration
+        }  # fmt: skip
+        values = {key: _merge_limits(key, arm.names, own[key], given[key]) for key in own}
+        for i, name in enumerate(arm.names):
+            low, high = values["lower"][i], values["upper"][i]
+            if not low < high:
+                raise ConfigurationError(
+                    f"limits of {name}: lower {low:g} must be below upper {high:g}"
+                )
+            for key in ("velocity", "acceleration"):
+                if not values[key][i] > 0.0:
+                    raise ConfigurationError(
+                        f"limits of {name}: {key} {values[key][i]:g} must be positive "
+                        f"(max_{key})"
+                    )
+            for key, wider in (
+                ("lower", low < arm.lower[i] - 1e-9),
+                ("upper", high > arm.upper[i] + 1e-9),
+                # A velocity of 0 in a description means that the limit is not known.
+                ("velocity", 0.0 < arm.velocity[i] * (1.0 + 1e-9) < values["velocity"][i]),
+            ):
+                if wider:
+                    raise ConfigurationError(
+                        f"limits of {name}: {key} {values[key][i]:g} is beyond the robot's own, "
+                        f"{own[key][i]:g}"
+                    )
+        for array in values.values():
+            array.setflags(write=False)
+        return cls(arm.names, **values)
+
+    def find_narrowed(self, arm: Arm) -> dict[str, list[str]]:
+        """Return the joints whose position limits are narrower than the arm's, by parameter."""
+        narrower = {"lower": self.lower > arm.lower, "upper": self.upper < arm.upper}
+        return {
+            key: [name for name, one in zip(self.names, which, strict=True) if one]
+            for key, which in narrower.items()
+        }
+
+    def find_violations(self, q: np.ndarray) -> list[str]:
+        """Return the names of the joints that are outside their limits at q (n,)."""
+        return [name for name, margin in zip(self.names, self.margins(q), strict=True)
+                if margin < 0.0]  # fmt: skip
+
+    def margins(self, q: np.ndarray) -> np.ndarray:
+        """Compute the distance (n,) of joints q to the nearer limit, rad or m; negative outside."""
+        return np.minimum(q - self.lower, self.upper - q)
+
+
+def _merge_limits(
+    key: str, names: Sequence[str], own: np.ndarray, override: JointValues
+) -> np.ndarray:
+    values = np.array(own, float)
+    if override is None:
+        return values
+    try:
+        if isinstance(override, Mapping):
+            for name, value in override.items():
+                if name not in names:
+                    raise ConfigurationError(
+                        f"limits: {key} of an unknown joint {name}; {suggest(name, names)}"
+                    )
+                values[names.index(name)] = float(value)
+        elif np.ndim(override) == 0:
+            values[:] = float(override)
+        elif len(override) == len(names):
+            values[:] = [float(value) for value in override]
+        else:
+            raise ConfigurationError(
+                f"limits: {len(override)} values of {key} for {len(names)} joints "
+                f"({', '.join(names)})"
+            )
+    except (TypeError, ValueError) as error:
+        raise ConfigurationError(f"limits: {key} is {override!r}: {error}") from error
+    if np.isnan(values).any():
+        raise ConfigurationError(f"limits: {key} is {override!r}: not a number")
+    return values
+
+
+def check_within_limits(q: np.ndarray, limits: Limits | Arm, what: str) -> None:
+    """Raise ConfigurationError if joints (n,) are outside the limits; `what` names their source."""
+    for i in np.flatnonzero(~((q >= limits.lower) & (q <= limits.upper))):
+        raise ConfigurationError(
+            f"{what} puts {limits.names[i]} at {q[i]:.4f}, outside its limits "
+            f"{limits.lower[i]:.4f} to {limits.upper[i]:.4f}"
+        )
+
+
+@jit("f8, f8, f8")
+def compute_stopping_speed(room, acceleration, dt):
+    """Compute the maximum speed, held for dt (s), from which a joint can stop within its room.
+
+    It solves v dt + v^2 / 2a = room, so that all later steps of any length stay within the room.
+    """
+    if dt <= 0.0 or room == np.inf:
+        return np.inf
+    if acceleration == np.inf:
+        return room / dt
+    # Solution of the quadratic equation in the form without cancellation for a small room.
+    return 2.0 * room / (dt + np.sqrt(dt * dt + 2.0 * room / acceleration))
+
+
+@jit("f8[:], f8[:,:], f8")
+def compute_velocity_ranges(q, limits, dt):
+    """Compute the lowest and highest velocities (n,) within the position limits for dt (s).
+
+    A joint outside its range may return, but not move further out.
+    """
+    lower, upper, acceleration = limits[0], limits[1], limits[3]
+    low, high = np.empty(len(q)), np.empty(len(q))
+    for i in range(len(q)):
+        low[i] = -compute_stopping_speed(max(q[i] - lower[i], 0.0), acceleration[i], dt)
+        high[i] = compute_stopping_speed(max(upper[i] - q[i], 0.0), acceleration[i], dt)
+    return low, high

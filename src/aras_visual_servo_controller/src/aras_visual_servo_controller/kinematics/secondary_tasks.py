@@ -1,0 +1,132 @@
+"""Secondary tasks, which use the redundancy that the camera task leaves.
+
+Each task proposes joint velocities. Their sum is projected onto the motions that do not affect the
+camera task.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from aras_visual_servo_base.names import suggest
+
+from ..errors import ConfigurationError
+from .arm import Arm
+from .limits import Limits
+
+
+class SecondaryTask(ABC):
+    """Base class of secondary tasks, which propose joint velocities for joints q (n,)."""
+
+    @abstractmethod
+    def velocity(self, q: np.ndarray) -> np.ndarray:
+        """Compute the proposed joint velocities (n,), rad/s or m/s, before projection."""
+
+
+class JointRangeTask(SecondaryTask):
+    """Attraction of joints into ranges: velocity_i = gain_i (q_i within its range - q_i).
+
+    Attributes:
+        rows: (3, n) lower and upper ends of the ranges, rad or m, and gains, 1/s.
+    """
+
+    rows: np.ndarray
+
+    def velocity(self, q: np.ndarray) -> np.ndarray:
+        low, high, gains = self.rows
+        return gains * (np.clip(q, low, high) - q)
+
+
+class PostureTask(JointRangeTask):
+    """Attraction of some joints to preferred positions: velocity = gain (preferred - q)."""
+
+    def __init__(self, arm: Arm, preferred: Mapping[str, float], gain: float = 1.0) -> None:
+        """Set the preferred positions.
+
+        Args:
+            arm: arm with the joints.
+            preferred: positions by joint name, rad or m.
+            gain: gain of the attraction, 1/s.
+
+        Raises:
+            ConfigurationError: a joint is unknown, or a position is outside its limits.
+        """
+        self.rows = np.zeros((3, len(arm.names)))
+        for name, value in preferred.items():
+            if name not in arm.names:
+                raise ConfigurationError(
+                    f"posture: unknown joint {name}; {suggest(name, arm.names)}"
+                )
+            joint = arm.names.index(name)
+            number = isinstance(value, int | float | np.number) and not isinstance(value, bool)
+            if not (number and arm.lower[joint] <= value <= arm.upper[joint]):
+                raise ConfigurationError(
+                    f"posture: {name} is {value!r}, must be a number within its limits "
+                    f"{arm.lower[joint]:g} to {arm.upper[joint]:g}"
+                )
+            self.rows[:, joint] = value, value, gain
+
+
+class JointLimitAvoidance(JointRangeTask):
+    """Repulsion of joints from their position limits, within a margin.
+
+    velocity_i = gain (depth of q_i inside the margin), directed away from the limit.
+    """
+
+    def __init__(self, limits: Limits, margin: float = 0.2, gain: float = 2.0) -> None:
+        """Set the margin, rad or m, at most a quarter of a joint's range, and the gain, 1/s."""
+        margins = np.minimum(margin, 0.25 * (limits.upper - limits.lower))
+        gains = np.full(len(margins), gain)
+        self.rows = np.array([limits.lower + margins, limits.upper - margins, gains])
+
+
+class SingularityAvoidance(SecondaryTask):
+    """Gradient ascent of the manipulability w(q) = sqrt(det(J J^T)), if w is small.
+
+        velocity = gain (1 - w / bound) grad w / max(|grad w|, max_gradient)   for w < bound, else 0
+
+    The velocity vanishes at the bound, and at an optimum, where the gradient vanishes. (The
+    laboratory's step has constant length and therefore oscillates about the optimum.) The task uses
+    only the redundancy; stretched elbows are treated by DifferentialIK.
+    """
+
+    def __init__(
+        self,
+        arm: Arm,
+        directions: Sequence[int] = (0, 1, 2, 5),
+        gain: float = 0.5,
+        bound: float = 0.1,
+        max_gradient: float = 0.1,
+    ) -> None:
+        """Set the directions and the strength of the task.
+
+        Args:
+            arm: arm whose Jacobian is used.
+            directions: indices of the directions of (vx, vy, vz, wx, wy, wz) that w includes.
+            gain: maximum speed, rad/s.
+            bound: value of w below which the task is active.
+            max_gradient: gradient of w above which the step has its full length.
+        """
+        self._arm = arm
+        self._rows = np.array(directions)
+        self.gain, self.bound, self.max_gradient = gain, bound, max_gradient
+
+    def manipulability(self, q: np.ndarray) -> float:
+        """Compute w(q) for the chosen directions."""
+        rows = self._arm.pose_and_jacobian(q)[1][self._rows]
+        return float(np.sqrt(max(np.linalg.det(rows @ rows.T), 0.0)))
+
+    def velocity(self, q: np.ndarray) -> np.ndarray:
+        here = self.manipulability(q)
+        if here >= self.bound:
+            return np.zeros(len(q))
+        step = 1e-5
+        gradient = np.array(
+            [
+                self.manipulability(q + step * axis) - self.manipulability(q - step * axis)
+                for axis in np.eye(len(q))
+            ]
+        ) / (2.0 * step)
+        slope = max(float(np.linalg.norm(gradient)), self.max_gradient)
+        return self.gain * (1.0 - here / self.bound) / slope * gradient

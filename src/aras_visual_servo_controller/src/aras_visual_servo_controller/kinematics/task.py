@@ -1,0 +1,243 @@
+"""The task of the camera: a desired rate of the error, or a desired twist."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from ..errors import TaskError
+from .algebra import ROUNDING_TOLERANCE, is_task_finite, solve_least_squares, svd
+
+ALL_DIRECTIONS = (True,) * 6
+DIRECTIONS = ("vx", "vy", "vz", "wx", "wy", "wz")
+UNITS = ("m/s",) * 3 + ("rad/s",) * 3
+# Largest standard deviation of the camera's offset, as measured by one image, in depths and rad, at
+# which a direction is servoed. Noise moves the camera by some tenths of the standard deviation.
+MAX_UNCERTAINTY = 0.3
+
+
+@dataclass(frozen=True, eq=False)
+class Task:
+    """Camera task L v = desired_rate, where v is the camera twist in the optical frame.
+
+    A scheme returns a task for each image. `DifferentialIK` finds the joint velocities q_dot that
+    solve L J q_dot = desired_rate in the least-squares sense, with the arm's Jacobian J.
+    v = (vx, vy, vz, wx, wy, wz) is in m/s and rad/s.
+
+    Attributes:
+        L: (k, 6) interaction matrix with all six columns, k <= 6; a taller matrix is reduced to
+            six rows with the same solution.
+        desired_rate: (k,) desired rate of the error, e_dot, in 1/s times the unit of e.
+        modelled: (6,) bool; directions of the camera that the task controls. The other directions
+            are held as at the goal.
+        depth: depth of the target, m; a translation by it has the same weight as 1 rad.
+        accuracy: accuracy of the measured error: (k, m), the effects of m independent errors of
+            one standard deviation; or one standard deviation of all rows; 0: exact.
+        rank_tolerance: part of the largest singular value below which one counts as 0.
+    """
+
+    L: np.ndarray
+    desired_rate: np.ndarray
+    modelled: np.ndarray
+    depth: float = 1.0
+    accuracy: np.ndarray | float = 0.0
+    rank_tolerance: float = ROUNDING_TOLERANCE
+
+    def __post_init__(self) -> None:
+        """Check the arrays, and reduce more than six rows to six with the same solution.
+
+        Raises:
+            TaskError: a shape is wrong, or a value is not finite.
+        """
+        L, rate, modelled = (
+            _read_array(self.L),
+            _read_array(self.desired_rate),
+            np.array(self.modelled, bool),
+        )
+        if L.ndim != 2 or L.shape[1] != 6 or rate.shape != (len(L),) or len(L) == 0:
+            raise TaskError(
+                f"a task needs L of shape (k, 6) and a rate of shape (k,), got {L.shape} and "
+                f"{rate.shape}"
+            )
+        if modelled.shape != (6,):
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+        if not is_task_finite(L, rate):
+            raise TaskError("the interaction matrix or the desired rate is not finite")
+        accuracy = self.accuracy
+        if np.ndim(accuracy):
+            accuracy = _read_array(accuracy)
+            if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
+                raise TaskError(
+                    f"accuracy of shape {accuracy.shape} for {len(L)} features: (k, m) finite "
+                    "numbers are needed"
+                )
+        if len(L) > 6:
+            L, rate, accuracy = _reduce_rows(L, rate, accuracy)
+        object.__setattr__(self, "accuracy", accuracy)
+        for name, array in (("L", L), ("desired_rate", rate), ("modelled", modelled)):
+            array.setflags(write=False)
+            object.__setattr__(self, name, array)
+
+    @classmethod
+    def from_interaction(
+        cls,
+        L: ArrayLike,
+        desired_rate: ArrayLike,
+        modelled: ArrayLike = ALL_DIRECTIONS,
+        weights: ArrayLike | None = None,
+        depth: float = 1.0,
+        accuracy: ArrayLike | float = 0.0,
+        rank_tolerance: float = ROUNDING_TOLERANCE,
+    ) -> Task:
+        """Construct the task of L (k, 6), for any k, and desired_rate (k,).
+
+        Args:
+            modelled: (6,) bool.
+            weights: (k,) weights of the rows, >= 0, which multiply the rows of L and the rates.
+            depth, accuracy, rank_tolerance: attributes of the task.
+
+        Raises:
+            TaskError: a shape is wrong, or a value is not finite.
+        """
+        if weights is not None:
+            L, desired_rate, weights = (
+                _read_array(L),
+                _read_array(desired_rate),
+                _read_array(weights),
+            )
+            if weights.shape != desired_rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
+                raise TaskError(
+                    f"weights of shape {weights.shape} for {len(desired_rate)} features; they "
+                    "must be >= 0"
+                )
+            L, desired_rate = weights[:, None] * L, weights * desired_rate
+            accuracy = np.diag(accuracy * weights) if np.ndim(accuracy) == 0 else (
+                weights[:, None] * accuracy
+            )
+        return cls(L, desired_rate, modelled, depth, accuracy, rank_tolerance)
+
+    @classmethod
+    def from_twist(cls, twist: ArrayLike, modelled: ArrayLike = ALL_DIRECTIONS) -> Task:
+        """Construct the task of a desired twist (6,), in the modelled directions only."""
+        twist, modelled = _read_array(twist), np.array(modelled, bool)
+        if twist.shape != (6,):
+            raise TaskError(f"a twist has shape (6,), got {twist.shape}")
+        if modelled.shape != (6,):
+            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+        return cls.from_interaction(np.eye(6)[modelled], twist[modelled], modelled)
+
+    @cached_property
+    def singular_values(self) -> np.ndarray:
+        """Singular values of L in its modelled directions, in m and rad, in descending order."""
+        return svd(self.L[:, self.modelled])[1]
+
+    @cached_property
+    def _svd(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Singular value decomposition of L in its modelled directions, lengths in depths."""
+        return svd((self.L * self._scale)[:, self.modelled])
+
+    @property
+    def _scale(self) -> np.ndarray:
+        """Units (6,) of a twist whose lengths are measured in depths."""
+        return np.array([self.depth] * 3 + [1.0] * 3)
+
+    @cached_property
+    def uncertainty(self) -> np.ndarray:
+        """Uncertainty (r,) of the camera's offset along each singular direction of L.
+
+        It is the standard deviation of the offset measured by one image, in depths and rad; inf for
+        a direction that no feature shows.
+        """
+        u, s, _ = self._svd
+        is_measurable = s > self.rank_tolerance * s[0]
+        noise = np.full(len(s), float(self.accuracy)) if np.ndim(self.accuracy) == 0 else (
+            np.linalg.norm(u.T @ self.accuracy, axis=1)
+        )  # fmt: skip
+        return np.divide(noise, s, out=np.full(len(s), np.inf), where=is_measurable)
+
+    @property
+    def rank(self) -> int:
+        """Number of camera directions with an uncertainty up to MAX_UNCERTAINTY."""
+        return int((self.uncertainty <= MAX_UNCERTAINTY).sum())
+
+    @cached_property
+    def measurable_task(self) -> Task:
+        """The task without directions whose uncertainty exceeds MAX_UNCERTAINTY.
+
+        It is the task itself if there are none, and if the features are exact.
+        """
+        if not np.any(self.accuracy) and self.rank_tolerance == ROUNDING_TOLERANCE:
+            return self
+        is_certain = self.uncertainty <= MAX_UNCERTAINTY
+        if is_certain.all():
+            return self
+        u = self._svd[0][:, is_certain].T
+        if not len(u):
+            return Task(np.zeros((1, 6)), np.zeros(1), self.modelled, self.depth)
+        return Task(u @ self.L, u @ self.desired_rate, self.modelled, self.depth)
+
+    @property
+    def dropped_reason(self) -> str:
+        """Description of the commanded motion that is not servoed, with the reason; else empty."""
+        measurable = self.measurable_task
+        if measurable is self:
+            return ""
+        achieved = measurable.twist
+        missing = np.abs((self.twist - achieved) / self._scale)
+        main = np.flatnonzero(missing > 0.3 * missing.max())
+        parts = ", ".join(
+            f"{DIRECTIONS[i]} commanded {self.twist[i]:.3g}, achieved {achieved[i]:.3g} {UNITS[i]}"
+            for i in main
+        )
+        count = int((self.uncertainty > MAX_UNCERTAINTY).sum())
+        least = float(self.uncertainty[self.uncertainty > MAX_UNCERTAINTY].min())
+        known = "no feature shows more than noise there" if least == np.inf else (
+            f"one image locates the camera there to {100.0 * least:.0f} % of the depth"
+        )  # fmt: skip
+        return (
+            f"{count} direction{'s' if count > 1 else ''} of the camera not servoed ({parts}): "
+            f"{known}, more than {100.0 * MAX_UNCERTAINTY:.0f} % is not safe"
+        )
+
+    @cached_property
+    def twist(self) -> np.ndarray:
+        """Least-squares twist (6,) of a camera that moves in the modelled directions only."""
+        twist = np.zeros(6)
+        twist[self.modelled] = solve_least_squares(
+            (self.L * self._scale)[:, self.modelled], self.desired_rate, ROUNDING_TOLERANCE
+        )
+        return self._scale * twist
+
+
+def _read_array(values: ArrayLike) -> np.ndarray:
+    try:
+        return np.array(values, float)
+    except (TypeError, ValueError) as error:
+        raise TaskError(f"not an array of numbers: {error}") from error
+
+
+def _reduce_rows(
+    L: np.ndarray, desired_rate: np.ndarray, accuracy: np.ndarray | float
+) -> tuple[np.ndarray, np.ndarray, np.ndarray | float]:
+    """Reduce L to six rows with the same normal equations, and so the same solutions.
+
+    With L^T L = V S^2 V^T, the rows are S V^T and the rates S^-1 V^T L^T rate. A matrix of up
+    to 512 rows is reduced by a QR decomposition instead, which keeps full precision. An accuracy
+    that is one number does not change.
+    """
+    apart = np.ndim(accuracy) == 2
+    if len(L) <= 512:
+        Q, R = np.linalg.qr(L)
+        return R, Q.T @ desired_rate, Q.T @ accuracy if apart else accuracy
+    squares, V = np.linalg.eigh(L.T @ L)
+    kept = squares > 1e-13 * max(squares[-1], 0.0)
+    s = np.sqrt(np.where(kept, squares, 0.0))
+    kept &= s > 0.0
+    projected = V.T @ (L.T @ desired_rate)
+    if apart:
+        accuracy = V.T @ (L.T @ accuracy)
+        accuracy[kept] /= s[kept, None]
+    return s[:, None] * V.T, np.divide(projected, s, out=np.zeros(6), where=kept), accuracy

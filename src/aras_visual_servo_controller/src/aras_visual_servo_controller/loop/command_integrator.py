@@ -1,0 +1,219 @@
+"""Joint commands between images: integrated from velocities, limited, and stopped smoothly."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..kinematics.joint_sample import JointSample
+from ..records.state import Command, ServoSettings
+
+if TYPE_CHECKING:
+    from ..kinematics.limits import Limits
+
+
+# A joint has jumped between two samples if it moved farther than JUMP times `lead` and JUMP_SPEEDS
+# times the distance at the greater of its two speeds.
+JUMP, JUMP_SPEEDS = 0.5, 4.0
+
+
+class CommandIntegrator:
+    """Integrator that turns joint velocities into a continuous joint command.
+
+    Attributes:
+        command: (n,) rad or m; None before `start_at`.
+        velocity: (n,) latest velocity of the command, rad/s or m/s.
+        is_late: (n,) bool, joints that the last `integrate` waited for.
+        lead: (n,) see ServoSettings.
+    """
+
+    def __init__(self, names: Sequence[str], limits: Limits, settings: ServoSettings) -> None:
+        self.names, self.limits, self.settings = tuple(names), limits, settings
+        self.lead = np.full(len(self.names), settings.lead, float)
+        self.reset()
+
+    def reset(self) -> None:
+        """Remove the command."""
+        self.command: np.ndarray | None = None
+        self.velocity = np.zeros(len(self.names))
+        self.clear_late()
+        self._braking: tuple[np.ndarray, float, float] | None = None
+
+    def start_at(self, positions: np.ndarray) -> None:
+        """Set the command to the joint positions (n,)."""
+        self.reset()
+        self.command = np.array(positions, float)
+
+    def adopt_joints(self, positions: np.ndarray) -> None:
+        """Set the command to the joints (n,) if they were moved while it was at rest."""
+        arrived = np.asarray(self.settings.arrived, float)
+        if self.command is not None and (np.abs(positions - self.command) > arrived).any():
+            self.start_at(positions)
+
+    def clear_late(self) -> None:
+        """Mark all joints as not late, because no motion is commanded."""
+        self.is_late = np.zeros(len(self.names), bool)
+
+    def yield_to(self, is_late: Sequence[bool], dt: float) -> None:
+        """Stop while another node commands joints (n,), which count as late meanwhile."""
+        self.is_late = np.array(is_late)
+        self.brake(dt)
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Return whether the command is at rest."""
+        return not self.velocity.any()
+
+    def integrate(self, velocities: np.ndarray, measured: np.ndarray, dt: float) -> str:
+        """Integrate velocities (n,) over dt (s), given the measured joints (n,).
+
+        If a joint does not follow because of friction or an obstacle, all joints wait for it: a
+        motion of the others alone would take the camera off its path. Joints with velocity commands
+        never receive the integrated command; after a stop it is set to the measured positions.
+
+        Returns:
+            What did not move as commanded, as text; empty if everything did.
+        """
+        if dt <= 0.0:
+            return ""
+        after, speeds, stopped, late = integrate_command(
+            self.command, self.velocity, velocities, measured, self.limits.lower,
+            self.limits.upper, self.lead, self.settings.lag, dt,
+        )  # fmt: skip
+        if not late.any():
+            self.set_command(after, speeds)
+            return self.describe_stops(np.flatnonzero(stopped)) if stopped.any() else ""
+        self.is_late = late
+        self.brake(dt)
+        if self.is_at_rest and self.settings.output == "velocity":
+            self.command = np.array(measured, float)
+        return "; ".join(
+            f"waiting for {self.names[i]}, which is {abs(after[i] - measured[i]):.3f} behind "
+            "its command"
+            for i in np.flatnonzero(late)
+        )
+
+    def set_command(self, command: np.ndarray, velocity: np.ndarray) -> None:
+        """Set the command (n,) and its velocity (n,), with no late joints."""
+        self.is_late = np.zeros(len(self.names), bool)
+        self._braking, self.velocity, self.command = None, velocity, command
+
+    def describe_stops(self, stopped: Sequence[int]) -> str:
+        """Describe which joints stopped at their limits."""
+        return "; ".join(
+            f"{self.names[i]} stopped at its limit of {self.command[i]:.4f}" for i in stopped
+        )
+
+    def brake(self, dt: float) -> None:
+        """Decelerate linearly to rest within the stop time.
+
+        The deceleration takes longer if the acceleration limits require it.
+        """
+        if self.command is None or self.is_at_rest:
+            self._braking = None
+            return
+        if self._braking is None:
+            needed = np.abs(self.velocity) / np.asarray(self.limits.acceleration)
+            duration = max(self.settings.stop_time, float(needed.max()))
+            self._braking = (self.velocity.copy(), duration, 0.0)
+        first, duration, elapsed = self._braking
+        elapsed += dt
+        self._braking = (first, duration, elapsed)
+        velocity = first * max(0.0, 1.0 - elapsed / duration)
+        after = self.command + velocity * dt
+        bounded = np.clip(after, *self._compute_bounds())
+        self.command, self.velocity = bounded, np.where(bounded == after, velocity, 0.0)
+
+    def _compute_bounds(self) -> tuple[np.ndarray, np.ndarray]:
+        """Return the bounds (n,), (n,) of the command.
+
+        A joint beyond its limit may only move back.
+        """
+        low = np.minimum(self.limits.lower, self.command)
+        return low, np.maximum(self.limits.upper, self.command)
+
+    def make_command(
+        self, t: float, measured: JointSample | None, effort: np.ndarray, reason: str, phase: str
+    ) -> Command:
+        """Create the command for the joint controllers at t (s), in the chosen output.
+
+        The command has no values before joints were measured.
+
+        Args:
+            t: s.
+            measured: latest joints, or None.
+            effort: (n,) largest efforts, N m or N.
+            reason: what limits or stops the motion.
+            phase: of the loop.
+        """
+        if self.command is None or measured is None:
+            return Command(t, self.names, reason=reason, phase=phase)
+        settings = self.settings
+        if settings.output == "effort":
+            values = np.asarray(settings.stiffness) * (self.command - measured.positions)
+            values += np.asarray(settings.damping) * (self.velocity - measured.velocities)
+            values = np.clip(values, -effort, effort)
+        else:
+            values = np.array(self.command if settings.output == "position" else self.velocity)
+        return Command(t, self.names, values, settings.output, reason, phase)
+
+    def limit_velocities(self, velocities: np.ndarray, dt: float) -> tuple[np.ndarray, str]:
+        """Scale the velocities (n,) of a joint controller to the limits of the joints.
+
+        Returns:
+            The velocities, and which limits scaled them, as text.
+        """
+        limits, reasons = self.limits, []
+        ratio = np.abs(velocities) / np.asarray(limits.velocity)
+        fastest = int(np.argmax(ratio))
+        if ratio[fastest] > 1.0:
+            velocities = velocities / ratio[fastest]
+            reasons.append(
+                f"velocity scaled to {100.0 / ratio[fastest]:.0f} % (speed limit of "
+                f"{self.names[fastest]})"
+            )
+        if dt > 0.0:
+            change = velocities - self.velocity
+            ratio = np.abs(change) / (np.asarray(limits.acceleration) * dt)
+            hardest = int(np.argmax(ratio))
+            if ratio[hardest] > 1.0:
+                velocities = self.velocity + change / ratio[hardest]
+                reasons.append(f"at the acceleration limit of {self.names[hardest]}")
+        return velocities, "; ".join(reasons)
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8[:], f8, f8")
+def integrate_command(command, velocity, velocities, measured, lower, upper, lead, lag, dt):
+    """Integrate the command (n,) by one step.
+
+    Returns:
+        The new command (n,), which moves back but not on if it is beyond a limit; its velocity
+        (n,); which joints (n,) a limit stops; which joints (n,) do not follow.
+    """
+    after = np.empty(len(command))
+    stopped, late = np.empty(len(command), np.bool_), np.empty(len(command), np.bool_)
+    for i in range(len(command)):
+        target = command[i] + velocities[i] * dt
+        after[i] = min(max(target, min(lower[i], command[i])), max(upper[i], command[i]))
+        stopped[i] = after[i] != target
+        before, ahead = abs(command[i] - measured[i]), abs(after[i] - measured[i])
+        # A joint at its commanded position is not late, however long the first step is. Otherwise a
+        # flying camera with a desired speed above 5 rad/s would never start to move.
+        is_lagging = before > 0.5 * lead[i]
+        late[i] = is_lagging and ahead > lead[i] + lag * abs(velocity[i]) and ahead > before
+    return after, (after - command) / dt, stopped, late
+
+
+@jit("f8[:], f8[:], f8[:], f8[:], f8[:], f8")
+def has_jumped(positions, before, velocities, velocities_before, lead, dt):
+    """Return whether a joint moved farther in dt (s) than its speeds explain; lead: one or (n,)."""
+    for i in range(len(positions)):
+        distance = abs(positions[i] - before[i])
+        speed = max(abs(velocities[i]), abs(velocities_before[i]))
+        if distance > JUMP * lead[min(i, len(lead) - 1)] and distance > JUMP_SPEEDS * speed * dt:
+            return True
+    return False

@@ -1,0 +1,144 @@
+"""Execution of the present task between images, or of a joint controller."""
+
+from __future__ import annotations
+
+from collections import deque
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from ..kinematics.differential_ik import solve_ik
+from ..kinematics.joint_sample import JointSample
+from ..kinematics.task import Task
+from ..records.state import ServoSettings
+from ..schemes.base import JointController, Scheme
+from ..schemes.output_checks import check_joint_output
+from ..schemes.time_limit import call_user_code
+from .command_integrator import CommandIntegrator
+
+if TYPE_CHECKING:
+    from ..kinematics.differential_ik import DifferentialIK
+    from ..kinematics.ik_solution import IKSolution
+
+
+ROUNDING = 1e-12  # s
+
+
+class TaskExecutor:
+    """Source of the joint velocities between images.
+
+    Attributes:
+        task: that is executed now; None if there is none, or if the scheme commands joints itself.
+        is_joint_controlled: whether the scheme commands joints itself.
+        pending_tasks: tasks that wait until the delay is over, with the time at which they start,
+            s.
+        cached_velocities: time of computation, s, velocities (n,), time for which they are valid,
+            s, and what limits them, as text; None if they have to be computed.
+    """
+
+    def __init__(
+        self,
+        name: str,
+        scheme: Scheme | JointController,
+        differential_ik: DifferentialIK,
+        integrator: CommandIntegrator,
+        settings: ServoSettings,
+    ) -> None:
+        """Create the executor.
+
+        Args:
+            name: of the scheme, for messages.
+            integrator: contains the present command.
+        """
+        self.name, self.scheme, self.differential_ik = name, scheme, differential_ik
+        self.integrator, self.settings = integrator, settings
+        self.clear()
+
+    def clear(self) -> None:
+        """Remove all tasks."""
+        self.task: Task | None = None
+        self.is_joint_controlled = False
+        self.pending_tasks: deque[tuple[float, Task]] = deque()
+        self.cached_velocities: tuple[float, np.ndarray, float, str] | None = None
+
+    def set_task(
+        self, task: Task | None, solution: IKSolution | None, stamp: float, now: float | None
+    ) -> None:
+        """Set the task of an image, at once or after the delay.
+
+        Args:
+            task: None: the scheme commands joints itself.
+            solution: joint velocities for the task, used as long as they are valid.
+            stamp: of the image, s.
+            now: of the last tick, s; None before the first.
+        """
+        if task is None:
+            self.is_joint_controlled = True
+        elif self.settings.delay > 0.0:
+            self.pending_tasks.append((stamp + self.settings.delay, task))
+        else:
+            self.task, self.cached_velocities = task, None
+            if solution is not None and solution.reuse_time > 0.0 and now is not None:
+                reasons = "; ".join(solution.reasons)
+                self.cached_velocities = now, solution.velocities, solution.reuse_time, reasons
+
+    def activate_pending(self, t: float) -> None:
+        """Activate the tasks whose delay is over at t (s)."""
+        while self.pending_tasks and self.pending_tasks[0][0] <= t + ROUNDING:
+            self.task, self.cached_velocities = self.pending_tasks.popleft()[1], None
+
+    def compute_velocities(
+        self, t: float, dt: float, measured: JointSample, start_stamp: float
+    ) -> tuple[np.ndarray, str] | None:
+        """Compute joint velocities (n,) and what limits them, as text; None without a task.
+
+        Args:
+            t: time of this tick, s.
+            dt: time since the last tick, s.
+            measured: joints.
+            start_stamp: start of servoing, s.
+
+        Raises:
+            SchemeError: the scheme's joint controller failed.
+            ServoError: no velocities can be computed.
+        """
+        if self.is_joint_controlled:
+            return self._update_controller(t - start_stamp, dt, measured)
+        if self.task is None:
+            return None
+        period = self.settings.resolve_period
+        cached = self.cached_velocities
+        if cached is None or t - cached[0] >= max(cached[2], period) - 1e-9:
+            found = solve_ik(
+                self.task,
+                measured.positions,
+                self.differential_ik,
+                max(dt, period),
+                self.integrator.velocity,
+            )
+            cached = self.cached_velocities = (
+                t,
+                found.velocities,
+                found.reuse_time,
+                "; ".join(found.reasons),
+            )
+        return cached[1], cached[3]
+
+    def _update_controller(
+        self, t: float, dt: float, measured: JointSample
+    ) -> tuple[np.ndarray, str]:
+        """Return the velocities (n,) of a scheme that commands joints, within the limits."""
+        output = call_user_code(
+            self.scheme.update, t, dt, measured, limit=self.settings.scheme_timeout,
+            scheme=self.name,
+        )  # fmt: skip
+        output = check_joint_output(self.name, output, len(self.integrator.names))
+        if self.scheme.output == "position":
+            velocities = np.zeros_like(output)
+            if dt > 0.0:
+                velocities = (output - self.integrator.command) / dt
+        elif self.scheme.output == "acceleration":
+            velocities = self.integrator.velocity + output * dt
+        else:
+            velocities = output
+        return self.integrator.limit_velocities(velocities, dt)

@@ -1,0 +1,1 @@
+"""Observations from images and joint states: pairing by stamps, and the target's geometry."""

@@ -1,0 +1,122 @@
+"""Publication of the loop's commands, states and log messages."""
+
+from __future__ import annotations
+
+import math
+import time
+from collections.abc import Sequence
+
+import rospy
+from geometry_msgs.msg import TwistStamped
+
+from ..msg import ServoReport, ServoState
+from ..records.state import APPROACHING, SERVOING, Command
+from ..records.state import ServoState as State
+from ..settings import Settings
+from .commands import CommandTopics, publish
+from .foreign_commands import ForeignCommandListener
+from .messages import make_report_message, make_state_message
+
+LISTENERS_TIMEOUT = 5.0  # s of wall time to wait for a recorder
+REPEAT_WARNING = 5.0  # s of wall time between two warnings
+
+
+class RosPublisher:
+    """LoopListener that publishes to ROS.
+
+    Attributes:
+        names: names of the joints.
+        command_topics: publishers of the joint commands.
+        foreign_commands: commands of other nodes on these topics.
+        state_publisher: publisher of controller/state.
+        latest_state: state that was reported last.
+    """
+
+    def __init__(self, settings: Settings, names: Sequence[str], frame: str) -> None:
+        """Advertise the topics; `frame` is the optical frame of the control camera."""
+        self._settings, self.names, self._frame = settings, tuple(names), frame
+        namespace = settings.namespace.rstrip("/")
+        self.command_topics = CommandTopics(settings, self.names, settings.output)
+        self.foreign_commands = ForeignCommandListener(self.command_topics)
+        self.state_publisher = rospy.Publisher(
+            f"{namespace}/controller/state", ServoState, queue_size=5
+        )
+        self._report_publisher = rospy.Publisher(
+            f"{namespace}/controller/diagnosis", ServoReport, queue_size=5
+        )
+        self._twist_publisher = rospy.Publisher(
+            f"{namespace}/controller/camera_twist", TwistStamped, queue_size=5
+        )
+        self.latest_state: State | None = None
+        self._logged, self._log_time = ("", ""), -math.inf
+        self._check_time: float | None = None  # last check for subscribers of the commands
+
+    def wait_for_listeners(self) -> None:
+        """Wait for a recorder to connect, before the node sends or receives anything."""
+        deadline, needed = time.monotonic() + LISTENERS_TIMEOUT, self._settings.listeners
+        while self.state_publisher.get_num_connections() < needed and not rospy.is_shutdown():
+            if time.monotonic() > deadline:
+                rospy.logwarn(
+                    "controller/state has %d of %g subscribers after %g s: starting without them",
+                    self.state_publisher.get_num_connections(), needed, LISTENERS_TIMEOUT,
+                )  # fmt: skip
+                return
+            time.sleep(0.02)
+
+    def close(self) -> None:
+        """Unregister all publishers and subscribers."""
+        self.foreign_commands.close()
+        self.command_topics.close()
+        for publisher in (self.state_publisher, self._report_publisher, self._twist_publisher):
+            publisher.unregister()
+
+    def send(self, command: Command) -> None:
+        """Publish a command to the joints."""
+        if command.values is not None:
+            self.command_topics.send(command.values)
+            self._check_listeners()
+
+    def report(self, state: State) -> None:
+        """Publish the state of one image, and log a change of phase or reason."""
+        self.latest_state = state
+        frame = self._frame
+        # Time.from_sec truncates, so the stamp could be 1 ns before that of the image.
+        stamp = rospy.Time(0, round(1e9 * max(state.stamp, 0.0)))
+        message = make_state_message(state, self._settings.scheme, frame, self.names)
+        message.header.stamp = stamp
+        publish(self.state_publisher, message)
+        if self._report_publisher.get_num_connections():
+            report = make_report_message(state, frame, self.names)
+            report.header.stamp = stamp
+            publish(self._report_publisher, report)
+        publish(
+            self._twist_publisher, TwistStamped(header=message.header, twist=message.camera_twist)
+        )
+        self._log_state(state.phase, state.reason)
+
+    def _check_listeners(self) -> None:
+        """Warn periodically of command topics without subscribers, as the arm cannot move then."""
+        now = time.monotonic()
+        if self._check_time is None:
+            self._check_time = now
+        elif now - self._check_time > REPEAT_WARNING:
+            self._check_time = now
+            if topics := self.command_topics.list_unsubscribed():
+                rospy.logwarn(
+                    "no controller subscribes to %s: start that controller (rosrun "
+                    "controller_manager controller_manager list), or name another one in "
+                    "~controllers", ", ".join(topics),
+                )  # fmt: skip
+
+    def log(self, text: str) -> None:
+        """Log a line, or the traceback of an error in a scheme."""
+        (rospy.logerr if "\n" in text else rospy.loginfo)("%s", text)
+
+    def _log_state(self, phase: str, reason: str) -> None:
+        """Log a new phase once, and a reason when the phase changes or every few seconds."""
+        now, new = time.monotonic(), phase != self._logged[0]
+        if not new and (not reason or now - self._log_time < REPEAT_WARNING):
+            return
+        fine = phase in (SERVOING, APPROACHING) or not reason
+        (rospy.loginfo if fine else rospy.logwarn)("%s%s", phase, f": {reason}" if reason else "")
+        self._logged, self._log_time = (phase, reason), now

@@ -1,0 +1,1 @@
+"""The loop in time: processing of stamped joint states and images, and sending of commands."""

@@ -1,0 +1,241 @@
+"""Compiled updates of the loop between two images: joint states in, commands out.
+
+They replace LoopRunner.add_joint_state for successive joint states while the arm servoes and
+nothing unusual happens. They use the same compiled functions, without the Python objects.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from math import inf
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from aras_visual_servo_base.compiled import jit
+
+from ..kinematics.algebra import are_finite
+from ..kinematics.arm import Arm, find_implausible_joint
+from ..kinematics.chain import CHAIN_SIGNATURE
+from ..kinematics.compiled_ik import REUSE_TIME, solve_velocities
+from ..kinematics.differential_ik import DifferentialIK
+from ..kinematics.joint_sample import JointSample
+from ..loop.command_integrator import has_jumped, integrate_command
+from ..loop.task_executor import ROUNDING
+
+if TYPE_CHECKING:
+    from .loop_runner import LoopRunner
+
+# Indices of `clock`: last update, latest joint state, solution of the velocities and its validity,
+# last command, s; index of the current one of the two tasks.
+NOW, NEWEST, SOLVED_AT, VALID_FOR, SENT_AT, TASK = range(6)
+# Indices of `rows`, (n,) each: command and its velocity, current solution, command that was sent
+# last; positions and velocities of the latest joint state; whether a limit stopped a joint.
+COMMAND, VELOCITY, SOLUTION, SENT_COMMAND, Q, V, STOPPED = range(7)
+# Indices of `settings`: fields of ServoSettings; time and validity of the last processed image, s;
+# start times of the second task and of a possible third, s.
+(
+    LONGEST_STEP,
+    WATCHDOG,
+    LAG,
+    SOLVE_PERIOD,
+    ANSWER_TIME,
+    ANSWER_LIFETIME,
+    SECOND_TASK_TIME,
+    THIRD_TASK_TIME,
+) = range(8)
+# Results of an update: Python must process the joint state; no new command; a new command.
+NEEDS_PYTHON, SAME_COMMAND, NEW_COMMAND = range(3)
+UPDATE_SIGNATURE = (
+    f"Tuple(({CHAIN_SIGNATURE})), f8[::1], f8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[::1], "
+    "f8[::1], "
+    "f8[:,:], f8[:,:,::1], f8[:,::1], b1[:,::1], f8[:,:,::1], f8[:,::1], f8[:,::1], b1"
+)
+
+
+@jit(f"f8[:], f8[:], f8, {UPDATE_SIGNATURE}")
+def process_joint_state(
+    q,
+    v,
+    stamp,
+    chain,
+    clock,
+    rows,
+    last_velocities,
+    bounds,
+    lead,
+    settings,
+    setting_values,
+    goal,
+    L,
+    desired_rates,
+    modelled,
+    range_tasks,
+    elbows,
+    limits,
+    has_acceleration_limits,
+):
+    """Process one joint state and compute the command; return NEEDS_PYTHON to fall back to Python.
+
+    Args:
+        q, v, stamp: (n,), (n,) and s of the joint state.
+        chain: fields of the Chain.
+        clock, rows, settings: arrays with the indices above.
+        last_velocities, setting_values, goal, range_tasks, elbows, limits: as in
+            `solve_velocities`.
+        bounds: (3, n) bounds of plausible joint states.
+        lead: (n,) distance by which a command may be ahead of its joint.
+        L, desired_rates, modelled: (2, k, 6), (2, k), (2, 6) of the current task and the next.
+        has_acceleration_limits: whether accelerations are limited.
+    """
+    t = max(stamp, clock[NOW])
+    elapsed, dt = stamp - clock[NEWEST], min(t - clock[NOW], settings[LONGEST_STEP])
+    if not dt > 0.0 or elapsed > settings[WATCHDOG]:
+        return NEEDS_PYTHON
+    if (
+        t - settings[ANSWER_TIME] > settings[ANSWER_LIFETIME]
+        or settings[THIRD_TASK_TIME] <= t + ROUNDING
+    ):
+        return NEEDS_PYTHON
+    if find_implausible_joint(q, v, bounds[0], bounds[1], bounds[2])[0] >= 0:
+        return NEEDS_PYTHON
+    if has_jumped(q, rows[Q], v, rows[V], lead, elapsed):
+        return NEEDS_PYTHON
+    task, period = 1 if settings[SECOND_TASK_TIME] <= t + ROUNDING else 0, settings[SOLVE_PERIOD]
+    valid_for = max(clock[VALID_FOR], period) - 1e-9
+    if task != clock[TASK] or not t - clock[SOLVED_AT] < valid_for:
+        found = solve_velocities(
+            *chain, q, np.empty((4, 4)), np.empty((6, len(q))), goal, L[task], desired_rates[task],
+            modelled[task], np.zeros(len(q)), range_tasks, elbows, limits, max(dt, period),
+            has_acceleration_limits,
+            rows[VELOCITY], last_velocities, setting_values,
+        )  # fmt: skip
+        if not are_finite(found[0], found[0], found[0]):
+            return NEEDS_PYTHON
+        velocities, primary = found[0], found[1]
+        for i in range(len(q)):
+            rows[SOLUTION, i], last_velocities[0, i], last_velocities[1, i] = (
+                velocities[i],
+                velocities[i],
+                primary[i],
+            )
+        clock[SOLVED_AT], clock[VALID_FOR], clock[TASK] = t, REUSE_TIME if found[10] else 0.0, task
+    after, speeds, stopped, late = integrate_command(
+        rows[COMMAND],
+        rows[VELOCITY],
+        rows[SOLUTION],
+        q,
+        limits[0],
+        limits[1],
+        lead,
+        settings[LAG],
+        dt,
+    )
+    if late.any() or not are_finite(after, after, after):
+        return NEEDS_PYTHON
+    clock[NOW] = clock[NEWEST] = stamp
+    same = True
+    for i in range(len(q)):
+        rows[COMMAND, i], rows[VELOCITY, i], rows[STOPPED, i] = after[i], speeds[i], stopped[i]
+        rows[Q, i], rows[V, i] = q[i], v[i]
+        same &= rows[SENT_COMMAND, i] == after[i]
+    if same:
+        return SAME_COMMAND
+    for i in range(len(q)):
+        rows[SENT_COMMAND, i] = after[i]
+    clock[SENT_AT] = t
+    return NEW_COMMAND
+
+
+class CompiledUpdates:
+    """Conversion of a runner's state to the arrays of `process_joint_state`, and back."""
+
+    def __init__(self, runner: LoopRunner) -> None:
+        self._runner = runner
+        servo, ik = runner.servo, runner.servo.differential_ik
+        arm, settings = servo.arm, servo.settings
+        # User-defined inverse kinematics, tasks and arms can only be called from Python.
+        self._is_possible = (
+            type(arm) is Arm and type(ik) is DifferentialIK and not ik.other_tasks
+            and settings.output == "position"
+            and not (runner.settings.lockstep or runner.settings.dry)
+        )  # fmt: skip
+        if self._is_possible:
+            self._constant_arguments = (
+                ik.range_tasks, ik.elbow_rows, ik.limit_rows, ik.has_acceleration_limits,
+            )  # fmt: skip
+
+    def make_arguments(self) -> tuple[np.ndarray | tuple | bool, ...] | None:
+        """Return the arguments of `process_joint_state` from `chain` on.
+
+        Return None if Python must process the next joint state.
+        """
+        runner = self._runner
+        servo, newest = runner.servo, runner.history.newest
+        executor, integrator, ik = servo.executor, servo.integrator, servo.differential_ik
+        task, pending = executor.task, executor.pending_tasks
+        if (
+            not self._is_possible or newest is None or task is None or executor.is_joint_controlled
+            or not servo.is_only_executing or runner.sent_values is None
+            or ik.goal is None or "solve" in vars(ik)
+        ):  # fmt: skip
+            return None
+        following = pending[0][1] if pending else task
+        if following.L.shape != task.L.shape:
+            return None
+        settings = servo.settings
+        cached = executor.cached_velocities or (-inf, np.zeros(len(integrator.names)), 0.0, "")
+        self._clock = np.array([runner.update_time, newest.stamp, cached[0], cached[2], -inf, 0.0])
+        self._rows = np.array([
+            integrator.command, integrator.velocity, cached[1], runner.sent_values,
+            newest.positions, newest.velocities, np.zeros(len(integrator.names)),
+        ])  # fmt: skip
+        due = [pending[k][0] if len(pending) > k else inf for k in range(2)]
+        numbers = np.array([
+            settings.longest_step, settings.watchdog, settings.lag, settings.resolve_period,
+            *servo.answer_timing, *due,
+        ])  # fmt: skip
+        both = task, following
+        return (
+            tuple(servo.arm.chain), self._clock, self._rows, ik.last_velocities,
+            servo.arm.plausible_bounds, integrator.lead, numbers, ik.setting_values,
+            ik.goal, np.array([t.L for t in both]), np.array([t.desired_rate for t in both]),
+            np.array([t.modelled for t in both]), *self._constant_arguments,
+        )  # fmt: skip
+
+    @property
+    def command(self) -> np.ndarray:
+        """Current command (n,)."""
+        return self._rows[COMMAND]
+
+    def apply_results(
+        self, stamps: Sequence[float], samples: np.ndarray, commands: np.ndarray
+    ) -> None:
+        """Apply the results of `process_joint_state` to the runner.
+
+        Args:
+            stamps: stamps of the processed joint states, s.
+            samples: joint states (m, 2, n), of which the first len(stamps) were processed.
+            commands: commands (m, n).
+        """
+        runner, clock, rows = self._runner, self._clock, self._rows
+        servo = runner.servo
+        executor, names = servo.executor, servo.arm.names
+        if clock[TASK]:
+            executor.task = executor.pending_tasks.popleft()[1]
+        executor.cached_velocities = (
+            clock.item(SOLVED_AT), rows[SOLUTION], clock.item(VALID_FOR), "",
+        )  # fmt: skip
+        if not stamps:
+            return
+        for array in (samples, commands):
+            array.setflags(write=False)
+        processed = [
+            JointSample(stamp, names, *sample)
+            for stamp, sample in zip(stamps, samples, strict=False)
+        ]
+        servo.integrator.set_command(rows[COMMAND], rows[VELOCITY])
+        servo.apply_updates(
+            processed[-1], servo.integrator.describe_stops(np.flatnonzero(rows[STOPPED]))
+        )
+        runner.apply_updates(processed, commands, rows[SENT_COMMAND], clock.item(SENT_AT))

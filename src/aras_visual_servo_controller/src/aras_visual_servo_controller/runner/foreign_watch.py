@@ -1,0 +1,98 @@
+"""Detection of other nodes that command the joints, by the motion of the joints and by topic."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Protocol
+
+import numpy as np
+
+from ..loop.command_integrator import JUMP
+from ..loop.servo import Servo
+from ..observation.joint_history import JointHistory
+from ..records.outcomes import JOINTS_DO_NOT_FOLLOW
+from ..records.state import HOLDING, Command
+from ..settings import Settings
+
+QUIET_TIME = 1.0  # s without a foreign command after which the loop commands the joints again
+# s of wall time for which commands are observed after the last sign of another node
+LISTENING_TIME = 5.0
+
+
+class ForeignCommands(Protocol):
+    """Interface to the commands that other nodes send to the joints."""
+
+    def listen(self, is_active: bool) -> None:
+        """Start or stop receiving commands; returns at once."""
+
+    def read_latest(self) -> Mapping[str, tuple[str, float]]:
+        """Return by joint: the node that last commanded it, and the wall time (monotonic), s."""
+
+
+class ForeignWatch:
+    """Detection of foreign commands to the joints of one loop.
+
+    Attributes:
+        can_name_nodes: whether commands of other nodes can be received, so that nodes have names.
+    """
+
+    def __init__(
+        self, servo: Servo, history: JointHistory, settings: Settings,
+        commands: ForeignCommands | None,
+    ) -> None:
+        """Set the source of other nodes' commands; None if they cannot be received."""
+        self._servo, self._history, self._settings = servo, history, settings
+        self._commands, self._suspicion_time = commands, -np.inf
+        self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
+        self.can_name_nodes = commands is not None and not settings.lockstep
+        self.reset()
+
+    def reset(self) -> None:
+        """Forget the past motion of the joints, because they get a new command."""
+        # (n,) distance of the joints from the command when it stopped changing
+        self._joint_errors: np.ndarray | None = None
+        self._acting_stamp: float | None = None  # last apparent effect of a foreign command, s
+
+    def find_nodes(self, wall: float) -> None:
+        """Report the nodes that command the joints at wall time `wall`, s.
+
+        Commands are received only while joints do not follow, and for LISTENING_TIME afterwards.
+        """
+        active = {
+            joint: node for joint, (node, at) in self._commands.read_latest().items()
+            if wall - at < QUIET_TIME
+        }  # fmt: skip
+        servo = self._servo
+        servo.set_foreign_nodes(active)
+        if active or servo.is_waiting_for_joints or servo.outcome.kind == JOINTS_DO_NOT_FOLLOW:
+            self._suspicion_time = wall
+        self._commands.listen(wall - self._suspicion_time < LISTENING_TIME)
+
+    def can_resend(self, command: Command) -> bool:
+        """Return whether a position command that joints have not followed may be sent again.
+
+        A joint that moves away from its command follows foreign commands, even if these cannot be
+        received. Nothing is sent until the joint has been at rest for QUIET_TIME; the loop then
+        continues from the measured position.
+        """
+        newest = self._history.newest
+        if newest is None or not self._servo.is_waiting_for_joints:
+            return False
+        if command.stamp - newest.stamp > self._settings.watchdog:
+            return False  # the current joint positions are not known
+        behind = np.abs(command.values - newest.positions)
+        if self._joint_errors is None:
+            self._joint_errors = behind
+        if (behind > self._joint_errors + JUMP * self._lead).any():
+            self._joint_errors, self._acting_stamp = (
+                np.maximum(self._joint_errors, behind),
+                command.stamp,
+            )
+        elif self._acting_stamp is None and self._servo.phase == HOLDING:
+            self._acting_stamp = command.stamp  # farther from the command than the loop allows
+        if self._acting_stamp is None:
+            return True
+        if command.stamp - self._acting_stamp >= QUIET_TIME:
+            self.reset()
+            self._servo.resume_own_commands()
+        return False

@@ -1,0 +1,436 @@
+"""Event-driven execution of the loop, by joint states, images and the passing of time. No ROS.
+
+    joint states ─► history ─► Servo.update ─► commands
+    images ──────► joints at the exposure ─► Observation ─► Servo.process_image ─► reports
+    check_timeouts (called by another thread) ─► smooth stop if nothing is received
+
+The time of the loop is that of the joint states' stamps; without joint states it follows the clock.
+The loop restarts only if the clock goes back, not for messages that are late or have no stamp.
+"""
+
+from __future__ import annotations
+
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Sequence
+from functools import partial
+from typing import Protocol
+
+import numpy as np
+
+from ..errors import MeasurementError
+from ..kinematics.algebra import are_finite
+from ..kinematics.joint_sample import JointSample
+from ..loop.command_integrator import has_jumped
+from ..loop.servo import Servo
+from ..observation.camera_rig import CameraRig, ObserveFrame
+from ..observation.joint_history import MAX_AGE, JointHistory
+from ..records.outcomes import Outcome, make_outcome
+from ..records.state import (
+    APPROACHING,
+    CONVERGED,
+    HOLDING,
+    SERVOING,
+    STOPPED,
+    WAITING,
+    Command,
+    ServoState,
+    Source,
+)
+from ..settings import Settings
+from .foreign_watch import ForeignCommands, ForeignWatch
+
+REPORT_PERIOD = 1.0 / 30.0  # s between reports without images, as for a camera
+SILENT_TIME = 0.05  # s without a joint state after which the time follows the clock
+STOPPED_CLOCK_TIME = 0.5  # s of wall time after which a clock that does not advance is reported
+RESUME_ADVICE = "resume the simulation, or start the simulator again"
+REPEAT_PERIOD = 0.1  # s after which a command that a joint does not follow is sent again
+MAX_CLOCK_SKEW = 0.5  # s; a stamp that differs more from the clock comes from another clock
+
+
+class LoopListener(Protocol):
+    """Receiver of the loop's output."""
+
+    def send(self, command: Command) -> None:
+        """Send a command to the joints."""
+
+    def report(self, state: ServoState) -> None:
+        """Report the state of the loop, for an image or without one."""
+
+    def log(self, text: str) -> None:
+        """Log one line."""
+
+
+class LoopRunner:
+    """Execution of one loop; every method may be called from any thread."""
+
+    def __init__(
+        self,
+        servo: Servo,
+        camera_rig: CameraRig,
+        settings: Settings,
+        listener: LoopListener,
+        clock: Callable[[], float],
+        wall_clock: Callable[[], float] = time.monotonic,
+        foreign: ForeignCommands | None = None,
+    ) -> None:
+        """Set up the loop.
+
+        Args:
+            servo: the loop.
+            camera_rig: cameras that make the observations.
+            settings: settings of the loop.
+            listener: receiver of commands and reports.
+            clock: function that returns the time of the stamps, s, simulated or not.
+            wall_clock: function that returns the wall time, s.
+            foreign: commands of other nodes; None if they cannot be received.
+        """
+        self.servo, self.camera_rig, self.settings = servo, camera_rig, settings
+        self._listener, self._clock, self._wall_clock = listener, clock, wall_clock
+        self._lead = np.atleast_1d(np.asarray(servo.settings.lead, float))
+        self._lock = threading.RLock()
+        self.history = JointHistory()
+        self._foreign_watch = ForeignWatch(servo, self.history, settings, foreign)
+        camera_rig.find_joints = partial(self.history.interpolate, earlier_only=settings.lockstep)
+        self.commands: deque[JointSample] = deque(maxlen=256)
+        self._joints_time = self._answer_time = wall_clock()
+        self._image_times = dict.fromkeys(camera_rig.observers, wall_clock())
+        self._silence_report_time = -np.inf
+        self._clock_moved_time = wall_clock()  # when the clock last advanced
+        self._is_starved = self._is_e_stopped = self._is_ended = False
+        self.start_count = 0  # number of times that joint states have started
+        self._sources: dict[str, Source] = {}
+        features = settings.get_camera(camera_rig.control.name).features
+        self.set_source(
+            camera_rig.control.name, Source("features", f"{features}/moments", "the camera node")
+        )
+        self._clear()
+        if not settings.autostart:
+            servo.stop("waiting for start")
+
+    def set_source(self, camera: str, source: Source) -> None:
+        """Set the source of a camera's images, for messages."""
+        self._sources[camera] = source
+        if camera == self.camera_rig.control.name:
+            self.servo.source = source
+
+    # -- inputs ----------------------------------------------------------------------------
+
+    def add_joint_state(
+        self,
+        names: Sequence[str],
+        positions: Sequence[float],
+        velocities: Sequence[float],
+        stamp: float,
+    ) -> None:
+        """Process one joint state."""
+        with self._lock:
+            self._joints_time = self._wall_clock()
+            now = self._update_clock()
+            if not stamp > 0.0 or abs(now - stamp) > MAX_CLOCK_SKEW and not self.settings.lockstep:
+                stamp = now
+            if self._stamp is None:
+                self.start_count += 1
+            elif stamp <= self._stamp:
+                return  # older than the latest
+            self._stamp, self._joints_arrival = stamp, now
+            try:
+                sample = self.servo.arm.read_joints(names, positions, velocities, stamp)
+            except (MeasurementError, TypeError, ValueError) as error:
+                self._stop_without_joints(stamp, str(error))
+                return
+            if not len(velocities):
+                sample = self.history.estimate_velocities(sample)
+            newest = self.history.newest
+            if newest is not None:
+                dt = sample.stamp - newest.stamp
+                if dt > self.settings.watchdog or has_jumped(
+                    sample.positions, newest.positions, sample.velocities, newest.velocities,
+                    self._lead, dt,
+                ):  # fmt: skip
+                    self.servo.mark_joint_jump()  # a jump, or a long gap
+            self.history.add(sample)
+            if self._foreign_watch.can_name_nodes:
+                self._foreign_watch.find_nodes(self._wall_clock())
+            command = self._update(stamp, sample)
+            if not self.settings.lockstep:
+                self._send(command)
+            if self._pending_image is not None:
+                self._process_image(*self._pending_image)
+            if self.servo.phase in (APPROACHING, WAITING, STOPPED):
+                self._report_periodically(command, sample)
+
+    def add_image(self, stamp: float, observe_frame: ObserveFrame, camera: str = "") -> None:
+        """Process one image.
+
+        Args:
+            stamp: exposure time, s.
+            observe_frame: function that makes the observation from the joints at that time.
+            camera: name of the camera; '': the control camera.
+        """
+        with self._lock:
+            camera = camera or self.camera_rig.control.name
+            ahead = stamp - self._update_clock()
+            if ahead > MAX_CLOCK_SKEW and not self.settings.lockstep:
+                # It was sent before the clock went back, or the camera uses another clock.
+                self._stamps_ahead[camera] = ahead
+                return
+            self._stamps_ahead.pop(camera, None)
+            self._image_times[camera] = self._wall_clock()
+            together = self.camera_rig.add_image(camera, stamp, observe_frame)
+            lacking = self.camera_rig.missing_camera or self.camera_rig.control.name
+            self.servo.source = self._sources.get(lacking, self.servo.source)
+            if together is None:
+                return
+            stamp, observe_frame = together
+            if self._is_starved:
+                self._is_starved = False
+                self.servo.start()
+            newest = self.history.newest
+            silent = 0.0 if newest is None else stamp - newest.stamp
+            if silent > max(self.settings.watchdog, SILENT_TIME):
+                self._stop_without_joints(stamp, f"no joint states for {silent:.2f} s")
+            self._process_image(stamp, observe_frame)
+
+    def _process_image(self, stamp: float, observe_frame: ObserveFrame) -> None:
+        self._pending_image = None
+        lockstep = self.settings.lockstep
+        if lockstep and not self.history.is_complete_to(stamp):
+            self._pending_image = stamp, observe_frame
+            return
+        joints, newest = self.history.interpolate(stamp, earlier_only=lockstep), self.history.newest
+        if newest is not None and stamp - newest.stamp > MAX_AGE:
+            return  # the joints at the exposure are not known
+        since: list[JointSample] = []  # commands since the exposure
+        for command in reversed(self.commands):
+            if command.stamp < stamp:
+                break
+            since.append(command)
+        state = self.servo.process_image(observe_frame(joints, tuple(reversed(since))))
+        if not state.has_processed_image:
+            return  # late, or already processed
+        if state.fault:
+            self._listener.log(state.fault)
+        if state.phase in (SERVOING, CONVERGED):
+            self._answer_time = self._wall_clock()
+        at = stamp if self.update_time is None else max(stamp, self.update_time)
+        self._send(self._update(at if lockstep else self.update_time or at), repeat=lockstep)
+        self._report(state)
+
+    def check_timeouts(self) -> None:
+        """Stop the arm if nothing is received; must be called often, from another thread."""
+        with self._lock:
+            now, wall = self._update_clock(), self._wall_clock()
+            if self._stamp is not None and not self.settings.lockstep:
+                silent = now - self._joints_arrival
+                if silent > max(self.settings.watchdog, SILENT_TIME):
+                    self._stop_without_joints(
+                        self._stamp + silent, f"no joint states for {silent:.2f} s"
+                    )
+                elif silent > SILENT_TIME:
+                    self._send(self._update(self._stamp + silent))
+            moving = self.servo.phase in (SERVOING, CONVERGED)
+            if moving and wall - self._answer_time > self.settings.wall_watchdog:
+                self._is_starved = True
+                reason = f"no image processed for {wall - self._answer_time:.1f} s of wall time"
+                why = self._describe_stopped_clock() or self.servo.source.describe_silence()
+                reason = f"{reason}: {why}"
+                self.servo.hold(reason, self._make_silence_outcome("too_few_images", reason))
+            self._report_silence(wall, now)
+
+    # -- requests --------------------------------------------------------------------------
+
+    def start(self) -> None:
+        """Start or resume servoing."""
+        with self._lock:
+            self._is_starved = self._is_e_stopped = False
+            self._answer_time = self._wall_clock()
+            self.servo.start()
+
+    def stop(self, reason: str = "stopped") -> None:
+        """Bring the arm smoothly to rest, and wait for `start`."""
+        with self._lock:
+            self._is_starved = False
+            self.servo.stop(reason)
+
+    def hold(self, reason: str = "held") -> None:
+        """Bring the arm smoothly to rest, and hold its position until `start`."""
+        with self._lock:
+            self._is_starved = False
+            self.servo.hold(reason)
+
+    def emergency_stop(self, pressed: bool) -> None:
+        """Handle the emergency stop; after it no command is repeated until `start`."""
+        with self._lock:
+            self._is_e_stopped |= pressed
+
+    def shut_down(self, reason: str) -> None:
+        """Stop, and send nothing more; a velocity or effort output ends with zeros."""
+        with self._lock:
+            self.servo.stop(reason)
+            self._is_ended = True
+            kind, names = self.settings.output, self.servo.arm.names
+            if kind != "position" and not self.settings.dry:
+                zeros = np.zeros(len(names))
+                self._listener.send(
+                    Command(self.update_time or 0.0, names, zeros, kind, phase=STOPPED)
+                )
+
+    def apply_change(self, change: Callable[[Servo], None]) -> None:
+        """Change the loop by a function, between two of its steps."""
+        with self._lock:
+            change(self.servo)
+
+    # -- internals -------------------------------------------------------------------------
+
+    def _clear(self) -> None:
+        self.history.clear()
+        self.commands.clear()
+        self._pending_image: tuple[float, ObserveFrame] | None = None
+        # s by which the stamp of a camera's last image, which was ignored, was ahead of the clock
+        self._stamps_ahead: dict[str, float] = {}
+        self._stamp: float | None = None  # of the latest joint state
+        self._joints_arrival = 0.0  # clock time when it was received
+        self.update_time: float | None = None  # time of the last update
+        self._now: float | None = None
+        self.sent_values: np.ndarray | None = None
+        self._sent_stamp = 0.0
+        self._foreign_watch.reset()
+        self._report_stamp = -np.inf
+
+    def _update_clock(self) -> float:
+        """Return the clock time, s; restart the loop if the clock went back."""
+        now = self._clock()
+        if self._now is not None and now < self._now:
+            self._listener.log(f"simulated time went back to {now:.3f} s: restarting the loop")
+            stopped = self.servo.phase == STOPPED
+            self._clear()
+            self.servo.reset()
+            self.camera_rig.reset()
+            if stopped:
+                self.servo.stop("waiting for start")
+        if now != self._now:
+            self._clock_moved_time = self._wall_clock()
+        self._now = now
+        return now
+
+    def _describe_stopped_clock(self) -> str:
+        """Describe a clock that has not advanced for long; '' while it advances."""
+        if self._wall_clock() - self._clock_moved_time < STOPPED_CLOCK_TIME:
+            return ""
+        return f"the clock has stopped at {self._now:.3f} s (is the simulator paused, or gone?)"
+
+    def _update(
+        self, t: float, sample: JointSample | None = None, missing_reason: str = ""
+    ) -> Command:
+        # A delayed joint state can be older than an update by the clock.
+        t = self.update_time = t if self.update_time is None else max(t, self.update_time)
+        command = self.servo.update(t, sample, missing_reason)
+        if command.kind == "position" and command.values is not None:
+            self.commands.append(JointSample.from_values(t, command.names, command.values))
+        return command
+
+    def _stop_without_joints(self, t: float, reason: str) -> None:
+        """Stop the arm because its joints cannot be measured."""
+        command = self._update(t, missing_reason=reason)
+        if not self.settings.lockstep:
+            self._send(command)
+        self._report_periodically(command, None)
+
+    def _send(self, command: Command, repeat: bool = False) -> None:
+        """Send a command; repeat equal positions only if a joint does not follow."""
+        values = command.values
+        if self._is_ended or values is None or not are_finite(values, values, values):
+            return
+        if self.sent_values is None and self.servo.phase == STOPPED:
+            return  # before the first start, another node may command the joints
+        if self.servo.is_yielding and command.positions is not None:
+            self.sent_values = None  # the controller has commands of another node now
+            return
+        same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
+        if not same:
+            self._foreign_watch.reset()
+        elif command.positions is not None and not (repeat or self._is_due_again(command)):
+            return
+        self.sent_values, self._sent_stamp = values, command.stamp
+        if not self.settings.dry:
+            self._listener.send(command)
+
+    def _is_due_again(self, command: Command) -> bool:
+        """Return whether a position command must be sent again.
+
+        Its controller may not have received it, for example because it was loaded later.
+        """
+        allowed = not self._is_e_stopped and self._foreign_watch.can_resend(command)
+        return allowed and command.stamp - self._sent_stamp >= REPEAT_PERIOD - 1e-9
+
+    def apply_updates(
+        self,
+        samples: Sequence[JointSample],
+        commands: np.ndarray,
+        sent: np.ndarray,
+        sent_stamp: float,
+    ) -> None:
+        """Apply the results of compiled updates.
+
+        Args:
+            samples: processed joint states.
+            commands: commands (m, n).
+            sent: command (n,) that was sent last.
+            sent_stamp: time when it was sent, s.
+        """
+        still = np.zeros(len(sent))
+        for sample, command in zip(samples, commands, strict=False):
+            self.history.add(sample)
+            self.commands.append(JointSample(sample.stamp, sample.names, command, still))
+        self._joints_time = self._clock_moved_time = self._wall_clock()
+        self._stamp = self._joints_arrival = self.update_time = self._now = samples[-1].stamp
+        if sent_stamp > self._sent_stamp:
+            self.sent_values, self._sent_stamp = sent, sent_stamp
+            self._foreign_watch.reset()
+
+    def _report_periodically(self, command: Command, joints: JointSample | None) -> None:
+        """Report the state without an image, at the rate of a camera."""
+        if not 0.0 <= command.stamp - self._report_stamp < REPORT_PERIOD:
+            state = ServoState(
+                command.stamp, self.servo.phase, reason=command.reason, joints=joints,
+                command=self.servo.command,
+            )  # fmt: skip
+            self._report(state.with_outcome(self.servo.outcome))
+
+    def _report(self, state: ServoState) -> None:
+        self._report_stamp = state.stamp
+        self._listener.report(state)
+
+    def _report_silence(self, wall: float, now: float) -> None:
+        """Report which inputs are missing, once per second."""
+        settings, missing, kind = self.settings, [], "too_few_images"
+        if wall - self._joints_time > settings.joint_timeout:
+            kind = "no_joint_states"
+            missing.append(
+                f"no joint states on {settings.namespace}/joint_states (is the simulator running?)"
+            )
+        for camera, image_time in self._image_times.items():
+            if wall - image_time > settings.image_timeout and not self.servo.is_approaching:
+                source = self._sources.get(camera, self.servo.source)
+                ahead = self._stamps_ahead.get(camera)
+                missing.append(
+                    source.describe_silence()
+                    if ahead is None
+                    else source.describe_stamp_lead(ahead)
+                )
+        if not missing or wall - self._silence_report_time < 1.0 or self.servo.phase == STOPPED:
+            return
+        self._silence_report_time = wall
+        phase = HOLDING if self.servo.phase == HOLDING else WAITING
+        reason = " and ".join(missing) + (
+            f"; {text}" if (text := self._describe_stopped_clock()) else ""
+        )
+        found = self._make_silence_outcome(kind, reason)
+        self._report(ServoState(now, phase, found.kind, reason, found.remedy))
+
+    def _make_silence_outcome(self, kind: str, reason: str) -> Outcome:
+        """Return the outcome while nothing is received, with the remedy of a stopped clock."""
+        found = make_outcome(kind, reason)
+        return found.with_remedy(RESUME_ADVICE) if self._describe_stopped_clock() else found

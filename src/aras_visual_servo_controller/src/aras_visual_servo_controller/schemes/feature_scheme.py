@@ -1,0 +1,206 @@
+"""The general scheme: one or more features with a control law."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from aras_visual_servo_base.names import describe_unknown
+
+from ..errors import ConfigurationError
+from ..features.base import Feature, FeatureMeasurement, Stack
+from ..goals.goal import Goal
+from ..kinematics.algebra import ROUNDING_TOLERANCE, solve_least_squares
+from ..kinematics.task import Task
+from ..laws import Law
+from ..observation.observation import Observation
+from .base import SchemeOutput
+from .feature_scheme_base import FeatureSchemeBase
+from .output_checks import check_array
+
+INTERACTIONS = ("current", "desired", "mean", "estimated")
+# s; a longer gap between images, or a larger jump of an angle, restarts the error filter.
+LONGEST_GAP, LONGEST_JUMP = 0.3, 1.0
+# Singular values of L below this part of the largest count as noise, if features come from images
+# and have no stated accuracy.
+NOISE_RANK_TOLERANCE = 1e-4
+# If the smallest singular value is above this part of the largest, L is well conditioned and no
+# direction is dropped because of noise. The L of pose features is always well conditioned.
+WELL_CONDITIONED = 0.05
+Estimator = Callable[[Observation, FeatureMeasurement], np.ndarray]
+
+
+class FeatureScheme(FeatureSchemeBase):
+    """Scheme e_dot = law(e) with L at the current view, at the goal, their mean, or estimated.
+
+    Attributes:
+        feature: the feature, or the Stack of several features.
+        law: control law.
+        interaction: one of INTERACTIONS.
+        smoothing: time constant of a low-pass filter on the error, s; 0 for none. The law gets the
+            filtered error, SchemeOutput.filtered_error; `error` stays as measured.
+        ratio: (k,) factors of the desired error rates, or None.
+        estimator: callable that returns L (k, 6) for an observation and its measurement, with an
+            optional `reset()`, for interaction 'estimated'; the default is Broyden's rule.
+    """
+
+    def __init__(
+        self,
+        features: Feature | Sequence[Feature],
+        law: Law | None = None,
+        interaction: str = "current",
+        smoothing: float = 0.0,
+        weights: Sequence[float] | None = None,
+        ratio: Sequence[float] | None = None,
+        estimator: Estimator | None = None,
+    ) -> None:
+        parts = [features] if isinstance(features, Feature) else list(features)
+        alone = len(parts) == 1 and weights is None
+        super().__init__(law, parts[0] if alone else Stack(parts, weights))
+        if interaction not in INTERACTIONS:
+            raise ConfigurationError(describe_unknown("interaction", interaction, INTERACTIONS))
+        if estimator is not None and interaction != "estimated":
+            raise ConfigurationError(
+                f"an estimator is for interaction 'estimated', not '{interaction}'"
+            )
+        if interaction == "estimated" and estimator is None:
+            from .broyden import Broyden
+
+            estimator = Broyden()
+        if not (np.isfinite(smoothing) and smoothing >= 0.0):
+            raise ConfigurationError(f"smoothing is {smoothing}, it must be >= 0 s")
+        if ratio is not None and (
+            len(ratio) != len(self.feature.names) or not (np.asarray(ratio) > 0.0).all()
+        ):
+            raise ConfigurationError(
+                f"ratio {ratio}: one number above 0 for each of {', '.join(self.feature.names)}"
+            )
+        self.interaction, self.smoothing, self.estimator = interaction, float(smoothing), estimator
+        self.ratio = None if ratio is None else np.array(ratio, float)
+        # The error can reveal a wrong camera model only if L belongs to the current view.
+        self.can_check_camera = interaction == "current" and self.feature.is_geometric
+        self._filter_state: tuple[float, np.ndarray] | None = None
+
+    def reset(self) -> None:
+        """Forget earlier images."""
+        super().reset()
+        if self.estimator is not None and hasattr(self.estimator, "reset"):
+            self.estimator.reset()
+        self._filter_state = None
+
+    def _describe(self) -> None:
+        super()._describe()
+        self._modelled = np.array(self.feature.directions, bool)
+
+    def check(self, goal: Goal) -> None:
+        """Refuse a goal that this scheme cannot servo to."""
+        super().check(goal)
+        if self.interaction in ("desired", "mean"):
+            self.feature.desired_interaction(goal)
+
+    def compute(self, observation: Observation, goal: Goal, t: float) -> SchemeOutput:
+        """Compute the features of an image and the camera task."""
+        measured = self.check_measurement(
+            self.feature.measure(self.require_visible(observation), goal)
+        )
+        L = measured.L
+        if self.interaction != "current":
+            L = self._choose_interaction(observation, measured, goal)
+        modelled = L * self._modelled
+        filtered = measured.error
+        if self.smoothing > 0.0:
+            filtered = self._filter_error(filtered, observation.stamp)
+        scale = np.repeat((goal.distance, 1.0), 3)
+        camera_error = scale * _compute_pseudo_inverse_error(
+            modelled * scale, filtered, self.feature.weights
+        )
+        desired_rate = self.law.desired_error_rate(
+            filtered, modelled, camera_error, t, observation.dt
+        )
+        desired_rate = check_array(self.law, "desired_error_rate", desired_rate, filtered.shape)
+        if self.interaction == "mean":
+            # The mean L converges as 2 tan(theta / 2), not theta: limit the rate to that of pi.
+            angle = float(np.linalg.norm(camera_error[3:]))
+            desired_rate = desired_rate * (np.pi / max(angle, np.pi))
+        if self.ratio is not None:
+            desired_rate = self.ratio * desired_rate
+        summary = measured.error_summary
+        return SchemeOutput(
+            names=self.names,
+            features=measured.s if summary is None else summary,
+            desired=measured.desired if summary is None else np.zeros_like(summary),
+            error=measured.error if summary is None else summary,
+            task=Task.from_interaction(
+                L,
+                desired_rate - measured.error_drift,
+                self._modelled,
+                self.feature.weights,
+                goal.distance,
+                **self._estimate_accuracy(L, observation, goal),
+            ),
+            L=L,
+            residual=None if summary is None else measured.error,
+            error_drift=measured.error_drift if summary is None else 0.0,
+            filtered_error=filtered if self.smoothing > 0.0 and summary is None else None,
+            ambiguity=measured.ambiguity,
+            notes=measured.notes,
+        )
+
+    def _estimate_accuracy(
+        self, L: np.ndarray, observation: Observation, goal: Goal
+    ) -> dict[str, Any]:
+        """Return the arguments `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
+
+        To make rows of different units comparable, L (k, 6) is scaled to rows of length 1, with
+        lengths relative to the distance at the goal.
+        """
+        scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
+        lengths = np.linalg.norm(scaled, axis=1, keepdims=True)
+        rows = np.divide(scaled, lengths, out=np.zeros_like(scaled), where=lengths > 0.0)
+        weak = np.linalg.eigvalsh(rows.T @ rows if len(rows) > len(rows.T) else rows @ rows.T)
+        if weak[0] > WELL_CONDITIONED**2 * weak[-1]:
+            return {}
+        accuracy = self.accuracy(observation.with_noise(), goal)
+        if accuracy is not None:
+            return {"accuracy": accuracy}
+        return {"rank_tolerance": NOISE_RANK_TOLERANCE} if observation.is_from_image else {}
+
+    def _choose_interaction(
+        self, observation: Observation, measured: FeatureMeasurement, goal: Goal
+    ) -> np.ndarray:
+        if self.interaction == "estimated":
+            L = self.estimator(observation, measured)
+            return check_array(self.estimator, "__call__", L, measured.L.shape)
+        desired = self.feature.desired_interaction(goal)
+        desired = check_array(self.feature, "desired_interaction", desired, measured.L.shape)
+        return desired if self.interaction == "desired" else 0.5 * (measured.L + desired)
+
+    def _filter_error(self, error: np.ndarray, stamp: float) -> np.ndarray:
+        """Return the error (k,) after a first-order low-pass; a gap or a jump restarts the filter.
+
+        Image edges have a finite number of grey levels. The angle of a nearly square target
+        therefore jumps by some mrad between images, which makes a joint with friction tremble.
+        """
+        if self._filter_state is not None:
+            before, value = self._filter_state
+            dt = stamp - before
+            same = np.shape(value) == np.shape(error)
+            wraps = [unit != "m" for unit in self.units] or slice(None)
+            jump = np.abs(error - value)[wraps].max(initial=0.0) if same else np.inf
+            if 0.0 <= dt <= LONGEST_GAP and jump < LONGEST_JUMP:
+                error = value + (1.0 - np.exp(-dt / self.smoothing)) * (error - value)
+        self._filter_state = (stamp, error)
+        return error
+
+
+def _compute_pseudo_inverse_error(
+    L: np.ndarray, error: np.ndarray, weights: np.ndarray | None
+) -> np.ndarray:
+    """Return L^+ error (6,), from the normal equations if L has many rows."""
+    if weights is not None:
+        L, error = weights[:, None] * L, weights * error
+    if len(L) > 64:
+        L, error = L.T @ L, L.T @ error
+    return solve_least_squares(L, error, ROUNDING_TOLERANCE)

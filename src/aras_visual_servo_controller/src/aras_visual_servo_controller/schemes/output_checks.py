@@ -1,0 +1,170 @@
+"""Checks of the values that user-defined schemes and features return."""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Mapping
+from typing import Any, TypeVar
+
+import numpy as np
+
+from aras_visual_servo_base.names import format_error
+
+from ..errors import ConfigurationError, SchemeError
+from ..features.base import Feature, FeatureMeasurement
+from .base import JointController, Scheme
+from .time_limit import call_user_code
+
+T = TypeVar("T")
+
+
+def check_goal(
+    name: str, scheme: Scheme | JointController, goal: object, limit: float
+) -> None:
+    """Call the scheme's own check of the goal, within `limit` s of wall time.
+
+    Raises:
+        ConfigurationError: the scheme refused the goal, raised another exception, or timed out.
+    """
+    try:
+        call_user_code(scheme.check, goal, limit=limit)
+    except ConfigurationError:
+        raise
+    except (Exception, SystemExit) as error:
+        raise ConfigurationError(
+            f"scheme '{name}' cannot use {getattr(goal, 'name', 'the goal')}: {format_error(error)}"
+        ) from error
+
+
+def check_measurement(feature: Feature, measurement: object) -> FeatureMeasurement:
+    """Return the measurement of a feature with float64 arrays.
+
+    Lists, tuples, scalars and column vectors are converted.
+
+    Raises:
+        SchemeError: naming the class, the value that it returned and what is needed.
+    """
+    where = f"{type(feature).__name__}.measure returned"
+    if not isinstance(measurement, FeatureMeasurement):
+        if not all(hasattr(measurement, field) for field in ("s", "desired", "error", "L")):
+            raise SchemeError(f"{where} {_describe(measurement)}: a FeatureMeasurement is needed")
+        fields = (field.name for field in dataclasses.fields(FeatureMeasurement))
+        measurement = FeatureMeasurement(
+            **{name: getattr(measurement, name) for name in fields if hasattr(measurement, name)}
+        )
+    names, summary = len(tuple(feature.names)), measurement.error_summary
+    count = names if summary is None else np.size(measurement.error)
+    arrays = {
+        field: _read_shaped(where, field, getattr(measurement, field), (count,))
+        for field in ("s", "desired", "error")
+    }
+    arrays["L"] = _read_shaped(where, "L", measurement.L, (count, 6))
+    if np.ndim(measurement.error_drift) or not isinstance(measurement.error_drift, float):
+        shape = () if np.ndim(measurement.error_drift) == 0 else (count,)
+        arrays["error_drift"] = _read_shaped(where, "error_drift", measurement.error_drift, shape)
+    if summary is not None:
+        arrays["error_summary"] = _read_shaped(where, "error_summary", summary, (names,))
+    if isinstance(measurement.notes, str):
+        arrays["notes"] = (measurement.notes,)
+    if not isinstance(measurement.ambiguity, str):
+        raise SchemeError(f"{where} ambiguity {_describe(measurement.ambiguity)}: a text is needed")
+    if all(value is getattr(measurement, field) for field, value in arrays.items()):
+        return measurement  # the usual case: no array was converted
+    return dataclasses.replace(measurement, **arrays)
+
+
+def check_array(
+    owner: object, method: str, value: object, shape: tuple[int, ...]
+) -> np.ndarray:
+    """Return the value that a method of a feature or law returned, as an array of this shape.
+
+    Raises:
+        SchemeError: naming the class, the method, the value and what is needed.
+    """
+    return _read_shaped(f"{type(owner).__name__}.{method} returned", "", value, shape)
+
+
+def check_accuracy(feature: Feature, accuracy: object, count: int) -> np.ndarray | float | None:
+    """Return the value of Feature.accuracy for `count` components, or None.
+
+    An array (count,) is taken as standard deviations and returned as a diagonal matrix.
+
+    Raises:
+        SchemeError: naming the class, the value and what is needed.
+    """
+    if accuracy is None:
+        return None
+    values, where = to_float_array(accuracy), f"{type(feature).__name__}.accuracy returned"
+    if values is None or values.ndim > 2 or values.ndim and len(values) != count:
+        raise SchemeError(
+            f"{where} {_describe(accuracy)}: None, one number, ({count},) or ({count}, m) is needed"
+        )
+    if not np.isfinite(values).all():
+        raise SchemeError(f"{where} {_describe(accuracy)}: it must be finite")
+    if values.ndim == 1:
+        return np.diag(values)
+    return abs(float(values)) if values.ndim == 0 else values
+
+
+def check_taught_entry(feature: Feature, entry: object) -> Mapping[str, Any]:
+    """Return the entry that a feature teaches for the goal file.
+
+    Raises:
+        ConfigurationError: the entry is not a mapping.
+    """
+    if isinstance(entry, Mapping):
+        return entry
+    raise ConfigurationError(
+        f"{type(feature).__name__}.teach returned {_describe(entry)}: a mapping of names to "
+        "numbers, lists or texts is needed"
+    )
+
+
+def _read_shaped(where: str, field: str, value: object, shape: tuple[int, ...]) -> np.ndarray:
+    """Return the value as a finite array of this shape, ignoring axes of length 1; SchemeError."""
+    array, field = to_float_array(value), f"{field} " if field else ""
+    needed = f"{shape} finite numbers are needed" if shape else "a finite number is needed"
+    if array is not None and array.shape != shape and (
+        tuple(n for n in array.shape if n != 1) == tuple(n for n in shape if n != 1)
+    ):
+        array = array.reshape(shape)
+    if array is None or array.shape != shape:
+        raise SchemeError(f"{where} {field}{_describe(value)}: {needed}")
+    if not np.isfinite(array).all():
+        raise SchemeError(f"{where} {field}that is not finite, {_describe(value)}: {needed}")
+    return array
+
+
+def _describe(value: object) -> str:
+    """Describe a value for a message; long values are truncated."""
+    text = " ".join(repr(value).split())
+    shape = f" of shape {value.shape}" if isinstance(value, np.ndarray) else ""
+    return f"{type(value).__name__}{shape} {text if len(text) <= 60 else text[:57] + '...'}"
+
+
+def check_joint_output(name: str, output: object, count: int) -> np.ndarray:
+    """Return the joint output (n,) of a controller as a float64 array.
+
+    Raises:
+        SchemeError: the output has a wrong shape, or is not finite.
+    """
+    array = to_float_array(output)
+    if array is None or array.shape != (count,):
+        shape = "no numbers" if array is None else f"shape {array.shape}"
+        raise SchemeError(f"scheme {name} returned joints of {shape}, ({count},) is needed")
+    if not np.isfinite(array).all():
+        raise SchemeError(f"scheme {name} returned joints that are not finite")
+    return array
+
+
+def to_float_array(values: object) -> np.ndarray | None:
+    """Return the values as a float64 array; None if they are not numbers."""
+    if values is None:
+        return None
+    if type(values) is np.ndarray and values.dtype == float:
+        return values
+    try:
+        array = np.asarray(values)
+        return array.astype(float) if array.dtype.kind in "fiu" else None
+    except (TypeError, ValueError):
+        return None

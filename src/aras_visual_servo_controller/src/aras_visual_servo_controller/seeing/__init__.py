@@ -1,1 +1,0 @@
-"""Image and joint states in, observations out: pairing by stamps, and the target's geometry."""

@@ -41,10 +41,10 @@ def nothing_is_fetched_from_elsewhere(site: Path) -> None:
 def docstrings_are_shown_as_they_are_written(site: Path) -> None:
     text = (site / "docs" / "api" / "bench.html").read_text(encoding="utf-8")
     shown = re.sub(r"<[^>]+>", "", text)
-    # a field that goes on in the next line, and names that end in an underscore
-    assert "height: of the camera above the target, least and greatest, m. side: greatest" in shown
-    assert "with_" in shown and "problematic" not in text
-    assert "Raises" in shown and "ExperimentError: it cannot be run." in shown
+    # fields, each on its own line, and an error with its condition
+    assert "height: minimum and maximum height of the camera above the target, m." in shown
+    assert "side: maximum offset along the world" in shown and "problematic" not in text
+    assert "Raises" in shown and "ExperimentError: the experiment cannot be run" in shown
 
 
 def formulas_are_typeset_by_files_of_the_site(site: Path) -> None:

@@ -68,3 +68,18 @@ def test_angles_of_one_turn_are_wrapped_to_one_side(period):
         found = wrap_together((spread + half) % period - half, period)
         np.testing.assert_allclose(found - found[3], spread - turn, atol=1e-12)
         assert np.abs(found).max() <= half + 0.1 + 2e-6
+
+
+@pytest.mark.parametrize("degrees", [177.5, 178.0, 179.2, 179.9])
+def test_a_retreat_without_end_is_not_taken_for_an_occlusion(degrees):
+    """The target becomes so small in the image that its area no longer tells anything."""
+    result = run(Experiment.from_mapping({
+        "plant": "free", "features": "exact", "scheme": "points", "gain": 2.0, "duration": 10.0,
+        "target": {"shape": [[-0.03, -0.024], [0.03, -0.03], [0.021, 0.027], [-0.018, 0.018]],
+                   "pose": [0, 0, 0.59, 0, 0, 0]},
+        "goal": {"pose": [0, 0, 0.86, np.pi, 0, 0]}, "time_after_convergence": 0.3,
+        "start": {"pose": [0, 0, 0.86, np.pi, 0, np.radians(degrees)]},
+    }))  # fmt: skip
+    assert result.verdict.distance > 1e4, "the camera did not retreat far enough for this test"
+    assert result.outcome in ("camera_retreat", "target_lost"), (result.outcome, result.reason)
+    assert "covered" not in result.reason

@@ -83,6 +83,9 @@ class StepCheck:
     MIN_HIDDEN_PART = 0.06
     # largest relative change of the squared distance between two such images
     MAX_DISTANCE_CHANGE = 0.2
+    # Predicted area, relative to the goal's, below which occlusion is not evaluated: the camera is
+    # then more than 100 times as far from the target as at the goal.
+    MIN_PREDICTED_AREA = 1e-4
 
     def __init__(self, min_row: float = MIN_ROW) -> None:
         """Create the check; `min_row`: predicted motion of a row, in tolerances, see MIN_ROW."""
@@ -284,7 +287,10 @@ class StepCheck:
         self.next_region = (x - size, x + size), (y - size, y + size)
         self._centre_jumps = min(self._centre_jumps + 1, self.FREQUENT_JUMPS) if jumped else max(
             self._centre_jumps - 1, 0)
-        scale = 1.0 / predict_area(observation, goal)
+        predicted = predict_area(observation, goal)
+        if predicted < self.MIN_PREDICTED_AREA:
+            return
+        scale = 1.0 / predicted
         area, scale_change = moments.m00 / desired.m00 * scale, abs(scale / self._scale - 1.0)
         last, self._last_area, self._scale = self._last_area or area, area, scale
         before = self._mean_area or area

@@ -14,7 +14,8 @@ from aras_visual_servo_base.safe_xml import (
 )
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
-Resolve = Callable[[str, str], str]  # (mesh URI, element that names it) -> path of the file
+# (mesh URI, name of the element in messages) -> path of the file.
+Resolve = Callable[[str, str], str]
 _SMALLEST_SIZE = 1e-4  # m; used instead of a size of zero, as in Gazebo
 
 
@@ -25,7 +26,7 @@ def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings:
     A size of zero becomes 0.1 mm, as in Gazebo.
 
     Returns:
-        The shape, or None, with a sentence in `warnings`, if it is not supported.
+        The shape. If it is not supported, None; `warnings` then gets a sentence.
 
     Raises:
         DescriptionError: a size is negative or not a number.
@@ -38,7 +39,7 @@ def read_sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: 
                  ) -> Geometry | None:
     """Read the shape of an SDF visual or collision; see `read_urdf_geometry`.
 
-    In SDF a plane has a size. Submeshes are not supported.
+    Unlike in URDF, a plane has a size. Submeshes are not supported.
     """
 
     def read(shape: Element) -> Geometry:
@@ -66,10 +67,10 @@ def _read_or_warn(
 
 
 def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
-    """Read the restitution coefficient and threshold speed (m/s) of a collision's `<surface>`.
+    """Read the restitution coefficient and threshold speed in the `<surface>` of a collision.
 
     Returns:
-        (coefficient, threshold), or None without a `<restitution_coefficient>`.
+        (coefficient, threshold in m/s), or None if there is no `<restitution_coefficient>`.
 
     Raises:
         DescriptionError: the coefficient is outside 0 … 1, or the threshold is negative.
@@ -101,9 +102,9 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
     """Read a shape element.
 
     Args:
-        value: returns the text of one of the shape's settings.
-        file: name of the setting that holds a mesh's URI.
-        plane: default size of a plane, in m.
+        value: function that returns the text of a setting of the shape, given the setting's name.
+        file: name of the setting that contains the URI of a mesh.
+        plane: default size of a plane, m.
     """
     kind = shape.tag
 
@@ -128,7 +129,7 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         )
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
-    if kind == "plane":  # a Bullet extension of URDF
+    if kind == "plane":  # Bullet's extension of URDF
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
         return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":

@@ -17,9 +17,10 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.image_files import read_image_size
 from aras_visual_servo_base.safe_xml import find_text, shorten
 
-Locate = Callable[[str, str], str]  # (URI, element that names it) -> path, which may not exist
+# (URI, name of the element in messages) -> path, which may not exist.
+Locate = Callable[[str, str], str]
 
-_LARGEST_FILE = 1_000_000  # bytes of a script
+_LARGEST_FILE = 1_000_000  # bytes; larger script files are not read
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 _GAZEBO_MEDIA = "file://media/"
 
@@ -29,8 +30,8 @@ class Appearance:
     """Colour and texture of a visual.
 
     Attributes:
-        colour: None if the script sets none.
-        texture: path of an image file, '' for none.
+        colour: colour of the script, or None if it sets no colour.
+        texture: path of the image file; '' if there is no texture.
     """
 
     colour: Rgba | None = None
@@ -43,8 +44,8 @@ def read_appearance(
     """Read the colour and texture that a visual's material script sets.
 
     Returns:
-        None without a script or for one of Gazebo's built-in materials. Parts that cannot be read
-        add a sentence to `warnings`.
+        The appearance, or None if the visual has no script or uses a built-in material of Gazebo.
+        `warnings` gets a sentence for each part of the script that cannot be read.
     """
     script = visual.find("material/script")
     name = find_text(script, "name")
@@ -81,7 +82,7 @@ def read_appearance(
 
 
 def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
-    """Return a material's appearance, with missing values taken from its parent materials."""
+    """Return the appearance of a material; its parent materials provide missing values."""
     colour, texture, visited = None, "", set()
     while name in scripts and name not in visited:
         visited.add(name)

@@ -2,9 +2,9 @@
 
 Supported are boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
 fixed, revolute, prismatic, universal and screw joints in trees and closed chains; free links;
-cameras and other sensors; lights, includes, nested models, and a world's `<state>`. Everything else
-is ignored with a warning that names it: an element (see supported_elements.py), or a whole model of
-a world.
+cameras and other sensors; lights, includes, nested models, and a world's `<state>`. Each element
+that is not supported (see supported_elements.py) is ignored, or the whole model if it is in a
+world; a warning then names it.
 """
 
 import copy
@@ -36,7 +36,7 @@ class SdfContent:
     """Content of an SDF document.
 
     Attributes:
-        models, lights: in file order.
+        models, lights: models and lights in the order of the file.
         warnings: one sentence for each part that was ignored.
         time_ns: simulated time of the world's `<state>`.
         link_attacher: whether the world has the plug-in gazebo_ros_link_attacher.
@@ -77,16 +77,16 @@ def read_sdf(
     resolve_package: packages.ResolvePackage = packages.find_package,
     base_directory: str | None = None,
 ) -> SdfContent:
-    """Read all models and lights of an SDF text, with or without a `<world>` around them.
+    """Read all models and lights of an SDF text, which may be inside a `<world>`.
 
-    Includes are looked up in Gazebo's model folders (see model_folders.py). A world's `<state>`
-    overrides the poses of its models and lights.
+    Included models are searched for in Gazebo's model folders (see model_folders.py). A world's
+    `<state>` overrides the poses of its models and lights.
 
     Raises:
         DescriptionError: see `parse_sdf`. In a `<world>`, an invalid model or light is ignored
-            instead, with a sentence in `warnings`.
+            instead, and `warnings` gets a sentence.
     """
-    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # rewritten below
+    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # the code below modifies it
     if root.tag not in ("sdf", "gazebo"):
         raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>")
     worlds = root.findall("world")

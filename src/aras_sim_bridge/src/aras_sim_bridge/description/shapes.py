@@ -1,4 +1,4 @@
-"""Triangle meshes of all shapes of a description, for rendering and mesh collisions."""
+"""Triangle meshes of the shapes in a description, for rendering and mesh collisions."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ ARC, SECTORS = 8, 32  # edges from pole to equator, and around the axis of revol
 
 
 def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
-    """Return the triangle meshes (m) of a shape in its own frame: several for some mesh files.
+    """Return the triangle meshes of a shape in its own frame, m; a mesh file may contain several.
 
     Raises:
         DescriptionError: the mesh file cannot be used.
@@ -30,10 +30,10 @@ def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
                  tuple(geometry.normal))
 
 
-@lru_cache(maxsize=32)  # a sphere takes 150 kB
+@lru_cache(maxsize=32)  # a sphere needs 150 kB of memory
 def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
-    """Return the mesh of a geometric primitive; cached for all worlds of this process."""
+    """Return the mesh of a geometric primitive; all worlds of the process share the cached mesh."""
     makers = {
         "box": lambda: _make_box(np.array(size)),
         "sphere": lambda: _make_sphere(radius),

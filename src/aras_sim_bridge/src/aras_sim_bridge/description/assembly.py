@@ -185,8 +185,8 @@ def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: M
         if span.edges[joint.name]:
             parent, child, axis = child, parent, tuple(-part for part in axis)
         if joint.is_movable and one.pose != poses[child]:
-            # Bullet needs the child's frame at the joint: insert a massless link there and fix the
-            # child to it.
+            # Insert a massless link at the joint's frame; the joint moves this link, and the child
+            # is fixed to it.
             frame_link = f"{joint.name}_frame"
             links[frame_link] = Link(frame_link, None)
             found[frame_link] = Joint(frame_link, "fixed", frame_link, child).with_pose(

@@ -139,7 +139,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
 
 
 def _unify(block: Element, warnings: list[str]) -> Element:
-    """Return a copy of the block in which its SDF elements have the newest SDF form."""
+    """Return a copy of a <gazebo> block whose SDF elements have the form of the newest SDF."""
     block = copy.deepcopy(block)
     for node in block:
         if node.tag in ("link", "joint", "sensor", "collision"):

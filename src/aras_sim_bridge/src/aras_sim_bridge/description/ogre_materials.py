@@ -104,7 +104,7 @@ def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appea
 
 @lru_cache(maxsize=256)
 def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
-    """Return the parent material ('' for none) and the appearance of each material, by name."""
+    """Return (parent material, appearance) of each material by name; the parent may be ''."""
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
     found: dict[str, tuple[str, Appearance]] = {}
     name, ambient = "", None
@@ -128,7 +128,7 @@ def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
 
 
 def _parse_colour(texts: list[str]) -> Rgba | None:
-    """Return a colour of three or four numbers; None for other values, such as vertexcolour."""
+    """Return a colour given as three or four numbers; None for other texts (`vertexcolour`)."""
     try:
         values = [min(max(float(word), 0.0), 1.0) for word in texts[:4]]
     except ValueError:

@@ -19,12 +19,13 @@ _NAMED_TAGS = ("world", "model", "link", "joint", "visual", "collision", "sensor
 
 
 def unify(root: Element, warnings: list[str]) -> None:
-    """Rewrite an SDF document, or an element of one, in place; each repair causes a warning.
+    """Rewrite an SDF document or element in place; each corrected error causes a warning.
 
-    Poses become six numbers: three numbers are a position without rotation, and the degrees and
-    quaternions of SDF 1.9 are converted. Flags become true or false. The attribute `expressed_in`
-    names the frame of a joint axis: the model's frame up to SDF 1.4 and with
-    `<use_parent_model_frame>`.
+    - Poses become six numbers. A pose of three numbers becomes a position without rotation; degrees
+      and quaternions of SDF 1.9 are converted.
+    - Flags become true or false.
+    - A joint axis in the model's frame gets the attribute `expressed_in`. Axes are in this frame up
+      to SDF 1.4, and in later versions with `<use_parent_model_frame>`.
     """
     _unify(root, _read_version(root) < (1, 5), "", warnings)
 

@@ -76,7 +76,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
 
 def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mapping[str, Pose],
            where: str) -> Joint:
-    """Return the joint, whose frame is at `pose`, with the axis, limits and dynamics of `tag`."""
+    """Return the joint with the axis, limits and dynamics of `tag`; `pose` is its frame."""
     axis = element.find(tag)
     kind = joint.kind
     along = parse_direction(find_text(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))

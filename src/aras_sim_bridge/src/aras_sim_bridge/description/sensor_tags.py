@@ -232,7 +232,7 @@ def _apply_force_torque_tag(
 
 
 def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
-    """Read the noise of the three axes of both quantities; () if all noise is zero."""
+    """Read the noise of the three axes of two quantities; return () if all noise is zero."""
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":

@@ -13,7 +13,7 @@ from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
 _LARGEST_MESH = 50.0  # m
-ARC, SECTORS = 8, 32  # edges from pole to equator, and around the axis of revolution
+ARC, SECTORS = 8, 32  # numbers of edges from pole to equator and around the axis of revolution
 
 
 def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
@@ -86,7 +86,7 @@ def _revolve(profile: list[tuple[float, float]]) -> Mesh:
 
 
 def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
-    """Return a rectangle about the origin; without a size it is 100 m wide, as Gazebo's ground."""
+    """Return a rectangle about the origin; by default it is 100 m wide, like Gazebo's ground."""
     tilt = quaternion_from_z_to(normal)
     wide, deep = (0.5 * (side or 100.0) for side in size)
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
@@ -97,9 +97,8 @@ def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
 def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
     """Read every mesh file of a description; `model` is its name in messages.
 
-    Returns:
-        A sentence for each file that is probably in millimetres: one of a non-static model, larger
-        than 50 m and without a scale.
+    Returns: A sentence for each file that is probably in millimetres: its model is not static, its
+        mesh is larger than 50 m, and it has no scale.
 
     Raises:
         DescriptionError: a mesh file is invalid; the message names model, link and file, the

@@ -37,7 +37,7 @@ class RateSensor(ABC, Generic[State]):
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
                  ) -> None:
-        """Create the sensor; its noise depends only on `seed` (≥ 0) and the stamps of readings."""
+        """Create a sensor; its noise depends only on `seed` (≥ 0) and the time of a reading."""
         self.description = description
         self.model = model
         self._world = world

@@ -30,7 +30,7 @@ class KinematicTree:
 
 @dataclass(frozen=True)
 class JointInModel:
-    """A joint and the pose of its frame in the model; its `origin_*` fields are not set yet.
+    """A joint without `origin_xyz` and `origin_rpy`, and the pose of its frame in the model.
 
     Attributes:
         is_loop_cut: whether this joint is preferred as the loop joint of a closed chain.

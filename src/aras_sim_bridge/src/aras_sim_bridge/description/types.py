@@ -307,8 +307,8 @@ class GraspDescription:
         rate: contact checks per second of simulated time.
         most, threshold: largest number of counted contacts, and the number above which an object is
             grasped.
-        release_tolerance: distance, m, between a finger and its contact at which the object is
-            released.
+        release_tolerance: distance, m, that a finger may move relative to its contact before the
+            object is released.
         collides: whether a grasped object still collides with other bodies.
     """
 

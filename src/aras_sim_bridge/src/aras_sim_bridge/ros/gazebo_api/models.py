@@ -83,7 +83,7 @@ class Models:
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
-        # In this thread, so that the simulation does not wait for the files.
+        # Read the files in this thread, so that the simulation does not wait for them.
         shapes.read_mesh_files(description, name)
         namespace = descriptions.find_namespace(description, request.robot_namespace)
         parameters = get_namespace(namespace or "/")

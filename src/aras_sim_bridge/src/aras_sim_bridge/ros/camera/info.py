@@ -50,8 +50,7 @@ def find_calibration_path(camera_name: str) -> Path:
     """Return the file in which camera_info_manager stores the calibration of a camera.
 
     Raises:
-        CameraError: the camera's name contains no character for a file name, or the path is outside
-            of the calibration folder.
+        CameraError: the camera's name is empty, or a part of it starts with a dot.
     """
     parts = [part for part in camera_name.split("/") if part]
     if not parts or any(part.startswith(".") for part in parts):
@@ -66,7 +65,7 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
     The sensor's parameters are written to NAME_sensor.yaml in the same folder.
 
     Raises:
-        CameraError: the name of the camera yields no valid file name.
+        CameraError: the name of the camera is not a valid file name.
         OSError: a file cannot be written.
     """
     path = find_calibration_path(camera_name)

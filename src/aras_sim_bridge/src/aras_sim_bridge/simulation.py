@@ -555,7 +555,7 @@ class Simulation:
         first = find_simultaneous(mounted, self.cameras)[0].sensor
         if mounted.sensor.rate != first.rate:
             log.warning(
-                "camera '%s' exposes together with camera '%s', at its %g Hz instead of %g Hz",
+                "camera '%s' exposes together with camera '%s' and at its %g Hz instead of %g Hz",
                 camera.name, first.config.name, first.rate, mounted.sensor.rate,
             )
             mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)

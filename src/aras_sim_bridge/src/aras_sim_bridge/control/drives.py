@@ -180,12 +180,12 @@ class Drive:
         what = f"joint '{handle.name}': {_QUANTITIES[handle.interface]} command"
         if news & 1:
             self._warn(
-                f"{what} {row[_INVALID_COMMAND]} is not finite; keeping {row[_LAST_VALID]:g}. "
+                f"{what} {row[_INVALID_COMMAND]} is not finite; {row[_LAST_VALID]:g} stays in use. "
                 "Check the controller that commands it"
             )
         if news & 2:
             self._warn(
-                f"{what} {row[_DESIRED]:g} is beyond what its limits allow at position "
+                f"{what} {row[_DESIRED]:g} exceeds the limits that apply at position "
                 f"{handle.position:g} and velocity {handle.velocity:g}; {row[_APPLIED]:g} is "
                 "applied"
             )

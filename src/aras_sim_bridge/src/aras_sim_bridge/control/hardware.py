@@ -128,7 +128,7 @@ class RobotHardware:
                        f"{', '.join(transmission.joints)}")
             return []
         if len(commanded) > 1:
-            self._warn(f"{label}: of {', '.join(commanded)} only the first is used")
+            self._warn(f"{label}: only the first of the interfaces {', '.join(commanded)} is used")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
@@ -142,7 +142,9 @@ class RobotHardware:
                 f"it has {', '.join(self.model.joint_names) or 'none'}"
             )
         if joint_name in self.handles:
-            raise HardwareError(f"{label}: joint '{joint_name}' already has a transmission")
+            raise HardwareError(
+                f"{label}: joint '{joint_name}' already has a transmission; remove one of the two"
+            )
         row = self.handle_rows[len(self.handles)]
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"

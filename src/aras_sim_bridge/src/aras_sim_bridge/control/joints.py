@@ -171,8 +171,8 @@ def _check(limits: JointBounds, joint: str, where: str) -> None:
         value = getattr(limits, quantity)
         if value is not None and not value >= 0.0:
             raise HardwareError(
-                f"joint '{joint}': {quantity} is {value}; it must not be negative "
-                f"(<limit> or {where}/{quantity})"
+                f"joint '{joint}': {quantity} is {value}; it must not be negative; "
+                f"correct its <limit> or {where}/{quantity}"
             )
 
 

@@ -150,8 +150,7 @@ class Pid:
                 raise ControllerError(f"PID gain {field} must be finite, got {value}")
         if gains.i_min > gains.i_max:
             raise ControllerError(
-                f"PID integral clamp is empty: i_clamp_min {gains.i_min} > "
-                f"i_clamp_max {gains.i_max}"
+                f"PID: i_clamp_min {gains.i_min} exceeds i_clamp_max {gains.i_max}; it must not"
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 

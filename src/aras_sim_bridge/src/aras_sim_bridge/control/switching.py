@@ -138,5 +138,6 @@ def _check_claims(entries: Sequence[LoadedController]) -> None:
     ]
     if conflicts:
         raise ControllerError(
-            f"resource conflict, joints claimed more than once: {'; '.join(conflicts)}"
+            f"resource conflict, joints claimed more than once: {'; '.join(conflicts)}. Stop all "
+            "but one of these controllers"
         )

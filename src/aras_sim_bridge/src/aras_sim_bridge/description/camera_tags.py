@@ -39,10 +39,10 @@ def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[Camera
     name = sensor.get("name") or ""
     where = f"camera '{shorten(name)}' on link '{link}'"
     if not name:
-        raise DescriptionError(f"link '{link}': a camera sensor has no name")
+        raise DescriptionError(f"link '{link}': a camera sensor has no name; give it one")
     nodes = sensor.findall("camera")
     if not nodes:
-        raise DescriptionError(f"{where}: has no <camera> element")
+        raise DescriptionError(f"{where}: it has no <camera> element; add one")
     found = plugins.read(sensor, where, (CameraPlugin,), warnings)
     plugin = found[0] if found else None
     for extra in found[1:]:

@@ -84,7 +84,7 @@ def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
     least = parse_number(find_text(node, "threshold"), f"{where}: threshold", 0.0)
     if not (0.0 <= share <= 1.0 and least >= 0.0):
         raise DescriptionError(f"{where}: <bounce> has restitution_coefficient {share} and "
-                               f"threshold {least}; need 0 to 1, and a speed that is not negative")
+                               f"threshold {least}; need 0 to 1, and a speed of at least 0")
     return share, least
 
 
@@ -135,13 +135,15 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
     if kind == "mesh":
         uri = value(file)
         if not uri:
-            raise UnsupportedPartError(f"{where}: <mesh> has no {file}")
+            raise UnsupportedPartError(f"{where}: <mesh> has no {file}; add the path of the file")
         factors = (value("scale") or "1 1 1").split()
         scale = parse_numbers(
             " ".join(factors * 3 if len(factors) == 1 else factors), 3, f"{where}: scale"
         )
         if 0.0 in scale:
-            raise UnsupportedPartError(f"{where}: mesh scale {scale} contains a zero")
+            raise UnsupportedPartError(
+                f"{where}: mesh scale {scale} contains a zero; use numbers other than 0"
+            )
         return Geometry(kind, filename=resolve(uri, where), scale=scale)
     raise UnsupportedPartError(
         f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")

@@ -34,7 +34,9 @@ def find_package(name: str) -> str:
         DescriptionError: the name is malformed, or the package is not found.
     """
     if not _PACKAGE_NAME.match(name):
-        raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
+        raise DescriptionError(
+            f"'{name[:80]}' is not a package name: use letters, digits, _, - and . only"
+        )
     paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
     found = _cache.get((name, *paths))
     if found is None or not os.path.isdir(found):

@@ -66,8 +66,10 @@ def parse_sdf(xml: str | Element, base_directory: str | None = None) -> RobotDes
     content = read_sdf(xml, base_directory=base_directory)
     if len(content.models) != 1 or content.lights:
         left_out = "".join(f"; {warning}" for warning in content.warnings)
-        raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "
-                               f"lights; it must contain exactly one model{left_out}")
+        raise DescriptionError(
+            f"SDF: the text has {len(content.models)} models and {len(content.lights)} lights; it "
+            f"must contain exactly one model{left_out}"
+        )
     model = content.models[0]
     return replace(model, warnings=(*content.warnings, *model.warnings))
 
@@ -91,7 +93,7 @@ def read_sdf(
         raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>")
     worlds = root.findall("world")
     if len(worlds) > 1:
-        raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated")
+        raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated, so keep one")
     scope = worlds[0] if worlds else root
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)

@@ -93,7 +93,9 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
     lower = _read_bound(limit, "lower", f"{where}: lower", -NO_LIMIT)
     upper = _read_bound(limit, "upper", f"{where}: upper", NO_LIMIT)
     if lower > upper:
-        raise DescriptionError(f"{where}: lower {lower} is above upper {upper}")
+        raise DescriptionError(
+            f"{where}: lower {lower} is above upper {upper}; exchange the two limits"
+        )
     free = kind == "continuous" or kind == "revolute" and lower <= -1e15 and upper >= 1e15
     effort = _read_bound(limit, "effort", f"{where}: effort", NO_LIMIT)
     velocity = _read_bound(limit, "velocity", f"{where}: velocity", NO_LIMIT)

@@ -113,7 +113,7 @@ def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
             name = f"{joint.name}_{side}"
             if name in tags.joints or name in tags.links:
                 raise DescriptionError(f"joint '{joint.name}': it needs an extra joint and link "
-                                       f"named '{name}'; rename yours")
+                                       f"named '{name}'; rename your joint or link of that name")
             tags.links[name] = Link(name, None)
             tags.poses[name] = tags.poses[joint.child]
             limits = JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)

@@ -103,11 +103,13 @@ class CommandedController(Controller):
         try:
             given = list(value)
         except TypeError:
-            raise ControllerError(f"controller '{name}': command {value!r} is not a list") from None
+            raise ControllerError(
+                f"controller '{name}': command {value!r} is not a list of numbers"
+            ) from None
         if len(given) != len(joints):
             raise ControllerError(
                 f"controller '{name}': command has {len(given)} values for {len(joints)} "
-                f"joints ({', '.join(joints)}); it is dropped"
+                f"joints ({', '.join(joints)}); the command is ignored"
             )
         self.slot.append([
             check_number(number, name, f"command for {joint}")

@@ -255,7 +255,9 @@ class JointTrajectoryController(Controller):
             ControllerError: the controller is not running, or the time precedes the trajectory.
         """
         if not self._running:
-            raise ControllerError(f"controller '{self.context.name}' is not running")
+            raise ControllerError(
+                f"controller '{self.context.name}' is not running; start it first"
+            )
         at_ns = self._uptime_ns + time_ns - self._time_ns
         samples = []
         for segments in self._segments:

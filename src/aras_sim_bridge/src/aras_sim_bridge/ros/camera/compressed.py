@@ -175,4 +175,4 @@ def _read_parameters(topic: str) -> dict[str, Value]:
 
 def _check_settings(values: dict[str, Value]) -> None:
     if values["format"] not in ("jpeg", "png"):
-        raise CameraError(f"format '{values['format']}' is neither jpeg nor png")
+        raise CameraError(f"format '{values['format']}' is neither jpeg nor png; use one of these")

@@ -80,7 +80,7 @@ def read_xml(args: argparse.Namespace) -> str:
         UsageError: the source does not exist or is not supported.
     """
     if args.database:
-        raise UsageError("-database is not supported: there is no model database; use -file")
+        raise UsageError("-database is not supported (there is no model database); use -file")
     if args.file:
         try:
             return Path(args.file).read_text(encoding="utf-8")

@@ -170,7 +170,7 @@ def main() -> int:
         if not rospy.is_shutdown():
             rospy.logwarn(
                 "Controller Spawner couldn't find the expected controller_manager ROS interface in "
-                "%s; is the robot spawned, and is its robotNamespace the same?",
+                "%s; spawn the robot first, and use its robotNamespace as --namespace",
                 rospy.resolve_name(namespace or "controller_manager"),
             )
         return 0

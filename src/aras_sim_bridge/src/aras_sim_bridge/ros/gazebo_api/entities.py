@@ -38,7 +38,7 @@ def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
         raise WorldError(f"joint '{name}' closes a kinematic loop and can only be read; use "
                          "another joint of the loop")
     if found is None:
-        raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
+        raise WorldError(f"joint '{name}' does not exist; name it as model::joint or joint")
     return found
 
 

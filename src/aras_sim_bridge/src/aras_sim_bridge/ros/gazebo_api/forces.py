@@ -92,7 +92,9 @@ class AppliedForces:
         check_bounds((request.effort,), f"effort on '{request.joint_name}'")
         model, joint = entities.find_joint(simulation, request.joint_name)
         if joint not in model.joint_names:
-            raise WorldError(f"joint '{request.joint_name}' does not move")
+            raise WorldError(
+                f"joint '{request.joint_name}' does not move; give the name of a movable joint"
+            )
         start_end = _read_interval(simulation, request)
         self._set_forces([*self._forces, _Effort(model, joint, *start_end, request.effort)])
         return None

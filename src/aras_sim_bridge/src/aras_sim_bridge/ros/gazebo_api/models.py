@@ -50,7 +50,8 @@ class Models:
         root = descriptions.parse_root(request.model_xml)
         if root.tag != "robot":
             raise SimError(
-                f"the model's root is {descriptions.describe_root(root)}, not <robot>; is it URDF?"
+                f"the model's root is {descriptions.describe_root(root)}, not <robot>; give a "
+                "URDF, or use spawn_sdf_model for SDF"
             )
         for package in descriptions.find_packages(root):
             packages.find_package(package)

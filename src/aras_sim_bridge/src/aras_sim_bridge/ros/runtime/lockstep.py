@@ -70,7 +70,7 @@ class Lockstep:
             raise SimError(f"lockstep_timeout is {timeout:g}; set a time above 0 s")
         if period < 0.0:
             raise SimError(
-                f"lockstep_period is {period:g}; set a time in s, or 0: a round per camera frame"
+                f"lockstep_period is {period:g}; set a time in s, or 0 to wait after each frame"
             )
         self.topics = tuple(dict.fromkeys(rospy.resolve_name(topic) for topic in topics))
         self._timeout = timeout

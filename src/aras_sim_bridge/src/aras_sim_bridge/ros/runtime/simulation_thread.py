@@ -153,7 +153,8 @@ class SimulationThread:
         except FutureTimeoutError:
             if future.cancel():
                 raise SimulationBusyError(
-                    f"the simulation did not answer within {timeout:g} s; is the machine busy?"
+                    f"the simulation did not answer within {timeout:g} s; try again when the "
+                    "processor is less busy"
                 ) from None
             return future.result()  # the job has just started; jobs are short
 

@@ -82,7 +82,7 @@ def plan_switch(
     """Return the controllers to stop and the controllers to start.
 
     Args:
-        order: entries: loaded controllers by name.
+        entries: loaded controllers by name.
         order: the same controllers in the order of updates.
 
     Raises:

@@ -71,7 +71,7 @@ class Frames(Mapping[str, Pose]):
         return node.get("attached_to") or "" if node.tag == "frame" else ""
 
     def find_link(self, name: str) -> str:
-        """Return the link that a frame is fixed to; return a name that is no frame unchanged."""
+        """Return the link that a frame is fixed to; return any other name unchanged."""
         visited: list[str] = []
         while name not in visited and name in self._nodes and self._nodes[name].tag == "frame":
             visited.append(name)

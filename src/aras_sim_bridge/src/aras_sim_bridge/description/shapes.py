@@ -97,8 +97,9 @@ def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
 def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
     """Read every mesh file of a description; `model` is its name in messages.
 
-    Returns: A sentence for each file that is probably in millimetres: its model is not static, its
-        mesh is larger than 50 m, and it has no scale.
+    Returns:
+        A sentence for each file that is probably in millimetres: its model is not static, its mesh
+        is larger than 50 m, and it has no scale.
 
     Raises:
         DescriptionError: a mesh file is invalid; the message names model, link and file, the

@@ -14,13 +14,13 @@ from geometry_msgs.msg import Twist as TwistMessage
 from aras_sim_bridge.errors import WorldError
 from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
 
-# M, rad; limit of model and joint positions, at which double precision still resolves 1e-10.
+# m, rad; limit of model and joint positions, at which double precision still resolves 1e-10.
 FARTHEST = 1e6
 LARGEST = 1e9  # m, m/s, rad/s, N, …; limit of other requested values, whose squares do not overflow
 
 
 def to_time(time_ns: int) -> genpy.Time:
-    """Return the ROS time of integer nanoseconds, exactly."""
+    """Return the ROS time of a time in integer nanoseconds, without rounding."""
     return genpy.Time(*divmod(time_ns, 1_000_000_000))
 
 

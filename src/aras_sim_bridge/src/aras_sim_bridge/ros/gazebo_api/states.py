@@ -26,7 +26,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
 METRICS_PERIOD = 0.2  # s of wall time between two messages of performance_metrics
-# S of wall time between two messages of real_time_factor; they continue while paused.
+# s of wall time between two messages of real_time_factor; they continue while paused.
 FACTOR_PERIOD = 1.0
 
 

@@ -89,7 +89,7 @@ class NonBlockingPublisher:
             tcp_nodelay=True,
             subscriber_listener=SubscriberWatch(self._update_queues),
         )
-        # Rospy does not report subscribers that connected during the constructor.
+        # rospy does not report subscribers that connected during the constructor.
         self._update_queues()
 
     def publish(self, message: Message) -> None:

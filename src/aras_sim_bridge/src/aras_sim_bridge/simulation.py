@@ -62,7 +62,8 @@ class SimulationConfig:
         gui: whether to open PyBullet's window.
         renderer: name of the renderer; all accepted names select the same renderer.
         seed: seed of the noise of cameras and sensors.
-        legacy_camera_info: whether camera_info equals that of the original's camera plugin.
+        legacy_camera_info: whether camera_info is computed with the formulas of gazebo_ros's camera
+            plug-in.
         ground_plane: whether the world contains Gazebo's ground plane.
         lights: lights of the world; the first MOST_LIGHTS illuminate images.
         scene: ambient light, background, sky and shadows.
@@ -161,7 +162,7 @@ class Simulation:
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
-        """Create a world that contains only the ground plane and the lights.
+        """Create a simulation whose world contains only the ground plane and the lights.
 
         Raises:
             SimError: the configuration is invalid.
@@ -476,7 +477,7 @@ class Simulation:
         self.step_ns = round(time_step * 1e9)
 
     def close(self) -> None:
-        """Release the renderer and the physics engine; a second call has no effect."""
+        """Release the renderer and the physics engine; further calls have no effect."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None

@@ -150,7 +150,7 @@ class _SpanningTrees:
                     break
 
     def join(self, roots: Sequence[str]) -> None:
-        """Merge all trees into that of the first root, to which the other roots become fixed."""
+        """Merge all trees into the first tree, to whose root the other roots become fixed."""
         self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 

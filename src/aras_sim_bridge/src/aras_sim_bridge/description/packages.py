@@ -150,7 +150,7 @@ def resolve_uri(
 ) -> str:
     """Return the absolute path of an existing mesh file.
 
-    The arguments are those of `locate`.
+    The arguments have the same meaning as in `locate`.
 
     Raises:
         UnsupportedPartError: `locate` fails, or the path is missing or not a regular file.

@@ -340,8 +340,8 @@ class Light(FramedElement):
 
     Attributes:
         kind: directional, point or spot.
-        direction: direction in which the light shines, in the world frame; that of a spot is in its
-            own frame.
+        direction: direction in which the light shines, in the world frame, or for a spot in the
+            frame of the spot.
         attenuation_constant, attenuation_linear, attenuation_quadratic: coefficients of the
             attenuation as a polynomial in the distance, m.
         attenuation_range: distance, m, beyond which the light has no effect.

@@ -58,7 +58,7 @@ class Context:
         namespace: namespace of the robot, without trailing slash.
         description: description of the robot, or None.
         robot_parameters: parameters in the robot's namespace.
-        warn, error: log one line.
+        warn, error: functions that log one line.
     """
 
     name: str
@@ -102,7 +102,7 @@ class JointControllerState:
 
 @dataclass(slots=True)
 class JointStates:
-    """States of all joints at one time (sensor_msgs/JointState); all lists have equal length."""
+    """States of all joints at one time (sensor_msgs/JointState); all lists have the same length."""
 
     stamp_ns: int
     names: tuple[str, ...]
@@ -157,7 +157,7 @@ class Controller:
         return {}
 
     def starting(self, time_ns: int) -> None:
-        """Choose a set point without a jump; called before the first update."""
+        """Choose the set point such that the joints do not jump; called before the first update."""
         self.slot.clear()
 
     def update(self, time_ns: int, period: float) -> None:
@@ -181,7 +181,7 @@ class Controller:
             pid.reset()
 
     def stopping(self, time_ns: int) -> None:
-        """Stop the controller; the commands in the handles remain."""
+        """Stop the controller; its last commands remain in the joint handles."""
 
     def set_command(self, value: object) -> None:
         """Store a command, from any thread. Raises ControllerError if it is invalid."""

@@ -20,9 +20,8 @@ LONGEST_INTERVAL = 0.1  # s; a longer interval is a pause of the stream
 # Weight of the newest interval in the mean interval. If one command of a 100 Hz stream arrives 1 ms
 # early or late, the peak of J5 is 1.3; with a weight of 1 it would be 1.6.
 NEWEST_SHARE = 0.2
-# Time constant, s, of the lag that smooths the corners of the line. With the lag, the peak of J5,
-# whose oscillation has a period of 6 ms, is 1.05 instead of 1.55, and that of J3 is 1.3 instead of
-# 1.4.
+# Time constant, s, of the lag that smooths the corners of the line. The lag reduces the peak of J5,
+# whose oscillation has a period of 6 ms, from 1.55 to 1.05, and the peak of J3 from 1.4 to 1.3.
 LAG_TIME = 0.003
 # A line takes longer than the mean interval, so that the set point still moves when the next
 # command is late. The additional time is this factor times the mean change from one interval to the

@@ -93,7 +93,7 @@ class JointLoop:
         Args:
             index: index of the handle among the robot's handles.
             target: column of the handle's command.
-            warn: logs one line.
+            warn: function that logs one line.
             label: name of the controller in log lines.
         """
         self.handle, self.pid, self.row, self._kind = handle, pid, row, kind

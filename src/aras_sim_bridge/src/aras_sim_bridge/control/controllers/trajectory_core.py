@@ -1,7 +1,8 @@
 """Base class of the joint trajectory controllers, with the semantics of ros_controllers.
 
-They follow spline trajectories from a topic or an action. The controller's own clock, `uptime`, is
-the sum of the control periods, so a reset of the simulated clock does not lose the trajectory.
+The controllers follow spline trajectories from a topic or an action. The controller's own clock,
+`uptime`, is the sum of the control periods, so a reset of the simulated clock does not lose the
+trajectory.
 """
 
 from collections.abc import Mapping
@@ -42,7 +43,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class _Timer:
-    """Timer with an exact average rate: when last + 1/rate < now, it fires and last += 1/rate."""
+    """Timer with an exact average rate: if last + 1/rate < now, it fires and last += 1/rate."""
 
     __slots__ = ("_step_ns", "_last_ns")
 
@@ -265,7 +266,7 @@ class JointTrajectoryController(Controller):
             if index < 0:
                 raise ControllerError(
                     f"controller '{self.context.name}': time {time_ns / _NS_PER_S:.3f} s "
-                    f"precedes the trajectory"
+                    f"precedes the trajectory; ask for a later time"
                 )
             samples.append(segments[index].sample(at_ns))
         return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
@@ -319,7 +320,7 @@ class JointTrajectoryController(Controller):
     def _hold_position(
         self, now_ns: int, goal: GoalHandle | None = None, tolerances: Tolerances | None = None
     ) -> None:
-        """Hold the measured position, or decelerate within stop_trajectory_duration."""
+        """Hold the measured position, or brake within stop_trajectory_duration if that is not 0."""
         result = []
         for k, handle in enumerate(self._handles):
             if self._stop_ns == 0 or not self._running:

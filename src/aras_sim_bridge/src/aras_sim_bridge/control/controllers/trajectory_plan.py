@@ -51,7 +51,7 @@ class Tolerances:
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
     def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
-        """Return these tolerances overridden by those of a goal.
+        """Return a copy of these tolerances in which the tolerances of `goal` replace the defaults.
 
         Raises:
             TrajectoryError: a joint is unknown, or a tolerance is not finite.

@@ -60,7 +60,8 @@ class TrajectoryGoal:
     """A goal of follow_joint_trajectory.
 
     Attributes:
-        goal_time_tolerance: s; its sign has the same meaning as in JointTolerance.
+        goal_time_tolerance: tolerance of the goal time, s; its sign has the same meaning as in
+            JointTolerance.
     """
 
     trajectory: Trajectory
@@ -79,7 +80,7 @@ class TrajectoryResult:
 
 @dataclass(frozen=True, slots=True)
 class StatePoint:
-    """Positions and derivatives of all joints; `time_from_start` in s."""
+    """Positions of all joints and their derivatives at `time_from_start`, s."""
 
     positions: list[float]
     velocities: list[float]

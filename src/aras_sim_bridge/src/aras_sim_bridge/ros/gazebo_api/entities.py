@@ -91,8 +91,8 @@ def express_in_frame(
 ) -> tuple[Pose, Twist]:
     """Express pose and twist in a reference frame, as Gazebo does.
 
-    The twist of the frame is subtracted; the additional velocity at a distance from a rotating
-    frame's origin is neglected.
+    The twist of the frame's origin is subtracted; the velocity due to the frame's rotation at other
+    points is neglected, as in Gazebo.
     """
     inverse = conjugate(frame.quat)
     linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))

@@ -153,7 +153,7 @@ class MessageReceiver:
     def deliver(self, time_ns: int, backlog: int) -> bool:
         """Read all streams and pass on the commands for the step that starts at `time_ns`.
 
-        `backlog` is that of MessageStream.deliver. Return whether there was a command.
+        `backlog` is explained in MessageStream.deliver. Return whether there was a command.
         """
         if not self._streams:
             return False

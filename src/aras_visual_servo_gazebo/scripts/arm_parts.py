@@ -1,4 +1,4 @@
-"""Meshes of the arm links, each in the frame of its link (z points down at all-zero joints)."""
+"""Meshes of the arm's links in their link frames, where z points down if all joints are at 0."""
 
 from __future__ import annotations
 
@@ -18,19 +18,20 @@ from mesh_primitives import (
     rounded_rectangle,
 )
 
-ROUND = 24  # segments of the outline of a joint
-SMALL = 12  # segments of covers and bosses
+ROUND = 24  # number of segments of the outline of a joint
+SMALL = 12  # number of segments of the outlines of covers and bosses
 
 
 def _across(outline_of_inset, inner: float, outer: float, bevel: float = 0.0) -> np.ndarray:
-    """Build a plate normal to a joint axis (y) from `inner` to `outer`, with a bevelled outer edge.
+    """Build a plate normal to a joint axis (y) with a bevelled outer edge.
 
+    inner, outer: positions of its two faces along y, m.
     outline_of_inset: function that returns the outline (x, z) for an inset (m).
     """
     sections = [(outline_of_inset(0.0), inner), (outline_of_inset(0.0), outer - bevel)]
     if bevel:
         sections.append((outline_of_inset(bevel), outer))
-    # An outline (x, z) becomes (z, x) for along_y; reversing it keeps it counter-clockwise.
+    # along_y needs the outline as (z, x). Reversing the order keeps it counter-clockwise.
     return along_y(loft([(outline[::-1, ::-1], y) for outline, y in sections]))
 
 

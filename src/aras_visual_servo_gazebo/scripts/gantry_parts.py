@@ -21,23 +21,23 @@ from mesh_primitives import (
     slotted_square,
 )
 
-PROFILE = 0.09  # m, edge of the aluminium profile
-FRAME_X = 1.2  # m, half length of the frame; only the belt drive exceeds it
-FRAME_Y = 0.68  # m, half width
+PROFILE = 0.09  # m, edge length of the section of the aluminium profile
+FRAME_X = 1.2  # m, half length of the frame; only the belt drive extends beyond it
+FRAME_Y = 0.68  # m, half width of the frame
 FRAME_Z = 1.75  # m, height
-TABLE_TOP = 0.59  # m, the plane of the target
+TABLE_TOP = 0.59  # m, height of the table's surface, on which the target lies
 ROD_Y, ROD_Z, ROD_RADIUS = 0.05, 1.634, 0.011  # m, the two guide rods of the carriage
 MOTOR_X, MOTOR_Z = 1.3855, 1.626  # m, axis of the belt motor
 
 
 def base_link() -> list[np.ndarray]:
-    """Build the parts of base_link; z points up and the floor is at z = 0."""
+    """Build the parts of base_link, in a frame with z up and the floor at z = 0."""
     table = box(-1.09, 1.09, -0.57, 0.57, 0.06, TABLE_TOP)
     return [table, *_frame(), *_brackets(), *_rail(), *_drive()]
 
 
 def _profile(length_from: float, length_to: float, open_end: bool = False) -> np.ndarray:
-    """Build a profile along z; only a profile with a visible end has real T-slots."""
+    """Build an aluminium profile along z; it has T-slots only if its end is visible."""
     if open_end:
         outline = slotted_square(PROFILE, opening=0.012, lip=0.006, cavity=0.024, depth=0.018)
     else:
@@ -60,7 +60,8 @@ def _frame() -> list[np.ndarray]:
 def _brackets() -> list[np.ndarray]:
     """Build the triangular corner brackets between the posts and the long sills."""
     leg = 0.06
-    triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])  # (z, x), for along_y
+    # Coordinates (z, x), as along_y needs them.
+    triangle = np.array([(0.0, 0.0), (leg, 0.0), (0.0, leg)])
     bracket = mirror(along_y(extrude(triangle, -0.018, 0.018)), 0)
     bracket = move(bracket, FRAME_X - PROFILE, FRAME_Y - PROFILE / 2, PROFILE)
     return [piece for side in both_sides(bracket, 0) for piece in both_sides(side, 1)]
@@ -69,13 +70,14 @@ def _brackets() -> list[np.ndarray]:
 def _rail() -> list[np.ndarray]:
     rod = along_x(cylinder(ROD_RADIUS, -1.13, 1.13, 12))
     out = [move(rod, y=sy * ROD_Y, z=ROD_Z) for sy in (-1, 1)]
-    # End blocks below the cross beams hold the rods and, between them, the pulleys of the belt.
+    # End blocks below the cross beams, which carry the rods and, between the rods, the belt
+    # pulleys.
     block = extrude(rounded_rectangle(-0.105, 0.105, 1.572, 1.66, 0.012, 2), 1.115, 1.14)
     out += both_sides(along_x(block), 0)
     # Side plates of the idler at the far end.
     cheek = box(-1.115, -0.99, 0.026, 0.034, 1.585, 1.66)
     out += both_sides(cheek, 1)
-    # The belt: two strands, carrying and returning.
+    # The belt: its carrying strand and its returning strand.
     out += [box(-1.06, 1.30, -0.0125, 0.0125, z - 0.001, z + 0.001) for z in (1.612, 1.653)]
     out.append(move(along_y(cylinder(0.02, -0.024, 0.024, 12)), -1.06, z=1.6325))
     return out
@@ -86,8 +88,8 @@ def _drive() -> list[np.ndarray]:
     plate = rounded_corners(
         [(1.14, 1.575), (1.39, 1.585), (1.39, 1.665), (1.14, 1.66)], [0, 0.03, 0.03, 0], 3
     )
-    # Outlines are (x, z), but along_y expects (z, x). Swapping and reversing keeps them
-    # counter-clockwise.
+    # Outlines are (x, z), but along_y needs (z, x). Swapping the coordinates and reversing the
+    # order keeps outlines counter-clockwise.
     cheek = along_y(extrude(plate[:, ::-1][::-1], 0.016, 0.024))
     half = 0.0445
     gearbox = loft(
@@ -100,7 +102,7 @@ def _drive() -> list[np.ndarray]:
             )
         ]
     )
-    # The gaps between the parts of the casing are steps of the profile.
+    # Steps of the profile represent the gaps between the parts of the casing.
     body, groove = half, half - 0.004
     profile = [(groove, 0.05), (groove, 0.058), (body, 0.058)]
     profile += [(body, 0.09), (groove, 0.09), (groove, 0.098), (body, 0.098)]
@@ -114,8 +116,9 @@ def _drive() -> list[np.ndarray]:
 
 
 def slider() -> list[np.ndarray]:
-    """Build the parts of the carriage in the frame of the slider: y up, z along world -x."""
-    # Built with z up and x along the rail around the joint origin, then rotated to the link frame.
+    """Build the parts of the carriage in the slider's frame, with y up and z along world -x."""
+    # Build the parts about the joint origin with z up and x along the rail, then rotate them to the
+    # link frame.
     plate = loft(
         [
             (rounded_rectangle(-s, s, -s, s, 0.012, 2), z)
@@ -130,7 +133,7 @@ def slider() -> list[np.ndarray]:
     for sx in (0, 1):
         piece = mirror(bearing, 0) if sx else bearing
         parts += [move(piece, y=sy * ROD_Y) for sy in (-1, 1)]
-    # The belt clamp consists of two uprights and a bridge; the belt is visible between them.
+    # The belt clamp: two uprights, with the belt visible between them, and a bridge.
     parts += [box(x, x + 0.01, -0.02, 0.02, -0.013, 0.032) for x in (-0.05, 0.04)]
     parts.append(box(-0.05, 0.05, -0.02, 0.02, 0.024, 0.032))
     # The jaws clamp the lower strand of the belt.

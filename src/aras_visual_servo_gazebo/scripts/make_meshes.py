@@ -4,7 +4,7 @@
 
 The shapes are new and have the outer dimensions of the original links. The output is bit-identical
 on every machine; a test compares it with the files in the repository. The format is STL, because
-PyBullet, rviz and the renderer of aras_sim_bridge then use the colours of the URDF.
+PyBullet, rviz and the renderer of aras_sim_bridge use the URDF's colours for meshes in this format.
 """
 
 from __future__ import annotations
@@ -38,17 +38,17 @@ _RECORD = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribut
 
 
 def link_parts(link: str) -> list[np.ndarray]:
-    """Return the parts of a link, each (n, 3, 3) in m in the link frame, rounded to the grid."""
+    """Return the parts of a link as triangles (n, 3, 3) in the link frame, m, rounded to a grid."""
     return [on_grid(part) for part in LINKS[link]()]
 
 
 def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
-    """Return the binary STL of several parts, with one unit normal per triangle."""
+    """Return the parts as a binary STL, with a unit normal for each triangle."""
     triangles = np.concatenate(parts)
     normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
     records = np.zeros(len(triangles), _RECORD)
-    # Rounded, so that differences in the last bit of a square root do not change the file.
+    # Round, so that a different last bit of a square root does not change the file.
     records["normal"] = np.round(normals, 6) + 0.0
     records["corners"] = triangles
     header = title.encode("ascii").ljust(80, b" ")
@@ -56,7 +56,7 @@ def stl_bytes(parts: list[np.ndarray], title: str) -> bytes:
 
 
 def main() -> int:
-    """Write all meshes and print one line per file."""
+    """Write all meshes; print one line for each file."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0],
                                      epilog="example: make_meshes.py --out /tmp/meshes")
     default = Path(__file__).resolve().parent.parent / "meshes"

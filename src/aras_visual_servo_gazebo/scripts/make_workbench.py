@@ -26,9 +26,10 @@ PAINTS = ((60, 90, 200), (170, 110, 40), (60, 150, 80), (40, 160, 220), (140, 70
 
 def make_noise(rng: np.random.Generator, shape: tuple[int, int], scales: tuple[int, ...]
            ) -> np.ndarray:
-    """Return smooth noise (H, W) between 0 and 1, the sum of one noise field per scale.
+    """Return smooth noise (H, W) between 0 and 1, which is a sum of noise fields.
 
-    scales: distances between the knots of a field, px; larger scales have larger weights.
+    scales: for each field, the distance between its knots, px; a field with a larger scale has a
+        larger weight.
     """
     total = np.zeros(shape)
     for scale in scales:
@@ -40,12 +41,12 @@ def make_noise(rng: np.random.Generator, shape: tuple[int, int], scales: tuple[i
 
 
 def mix_colours(share: np.ndarray, dark: tuple[int, ...], bright: tuple[int, ...]) -> np.ndarray:
-    """Return colours (H, W, 3) between `dark` and `bright`, in OpenCV's order blue, green, red."""
+    """Return colours (H, W, 3) between `dark` and `bright`, in the order blue, green, red."""
     return np.array(dark) + share[..., None] * (np.array(bright, float) - dark)
 
 
 def draw_wood(rng: np.random.Generator, boards: int, size: int = 1024) -> np.ndarray:
-    """Return a texture of parallel wooden boards with the grain along the rows."""
+    """Return a texture of parallel wooden boards whose grain is along the rows of pixels."""
     image = np.zeros((size, size, 3))
     high = size // boards
     for n in range(boards):
@@ -83,7 +84,7 @@ def draw_text(image: np.ndarray, words: str, at: tuple[int, int], scale: float,
 
 
 def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndarray:
-    """Return a poster with a heading, one of six kinds of drawings, and lines of small text."""
+    """Return a poster with a heading, a drawing of one of six kinds, and lines of small text."""
     paper = PAPERS[kind % len(PAPERS)]
     image = np.full((size, size, 3), paper, np.uint8)
     paints = [PAINTS[k] for k in rng.permutation(len(PAINTS))]
@@ -134,7 +135,7 @@ def draw_poster(rng: np.random.Generator, kind: int, size: int = 512) -> np.ndar
 
 
 def draw_label(rng: np.random.Generator, words: str, kind: int, size: int = 512) -> np.ndarray:
-    """Return the printed side of a tin or a box."""
+    """Return the texture of the printed side of a tin or a box."""
     back, front = PAINTS[kind % 8], PAPERS[kind % 4]
     share = make_noise(rng, (size, size), (64, 16))
     image = np.ascontiguousarray(
@@ -165,7 +166,11 @@ class MeshWriter:
         self._lines.append(f"usemtl {name}")
 
     def add_quad(self, corners: np.ndarray, normals: np.ndarray, uv: np.ndarray) -> None:
-        """Add a quadrilateral: corners and normals (4, 3), uv (4, 2), counter-clockwise outside."""
+        """Add a quadrilateral with corners (4, 3), counter-clockwise from outside.
+
+        normals: normal vectors (4, 3) at the corners.
+        uv: texture coordinates (4, 2) of the corners.
+        """
         for kind, rows in (("v", corners), ("vt", uv), ("vn", normals)):
             rounded = np.round(rows, 6) + 0.0  # no -0
             self._lines += [kind + "".join(f" {x:.6g}" for x in row) for row in rounded]
@@ -175,7 +180,10 @@ class MeshWriter:
         self._count += 4
 
     def add_box(self, size: tuple[float, float, float], tile_size: float = 0.0) -> None:
-        """Add a box on z = 0; the texture covers each side or is repeated every `tile_size` m."""
+        """Add a box that stands on z = 0.
+
+        The texture covers each side, or is repeated every `tile_size` m.
+        """
         x, y, z = size[0] / 2, size[1] / 2, size[2]
         for axis, sign in ((0, 1), (0, -1), (1, 1), (1, -1), (2, 1), (2, -1)):
             normal = np.zeros(3)
@@ -290,7 +298,7 @@ def write_meshes(folder: Path) -> None:
     lamp.write(folder)
 
 
-# Name of a mesh and its pose: x, y, z (m), roll, pitch, yaw (rad).
+# Name of a mesh, and its pose: x, y, z (m), roll, pitch, yaw (rad).
 PlacedMesh = tuple[str, tuple[float, float, float, float, float, float]]
 TOP = 0.5905  # m, height of the upper side of the board on the table
 OBJECTS_ON_BENCH = (
@@ -309,7 +317,7 @@ def list_objects() -> list[PlacedMesh]:
     """Return the meshes and poses of all objects of the world."""
     found = [("floor", (0, 0, -0.02, 0, 0, 0)), ("wall", (0, 1.66, 0, 0, 0, 0)),
              ("wall", (-3.06, -1.28, 0, 0, 0, 1.5708)), ("board", (0, 0, 0.59, 0, 0, 0))]
-    for n in range(14):  # posters on the back wall; those on the left wall follow
+    for n in range(14):  # the posters on the back wall; the next loop adds those on the left wall
         x, z = -2.1 + 0.7 * (n // 2), 0.75 + 0.72 * (n % 2)
         found.append((f"poster{(5 * n + n // 6) % 6}", (x, 1.598, z, 0, 0, 0)))
     for n in range(8):

@@ -14,7 +14,8 @@ from collections.abc import Sequence
 
 import numpy as np
 
-#: Corners are rounded to this grid (1 µm), so that last-bit differences do not change a file.
+#: Grid points per metre (1 µm). Corners are rounded to the grid, so that different last bits do
+#: not change a file.
 GRID_PER_METRE = 1_000_000
 
 
@@ -45,7 +46,7 @@ def rounded_rectangle(
 def rounded_corners(
     polygon: Sequence[tuple[float, float]], radii: Sequence[float], steps: int = 4
 ) -> np.ndarray:
-    """Return a polygon with corner i replaced by an arc of radius radii[i] (0: sharp corner)."""
+    """Return a polygon whose corner i is an arc of radius radii[i], or sharp if this is 0."""
     points = np.asarray(polygon, dtype=float)
     out: list[np.ndarray] = []
     for i, corner in enumerate(points):
@@ -62,7 +63,8 @@ def rounded_corners(
         from_centre = corner + back * radii[i] / math.tan(half) - centre
         start = math.atan2(from_centre[1], from_centre[0])
         turn = math.pi - 2 * half
-        if back[0] * ahead[1] - back[1] * ahead[0] > 0:  # reflex corner: opposite direction
+        # At a reflex corner the arc has the opposite direction.
+        if back[0] * ahead[1] - back[1] * ahead[0] > 0:
             turn = -turn
         out.append(_arc(centre, radii[i], start, start + turn, steps))
     return np.concatenate(out)
@@ -71,10 +73,10 @@ def rounded_corners(
 def capsule(
     start: float, start_radius: float, end: float, end_radius: float, segments: int
 ) -> np.ndarray:
-    """Return the convex hull of two circles with centres on the second axis, (segments + 2, 2).
+    """Return the convex hull (segments + 2, 2) of two circles whose centres are on the second axis.
 
-    start, end: positions of the centres along the second axis, start < end.
-    segments: total number of chords of both arcs.
+    start, end: positions of the centres along the second axis, with start < end.
+    segments: number of chords of both arcs together.
     """
     distance = end - start
     if distance <= abs(start_radius - end_radius):
@@ -89,10 +91,10 @@ def capsule(
 def slotted_square(
     size: float, opening: float, lip: float, cavity: float, depth: float
 ) -> np.ndarray:
-    """Return a square aluminium profile with one T-slot per side, (36, 2).
+    """Return the outline (36, 2) of a square aluminium profile with one T-slot in each side.
 
-    opening, cavity: widths of the slot at the surface and inside.
-    lip, depth: depths at which the slot widens and ends.
+    opening, cavity: width of the slot at the surface, and its width inside.
+    lip, depth: depth at which the slot widens, and depth at which it ends.
     """
     half = size / 2
     face = [
@@ -110,7 +112,7 @@ def slotted_square(
 
 
 def grooved_square(size: float, opening: float, depth: float) -> np.ndarray:
-    """Return a square profile with one rectangular groove per side, (20, 2)."""
+    """Return the outline (20, 2) of a square profile with one rectangular groove in each side."""
     half, side = size / 2, opening / 2
     return _four_faces(
         [
@@ -127,7 +129,7 @@ def _four_faces(face: list[tuple[float, float]]) -> np.ndarray:
     out: list[tuple[float, float]] = []
     for _ in range(4):
         out += face
-        face = [(-y, x) for x, y in face]  # rotated by 90° to the next side
+        face = [(-y, x) for x, y in face]  # rotate by 90° to the next side
     return np.array(out)
 
 
@@ -144,8 +146,8 @@ def _arc(centre, radius: float, start: float, end: float, steps: int) -> np.ndar
 def loft(sections: Sequence[tuple[np.ndarray, float]]) -> np.ndarray:
     """Return the solid through outlines that are stacked along z.
 
-    sections: pairs (outline, z) with increasing z and equal numbers of corners. k outlines with m
-    corners yield 2 m (k - 1) + 2 (m - 2) triangles.
+    sections: pairs (outline, z) with increasing z; all outlines have the same number of corners. k
+        outlines with m corners yield 2 m (k - 1) + 2 (m - 2) triangles.
     """
     count = len(sections[0][0])
     if any(len(outline) != count for outline, _ in sections):
@@ -163,7 +165,7 @@ def loft(sections: Sequence[tuple[np.ndarray, float]]) -> np.ndarray:
 
 
 def extrude(outline: np.ndarray, z0: float, z1: float) -> np.ndarray:
-    """Return the prism with an outline as base, between two heights."""
+    """Return a prism between two heights z whose base is an outline."""
     return loft([(outline, z0), (outline, z1)])
 
 
@@ -175,7 +177,8 @@ def box(x0: float, x1: float, y0: float, y1: float, z0: float, z1: float) -> np.
 def revolve(profile: Sequence[tuple[float, float]], segments: int) -> np.ndarray:
     """Return a solid of revolution about z with flat ends.
 
-    profile: pairs (radius > 0, z) with non-decreasing z; equal z values yield a flat step.
+    profile: pairs (radius, z) with radius > 0 and non-decreasing z; two pairs with equal z yield a
+        flat step.
     """
     return loft([(circle(radius, segments), z) for radius, z in profile])
 
@@ -186,7 +189,10 @@ def cylinder(radius: float, z0: float, z1: float, segments: int) -> np.ndarray:
 
 
 def _ears(outline: np.ndarray) -> list[tuple[int, int, int]]:
-    """Triangulate a simple polygon by ear clipping; return counter-clockwise triples of indices."""
+    """Triangulate a simple polygon by ear clipping.
+
+    Return a triple of corner indices for each triangle, counter-clockwise.
+    """
     points = [tuple(p) for p in np.asarray(outline, dtype=float)]
     remaining = list(range(len(points)))
     out = []
@@ -207,7 +213,7 @@ def _ears(outline: np.ndarray) -> list[tuple[int, int, int]]:
 
 
 def _turn(a, b, c) -> float:
-    """Return twice the signed area of a triangle; it is positive for a left turn."""
+    """Return twice the signed area of a triangle, which is positive for a left turn."""
     return (b[0] - a[0]) * (c[1] - a[1]) - (b[1] - a[1]) * (c[0] - a[0])
 
 
@@ -234,7 +240,7 @@ def move(part: np.ndarray, x: float = 0.0, y: float = 0.0, z: float = 0.0) -> np
 
 
 def mirror(part: np.ndarray, axis: int) -> np.ndarray:
-    """Mirror a part at the plane normal to an axis (0, 1, 2); its faces still point outwards."""
+    """Mirror a part at the plane normal to axis 0, 1 or 2; its faces still point outwards."""
     out = part.copy()
     out[:, :, axis] *= -1.0
     return out[:, ::-1]
@@ -246,7 +252,7 @@ def both_sides(part: np.ndarray, axis: int) -> list[np.ndarray]:
 
 
 def on_grid(part: np.ndarray) -> np.ndarray:
-    """Round the corners to GRID_PER_METRE and remove triangles without area."""
+    """Round the corners to the grid of GRID_PER_METRE and remove triangles without area."""
     out = np.round(part * GRID_PER_METRE) / GRID_PER_METRE + 0.0
     has_area = np.linalg.norm(np.cross(out[:, 1] - out[:, 0], out[:, 2] - out[:, 0]), axis=1) > 0
     return out[has_area]

@@ -1,4 +1,4 @@
-"""Install the Python library of this package; called by catkin, never by hand."""
+"""Install the Python library of this package; catkin calls this script."""
 
 from catkin_pkg.python_setup import generate_distutils_setup
 from setuptools import find_packages, setup

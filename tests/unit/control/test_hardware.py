@@ -323,7 +323,7 @@ class TestTransmissions:
     def test_of_several_interfaces_the_first_counts(self, make_rig, make_joint):
         rig = make_rig([make_joint("J", interfaces=("EffortJointInterface", POSITION))])
         assert rig.hardware.handles["J"].interface == "EffortJointInterface"
-        assert "the first is used" in rig.log[0]
+        assert "only the first of the interfaces" in rig.log[0]
 
     def test_interface_without_prefix_is_taken_with_one_line_for_all(self, make_rig, make_joint):
         joints = [make_joint("A"), make_joint("B")]

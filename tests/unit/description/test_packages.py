@@ -102,7 +102,7 @@ def test_installed_packages_are_below_share(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["", "1st", "_arm", "-arm", "an arm", "arm/hand", "arm\n", "är"])
 def test_a_name_that_no_package_has_is_refused(name):
-    with pytest.raises(DescriptionError, match="is not a package name: letters, digits"):
+    with pytest.raises(DescriptionError, match="is not a package name: use letters, digits"):
         packages.find_package(name)
 
 

@@ -169,7 +169,8 @@ def test_one_model_at_a_time_is_what_can_be_spawned(count, lights, words):
     with pytest.raises(DescriptionError) as refused:
         parse_sdf(f"<sdf>{text}<include><uri>x://y</uri></include></sdf>")
     said = str(refused.value)
-    found = f"SDF: {words}; it must contain exactly one model; <include> of 'x://y' is ignored: "
+    found = (f"SDF: the text has {words}; it must contain exactly one model; <include> of 'x://y' "
+             "is ignored: ")
     assert found in said
 
 

@@ -177,7 +177,7 @@ def test_parameters_are_listed_with_their_defaults(page, heading, kind, column):
 
 
 # In place of a default: what it follows from.
-FOLLOWS = ("the plugin's", "the node's", "the lens's reach", "from the node's", "the multicamera's",
+FOLLOWS = ("the plugin's", "the node's", "largest angle", "from the node's", "the multicamera's",
            "the plugin's, none")  # fmt: skip
 
 

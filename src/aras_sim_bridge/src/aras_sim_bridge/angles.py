@@ -30,7 +30,7 @@ def shortest_angular_distance(start, goal):
 
 @jit("f8, f8, f8, f8", allocates=False)
 def shortest_angular_distance_with_large_limits(start, goal, lower, upper):
-    """Return the shortest distance from `start` to `goal` that stays within [lower, upper].
+    """Return the shortest signed distance from `start` to `goal` on a path within [lower, upper].
 
     The limits may span several turns. If neither direction of rotation stays within the limits, or
     if `lower` > `upper`, the shorter distance is returned.
@@ -44,7 +44,7 @@ def shortest_angular_distance_with_large_limits(start, goal, lower, upper):
 
 @jit("f8, f8, f8, f8", allocates=False)
 def angular_distance_within_limits(start, goal, lower, upper):
-    """Return the shortest distance from `start` to `goal` that stays within [lower, upper].
+    """Return the shortest signed distance from `start` to `goal` on a path within [lower, upper].
 
     If `start` is outside the limits, the plain difference `goal` - `start` is returned, which leads
     back into the limits.

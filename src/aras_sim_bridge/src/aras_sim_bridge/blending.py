@@ -1,4 +1,4 @@
-"""Interpolation between poses at two instants, compiled for many poses at once."""
+"""Interpolation between the poses of bodies at two instants, in compiled code."""
 
 from __future__ import annotations
 
@@ -10,11 +10,12 @@ from aras_visual_servo_base.poses import quaternion_from_matrix
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], f8[:,::1], f8")
 def blend_poses(before_p, before_q, p, q, blend):
-    """Interpolate N poses and return them as homogeneous matrices (N, 4, 4).
+    """Interpolate between N pairs of poses and return homogeneous matrices (N, 4, 4).
 
-    `before_p`, `p` are positions (N, 3) and `before_q`, `q` unit quaternions xyzw (N, 4). `blend`
-    is 0 at the first pose and 1 at the second. Quaternions are interpolated linearly and
-    normalised; over one physics step the error is of third order in the angle of rotation.
+    The first poses have the positions `before_p` (N, 3) and the unit quaternions `before_q` (N, 4),
+    ordered xyzw; the second poses have `p` and `q`. `blend` is 0 at the first poses and 1 at the
+    second. Quaternions are interpolated linearly and normalised; over one physics step, the error
+    is of third order in the angle of rotation.
     """
     out, turn = np.zeros((len(p), 4, 4)), np.empty(4)
     for n in range(len(p)):

@@ -1,4 +1,4 @@
-"""Many control cycles and physics steps of one robot without contacts, in one compiled call.
+"""Compiled function for many control cycles and physics steps of one robot without contacts.
 
 The compiled parts are the joint loops (joint_loops.py), limits and drives (drives.py) and the joint
 dynamics (joint_dynamics.py). When a cycle needs Python code, ControlLoop and World call the same
@@ -22,9 +22,12 @@ from aras_sim_bridge.world.resting_base import BASE_TYPES, is_supported
 from aras_visual_servo_base.compiled import jit
 
 CYCLE_TYPES = "f8[:,::1], f8[:,::1], f8[:,::1]"
-# Why run_cycles returned: all cycles are done; a cycle produced a warning; a cycle diverged; after
-# a cycle the ground can no longer support the base; the next cycle has efforts that are not finite.
-ALL_MADE, WARNING, DIVERGED, BASE_UNSUPPORTED, NOT_FINITE = range(5)
+# Reasons why run_cycles returns.
+ALL_MADE = 0  # all cycles are done
+WARNING = 1  # the last cycle produced a warning
+DIVERGED = 2  # a joint diverged in the last cycle
+BASE_UNSUPPORTED = 3  # after the last cycle, the ground can no longer support the base
+NOT_FINITE = 4  # an effort of the next cycle is not finite
 
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1]", allocates=False)
@@ -58,14 +61,16 @@ def run_cycles(count, time_ns, step_ns, loops, handles, drives,
     The function returns early if Python code has to act, for example to log a warning.
 
     Args:
-        loops, handles, drives: rows of JointLoop, JointHandle and Drive.
-        bodies … modes: JointSpace.arrays; the joint state (3, n) is updated in place.
+        loops, handles, drives: arrays whose rows are those of JointLoop, JointHandle and Drive.
+        bodies … modes: the arrays of JointSpace.arrays, in this order. `state` (3, n) holds the
+            joint positions, velocities and efforts and is updated in place.
         dt: physics step, s.
         is_base_resting: whether the base rests on the ground without being fixed.
-        previous_speeds … ground_wrench: RestingBase.arrays.
+        previous_speeds … ground_wrench: the arrays of RestingBase.arrays, in this order.
 
     Returns:
-        Number of cycles done, reason for the end (ALL_MADE …), index of the diverged joint or -1.
+        Number of cycles done, reason for returning (a constant above, such as ALL_MADE), and index
+        of the joint that diverged, or -1.
     """
     period = step_ns / 1e9
     for made in range(1, count + 1):

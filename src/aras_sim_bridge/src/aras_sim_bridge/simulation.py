@@ -60,9 +60,10 @@ class SimulationConfig:
         time_step: physics step, s.
         gravity: (x, y, z) in the world, m/s².
         gui: whether to open PyBullet's window.
-        renderer: name of the renderer; all accepted names select the same one.
+        renderer: name of the renderer; all accepted names select the same renderer.
         seed: seed of the noise of cameras and sensors.
-        legacy_camera_info: whether camera_info equals that of the original's camera plugin.
+        legacy_camera_info: whether camera_info is computed with the formulas of gazebo_ros's camera
+            plug-in.
         ground_plane: whether the world contains Gazebo's ground plane.
         lights: lights of the world; the first MOST_LIGHTS illuminate images.
         scene: ambient light, background, sky and shadows.
@@ -96,7 +97,8 @@ class ControlledModel:
         """Load these controllers and start them with the next step.
 
         Raises:
-            ControllerError: a controller cannot be loaded; those before it in the list stay loaded.
+            ControllerError: a controller cannot be loaded; the controllers before it in the list
+                stay loaded.
         """
         names = list(controllers)
         for name in names:
@@ -151,7 +153,7 @@ class Simulation:
     Attributes:
         world: physics world.
         robots: controlled models by model name.
-        cameras, sensors, grasps: in the order of spawning.
+        cameras, sensors, grasps: lists in the order of spawning.
         lights: lights by name.
         time_ns: simulated time, ns.
         step_ns: physics step, ns.
@@ -160,7 +162,7 @@ class Simulation:
     """
 
     def __init__(self, config: SimulationConfig | None = None) -> None:
-        """Create a world that contains only the ground plane and the lights.
+        """Create a simulation whose world contains only the ground plane and the lights.
 
         Raises:
             SimError: the configuration is invalid.
@@ -201,7 +203,7 @@ class Simulation:
             parameters: ROS parameters below this namespace, as nested mappings.
             joint_positions: initial joint positions by joint name, rad or m.
             cameras: settings that override those of the description, nested by the parts of the
-                camera name. A camera with invalid settings is logged and left out.
+                camera name. A camera with invalid settings is left out, and an error is logged.
 
         Raises:
             SimError: the model cannot be added; the world is unchanged.
@@ -308,8 +310,9 @@ class Simulation:
     def _combine_lights(self, lights: tuple[Light, ...]) -> Lighting:
         """Return the lighting of images by these lights and the ambient light.
 
-        If there is no light, or only a white directional light without shadows, the result uses
-        `direction` and `diffuse`; in all other cases it contains the list of lights.
+        If there is no light, or only a white directional light without shadows, the fields
+        `direction` and `diffuse` of the result describe it; in all other cases the field `lights`
+        lists all lights.
         """
         scene = self.config.scene
         ambient = max(scene.ambient[:3])
@@ -449,7 +452,10 @@ class Simulation:
             robot.loop.reset()
 
     def reset_simulation(self) -> None:
-        """Restore the state after spawning at time 0; controllers restart with their set points."""
+        """Set the time to 0 and restore the state after spawning.
+
+        Controllers restart and keep their set points.
+        """
         self.world.reset_simulation()
         self.time_ns = 0
         for robot in self.robots.values():
@@ -471,7 +477,7 @@ class Simulation:
         self.step_ns = round(time_step * 1e9)
 
     def close(self) -> None:
-        """Release the renderer and the physics engine; a second call has no effect."""
+        """Release the renderer and the physics engine; further calls have no effect."""
         if self._renderer is not None:
             self._renderer.close()
             self._renderer = None
@@ -522,7 +528,7 @@ class Simulation:
         raise WorldError(f"camera '{name}' does not exist; there are: {known}")
 
     def add_camera(self, name: str, settings: Mapping[str, object]) -> MountedCamera:
-        """Add a camera that is fixed in the world; see mounting.configure_world_camera.
+        """Add a camera that is fixed in the world; camera/mounting.py lists the settings.
 
         Raises:
             CameraError: the settings are invalid or a name is already in use.
@@ -550,7 +556,7 @@ class Simulation:
         first = find_simultaneous(mounted, self.cameras)[0].sensor
         if mounted.sensor.rate != first.rate:
             log.warning(
-                "camera '%s' exposes together with camera '%s', at its %g Hz instead of %g Hz",
+                "camera '%s' exposes together with camera '%s' and at its %g Hz instead of %g Hz",
                 camera.name, first.config.name, first.rate, mounted.sensor.rate,
             )
             mounted.sensor.set_rate(first.rate, self.time_ns, self.step_ns)

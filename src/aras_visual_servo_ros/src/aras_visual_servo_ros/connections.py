@@ -1,4 +1,4 @@
-"""Corrections of rospy's connection handling: parallel accepting, reliable subscriptions."""
+"""Corrections of rospy: connections are accepted in parallel, and subscriptions are reliable."""
 
 from __future__ import annotations
 
@@ -8,15 +8,17 @@ import weakref
 
 from rospy.impl import masterslave, registration, tcpros_base
 
-# Connections that may wait to be accepted. With rospy's value of 5, one of eight clients that call
-# services continuously was sometimes rejected; its kernel retries only after one second.
+# Number of connections that may wait to be accepted. With rospy's value of 5, if eight clients call
+# services continuously, the connection of one is sometimes rejected, and is tried again only after
+# one second.
 BACKLOG = 128
 
 
 def accept_in_threads() -> None:
-    """Handle each incoming connection to this node in a separate thread; call after init_node.
+    """Handle each incoming connection to this node in a separate thread.
 
-    rospy handles them one after the other, so that a client that sends nothing blocks all others.
+    rospy handles connections one after the other, so that a client that sends nothing blocks all
+    others. Call this function after init_node.
     """
     tcpros_base.start_tcpros_server()
     server = tcpros_base._tcpros_server.tcp_ros_server
@@ -32,15 +34,16 @@ def accept_in_threads() -> None:
 def find_publishers() -> None:
     """Patch rospy so that a subscriber connects to every publisher of a topic exactly once.
 
-    This corrects two errors of rospy, after which a node never receives messages of a publisher.
+    This corrects two errors of rospy that may prevent a node from ever receiving the messages of a
+    publisher.
 
-    Duplicate connections: rospy handles one update of the master about a topic with two publishers
-    twice, and connects to the same publisher in two threads at once. It then closes the first
-    connection, and with it sometimes the second one, which has got the same file descriptor.
+    Duplicate connections: rospy handles the master's update about a topic with two publishers
+    twice, and two threads connect to the same publisher. rospy then closes the first connection,
+    and sometimes also the second one, which may have the same file descriptor.
 
-    Lost updates: if two updates about a topic are pending, rospy drops the older one. When a
-    publisher starts just after this node has subscribed, this can be the update that announces the
-    publisher, because the reply to the subscription may arrive later.
+    Lost updates: if two updates about a topic are pending, rospy drops the older one. If a
+    publisher starts just after this node has subscribed, the reply to the subscription may arrive
+    after the update that announces the publisher; rospy then drops this update.
     """
     connect = masterslave.ROSHandler._connect_topic
     if connect.__module__ == __name__:
@@ -52,7 +55,7 @@ def find_publishers() -> None:
     def connect_once(handler: masterslave.ROSHandler, topic: str, uri: str) -> tuple[int, str, int]:
         with locks_lock:
             lock = locks.setdefault((topic, uri), threading.Lock())
-        with lock:  # a second thread waits here and then finds the existing connection
+        with lock:  # a second thread waits for the first one and then finds its connection
             return connect(handler, topic, uri)
 
     update = registration.RegManager.publisher_update

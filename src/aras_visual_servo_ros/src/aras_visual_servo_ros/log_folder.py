@@ -1,4 +1,4 @@
-"""Selection of a writable log folder; rospy ends with a traceback if its folder is read-only."""
+"""Selection of a writable log folder, because rospy fails if its log folder is read-only."""
 
 from __future__ import annotations
 
@@ -12,10 +12,11 @@ import rospy
 
 
 def check_log_folder(name: str) -> None:
-    """Check that the log folder is writable; otherwise print one line and use a temporary folder.
+    """Use a temporary log folder, and print this in one line, if the log folder is not writable.
 
-    Call this before rospy.init_node. The log folder is that of the remapping __log, which roslaunch
-    sets for each node, else ROS_LOG_DIR, else `log` in ROS_HOME.
+    Call this before rospy.init_node. The log folder is given by the remapping __log, which
+    roslaunch sets for each node. Without it, the log folder is ROS_LOG_DIR or else the folder `log`
+    in ROS_HOME.
     """
     mappings = rospy.names.get_mappings()
     log_file = mappings.get("__log")
@@ -27,5 +28,5 @@ def check_log_folder(name: str) -> None:
     except OSError as error:
         mappings.pop("__log", None)
         os.environ["ROS_LOG_DIR"] = fallback = tempfile.mkdtemp(prefix="ros_log_")
-        text = f"its log cannot be written to {folder} ({error.strerror}) and goes to {fallback}"
+        text = f"its log cannot be written to {folder} ({error.strerror}), so it is in {fallback}"
         print(f"{name}: {text}: set ROS_LOG_DIR to a folder that can be written", file=sys.stderr)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 
 import rosgraph
 
-PATIENCE = 2  # number of consecutive failed queries after which the master counts as lost
+PATIENCE = 2  # the master is regarded as lost after this number of consecutive failed queries
 RETRY = 0.5  # seconds of wall time until the next query after a failed one
 
 
@@ -24,9 +24,9 @@ class MasterWatch:
         self._pid: int | None = None
 
     def find_loss_reason(self) -> str:
-        """Return why this node has lost its master, or '' if it has not.
+        """Return the reason why this node has lost its master, or '' if it has not.
 
-        Frequent calls are cheap, because the master is queried only once per period.
+        Frequent calls are cheap, because the master is queried only once in each period.
         """
         now = time.monotonic()
         if now < self._next:

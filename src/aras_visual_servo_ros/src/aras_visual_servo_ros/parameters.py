@@ -1,4 +1,4 @@
-"""Access to the parameter server, and the exception for invalid parameters."""
+"""Functions that read the parameter server, and the exception for invalid parameters."""
 
 from __future__ import annotations
 
@@ -15,8 +15,8 @@ class InvalidParameterError(ValueError):
 def get_parameter(name: str) -> object:
     """Return the value of a parameter or namespace from the parameter server, or {} if unset.
 
-    The value is read from the server, not from rospy's cache: for `/`, the cache contains only the
-    parameters that the node has already read.
+    The value is read from the server and not from rospy's cache, because the cache of the namespace
+    `/` contains only those parameters that the node has already read.
     """
     try:
         return rosgraph.Master(rospy.get_name()).getParam(rospy.resolve_name(name))
@@ -25,6 +25,6 @@ def get_parameter(name: str) -> object:
 
 
 def get_namespace(name: str) -> dict[str, object]:
-    """Return the parameters in a namespace, or {} if the name is that of a single parameter."""
+    """Return the parameters in a namespace, or {} if the name belongs to a single parameter."""
     values = get_parameter(name)
     return values if isinstance(values, dict) else {}

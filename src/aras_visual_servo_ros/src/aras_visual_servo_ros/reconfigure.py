@@ -1,8 +1,8 @@
-"""A dynamic_reconfigure server built from a list of fields.
+"""Server of dynamic_reconfigure whose parameters are given as a list of fields.
 
-The server of the package dynamic_reconfigure needs a generated ``*Config`` module per parameter set
-and cannot be shut down. The parameter sets here (gains of PIDs and control laws, physics, camera
-rates) are short tables and are removed together with the object that they configure.
+The server in the package dynamic_reconfigure needs a generated ``*Config`` module for each set of
+parameters and cannot be shut down. This server can be shut down together with the object that it
+configures, such as a PID, a control law, the physics or a camera.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from aras_visual_servo_ros.parameters import InvalidParameterError, Value
 class Field:
     """One reconfigurable parameter of type 'double', 'int', 'bool' or 'str'.
 
-    The limits are inclusive; those of strings are ignored.
+    The limits are inclusive; strings have no limits.
     """
 
     name: str
@@ -47,7 +47,8 @@ class Field:
         """Convert `value` to the type of this field and clamp it to the limits.
 
         Raises:
-            InvalidParameterError: the value is a string but the field is not, or it is NaN.
+            InvalidParameterError: the value is NaN, or it is a string and the type of the field is
+                not 'str'.
         """
         if self.type == "str":
             return str(value)
@@ -74,19 +75,19 @@ class ReconfigureServer:
         """Advertise the service and topics, and write the values to the parameter server.
 
         Args:
-            namespace: absolute name.
-            fields: the reconfigurable parameters.
-            values: current values by name; missing ones are set to their defaults.
-            apply: called with the complete new configuration after a set_parameters request. It may
-                return the values that are actually in effect. If it raises an exception, the error
-                is logged and the old values remain.
+            namespace: absolute name of the namespace.
+            fields: parameters that can be reconfigured.
+            values: current values by name; a missing value is set to the default of its field.
+            apply: function that is called with the complete new configuration after a
+                set_parameters request. It may return the values that are actually in effect. If it
+                raises an exception, the error is logged and the old values remain.
         """
         self._namespace = namespace.rstrip("/")
         self._fields = {field.name: field for field in fields}
         self._values = {field.name: values.get(field.name, field.default) for field in fields}
         self._apply = apply
         self._lock = threading.Lock()
-        with self._lock:  # requests wait until everything is advertised
+        with self._lock:  # requests wait until the service and the topics are advertised
             self._service = rospy.Service(
                 f"{self._namespace}/set_parameters", Reconfigure, self._on_request
             )
@@ -109,7 +110,7 @@ class ReconfigureServer:
             return dict(self._values)
 
     def set_values(self, values: Mapping[str, Value]) -> None:
-        """Set values that were changed elsewhere, e.g. by another service, and publish them."""
+        """Set and publish values that were changed elsewhere, for example by another service."""
         with self._lock:
             changed = {
                 name: value for name, value in values.items() if self._values.get(name) != value

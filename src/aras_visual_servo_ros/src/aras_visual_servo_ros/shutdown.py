@@ -1,4 +1,4 @@
-"""Start and shutdown of a node: signals handled in a separate thread, loss of the ROS master."""
+"""Start and shutdown of a node; signals and the loss of the ROS master end it."""
 
 from __future__ import annotations
 
@@ -20,19 +20,19 @@ from .master_watch import MasterWatch
 
 SIGNALS = (signal.SIGINT, signal.SIGTERM)
 HELP_OPTIONS = {"-h", "--help"}
-# Time, s, that rospy may take to shut down during init_node. Without a master it never finishes.
+# Longest time, s, for the shutdown of rospy during init_node, which never ends without a master.
 PATIENCE = 2.0
 _started = threading.Event()
 _started.set()
 CLOSED_TOPIC_MESSAGE = "publish() to a closed topic"  # part of rospy's error message
-# The parameter that rospy subscribes to with the first log message of a node.
+# Parameter that rospy subscribes to when a node logs its first message.
 SUBSCRIBED_PARAMETER = "/rosout_disable_topics_generation"
 
 
 class _ShutdownLogFilter(logging.Filter):
     """Log filter that drops rospy's tracebacks of callbacks that publish during shutdown.
 
-    rospy closes the topics while such callbacks are still running.
+    These errors occur because rospy closes the topics while callbacks are still running.
     """
 
     def filter(self, record: logging.LogRecord) -> bool:
@@ -42,8 +42,9 @@ class _ShutdownLogFilter(logging.Filter):
 def init_node(name: str, about: str = "", **options: bool) -> None:
     """Call rospy.init_node(name, **options) such that Ctrl-C works at any time.
 
-    Call this in the main thread. During rospy.init_node, Ctrl-C neither waits for rospy's locks nor
-    prints rospy's exceptions. `about` is printed for --help by programs without options.
+    Call this in the main thread. If Ctrl-C is pressed during rospy.init_node, the program ends
+    without waiting for rospy's locks or printing rospy's exceptions. `about` is the text that a
+    program without options prints for --help.
 
     Raises:
         SystemExit: after --help, or after Ctrl-C or SIGTERM.
@@ -57,7 +58,7 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
     check_log_folder(name)
     try:
         rospy.init_node(name, disable_signals=True, **options)
-    except Exception:  # rospy's exceptions after a shutdown during init_node are irrelevant
+    except Exception:  # after a shutdown during init_node, rospy's exceptions are irrelevant
         if not rospy.core.is_shutdown_requested():
             raise
     if rospy.core.is_shutdown_requested():
@@ -67,10 +68,10 @@ def init_node(name: str, about: str = "", **options: bool) -> None:
 
 
 def _unregister(_reason: str) -> None:
-    """Unregister this node's parameter subscription from the master, which rospy does not do.
+    """Unregister this node's subscription to a parameter, because rospy does not do it.
 
     Otherwise the master keeps the address of this node. When a node of the same name starts, the
-    master requests the process at this address to shut down; by then this may be another node.
+    master requests the process at this address to shut down, which may then be a different node.
     """
     with contextlib.suppress(OSError, rosgraph.MasterException):  # no master
         rosgraph.Master(rospy.get_name()).unsubscribeParam(
@@ -82,10 +83,10 @@ def end_on_signals() -> None:
     """Handle Ctrl-C and SIGTERM in a separate thread instead of rospy's signal handler.
 
     Call this in the main thread. rospy shuts the node down inside the signal handler, which Python
-    runs in the main thread at any point. If this interrupts logging, the shutdown waits for a lock
-    that the main thread itself holds. Moreover, the kernel may deliver a signal to any thread, so
-    that a waiting main thread does not wake up. Here the C-level signal handler writes the number
-    of the signal to a pipe, and a thread reads it.
+    runs in the main thread at any point. If it interrupts the main thread while logging, the
+    shutdown waits for a lock that the main thread itself has acquired. Moreover, the kernel may
+    deliver a signal to any thread, so that a waiting main thread does not wake up. Here, Python's C
+    signal handler writes the number of the signal to a pipe, and a thread reads it.
     """
     logging.getLogger("rosout").addFilter(_ShutdownLogFilter())
     read_end, write_end = os.pipe()
@@ -105,19 +106,21 @@ def _wait_for_signal(read_end: int) -> None:
     # Shut down in a non-daemon thread, so that Python waits until all shutdown hooks have finished.
     reason = signal.Signals(number).name
     thread = threading.Thread(target=rospy.signal_shutdown, args=(reason,), name="shutdown")
-    thread.daemon = False  # the default is the daemon flag of the current thread, which is true
+    # By default a thread inherits this flag from the current thread, where it is True.
+    thread.daemon = False
     thread.start()
     if not _started.is_set():
         thread.join(PATIENCE)
-        if thread.is_alive():  # it waits for the lock that init_node holds while there is no master
+        # It waits for a lock that init_node does not release while there is no master.
+        if thread.is_alive():
             os._exit(128 + number)
 
 
 def end_without_master(watch: MasterWatch) -> bool:
-    """Check whether the ROS master is lost; if so, print the reason, end the node, return True."""
+    """Return whether the ROS master is lost; if it is, print the reason and end the node."""
     if not (reason := watch.find_loss_reason()):
         return False
-    # Print directly, because logging uses rosout, which needs the master.
+    # Print the reason instead of logging it, because the log topic /rosout needs the master.
     print(f"{rospy.get_name()[1:]}: {reason}: ending", file=sys.stderr)
     rospy.signal_shutdown(reason)
     return True
@@ -139,7 +142,7 @@ def node_main(
 ) -> int:
     """Start a node, call `run` and return the exit status.
 
-    An exception of type `fault` is logged in one line, and the status is 1.
+    If `run` raises an exception of type `fault`, the function logs it in one line and returns 1.
     """
     init_node(name, about, **options)
     accept_in_threads()

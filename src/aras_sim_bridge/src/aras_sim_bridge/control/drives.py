@@ -1,7 +1,7 @@
 """Drives, which apply the command of each joint to the simulated model in one of five ways.
 
 `compute_outputs` is called in every physics step. If a command is not finite, a drive uses the last
-finite one.
+finite command.
 """
 
 from collections.abc import Callable, Sequence
@@ -36,10 +36,13 @@ from aras_sim_bridge.control.limits import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import jit
 
-# Kinds of drives: an effort is applied; a position is set directly, or reached by the effort of a
-# PID; a velocity is set by a motor constraint, or reached by the effort of a PID.
-DRIVES_EFFORT, SETS_POSITION, POSITION_BY_PID, TURNS_MOTOR, VELOCITY_BY_PID = range(5)
-# Kinds without and with PID gains, by command interface.
+# Kinds of drives.
+DRIVES_EFFORT = 0  # applies the commanded effort
+SETS_POSITION = 1  # sets the commanded position directly
+POSITION_BY_PID = 2  # applies the effort of a PID of the position error
+TURNS_MOTOR = 3  # sets the commanded velocity by a motor constraint
+VELOCITY_BY_PID = 4  # applies the effort of a PID of the velocity error
+# For each command interface, the kind of drive without PID gains and with PID gains.
 _KINDS = {
     EFFORT: (DRIVES_EFFORT, DRIVES_EFFORT),
     POSITION: (SETS_POSITION, POSITION_BY_PID),
@@ -47,27 +50,27 @@ _KINDS = {
 }
 _COMMANDS = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 _QUANTITIES = {EFFORT: "effort", POSITION: "position", VELOCITY: "velocity"}
-# s, duration of a limit violation before a warning: efforts and velocities saturate briefly in each
-# step response.
+# Duration, s, of a limit violation after which a warning is logged. Efforts and velocities saturate
+# briefly in each step response.
 _PATIENCE = {EFFORT: 0.25, POSITION: 0.0, VELOCITY: 0.25}
-_PLAIN, _SHORTEST, _WITHIN = range(3)  # position errors: plain, shortest angle, within the limits
+# Kinds of position errors.
+_PLAIN = 0  # difference of positions
+_SHORTEST = 1  # shortest angle
+_WITHIN = 2  # shortest angle within the position limits
 
-# Columns of a drive's row: those of a Pid and of a LimitRule (all 0: none), and these. The joint's
-# index in the model; column of the handle's command, kind of drive; largest effort and speed for a
-# PID's output; the joint's limits, and kind of position error; position held during an emergency
-# stop (NaN: none); last finite command; output.
+# Columns of a drive's row, after those of a Pid and of a LimitRule (all 0 if it has none).
 _RULE = PID_COLUMNS
 (
-    JOINT,
-    _COMMAND,
-    KIND,
-    MAX_EFFORT,
-    _MAX_VELOCITY,
-    _LOWER,
-    _UPPER,
-    _ERROR_KIND,
-    _STOP_POSITION,
-    _LAST_VALID,
+    JOINT,  # index of the joint in the model
+    _COMMAND,  # column of the handle that contains the command
+    KIND,  # kind of the drive
+    MAX_EFFORT,  # largest effort of a PID
+    _MAX_VELOCITY,  # velocity above which a PID does not accelerate the joint
+    _LOWER,  # lower position limit
+    _UPPER,  # upper position limit
+    _ERROR_KIND,  # kind of the position error
+    _STOP_POSITION,  # position during an emergency stop; NaN if there is no stop
+    _LAST_VALID,  # last finite command
     OUTPUT,
 ) = range(_RULE + RULE_COLUMNS, _RULE + RULE_COLUMNS + 11)
 # Pending warnings (1: command not finite, 2: command limited), the values for their messages, and
@@ -80,7 +83,7 @@ DRIVE_COLUMNS = _INVALID_EVENT + OCCURRENCE_COLUMNS
 
 
 class JointModel(Protocol):
-    """Interface of the simulated robot to the hardware; efforts in N m or N, names as in URDF."""
+    """Methods of a simulated robot that RobotHardware uses; efforts are in N m or N."""
 
     joint_names: tuple[str, ...]
 
@@ -91,13 +94,13 @@ class JointModel(Protocol):
         """Apply an effort during the next physics step."""
 
     def set_position(self, joint: str, position: float) -> float:
-        """Move the joint to a position within its stops, without dynamics; return the position."""
+        """Set the joint's position without dynamics, limited to its stops; return this position."""
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
         """Drive the joint at a velocity, with at most this effort."""
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Limit the joint's speed to `fastest`, rad/s or m/s, for any effort on it."""
+        """Limit the joint's speed to `fastest`, rad/s or m/s, whatever effort acts on it."""
 
 
 class Drive:
@@ -143,7 +146,7 @@ class Drive:
         )
 
     def start(self) -> None:
-        """Reset the drive; the joint holds its position until it is commanded."""
+        """Reset the drive; the joint holds its position until it receives a command."""
         handle, row = self.handle, self.row
         handle.position_command = handle.position
         handle.velocity_command = handle.effort_command = 0.0
@@ -177,12 +180,12 @@ class Drive:
         what = f"joint '{handle.name}': {_QUANTITIES[handle.interface]} command"
         if news & 1:
             self._warn(
-                f"{what} {row[_INVALID_COMMAND]} is not finite; keeping {row[_LAST_VALID]:g}. "
+                f"{what} {row[_INVALID_COMMAND]} is not finite; {row[_LAST_VALID]:g} stays in use. "
                 "Check the controller that commands it"
             )
         if news & 2:
             self._warn(
-                f"{what} {row[_DESIRED]:g} is beyond what its limits allow at position "
+                f"{what} {row[_DESIRED]:g} exceeds the limits that apply at position "
                 f"{handle.position:g} and velocity {handle.velocity:g}; {row[_APPLIED]:g} is "
                 "applied"
             )
@@ -190,7 +193,7 @@ class Drive:
 
 @jit("f8[::1], f8[::1], f8, f8, b1", allocates=False)
 def _limit_command(row, handle, time_ns, dt, stopped):
-    """Return the command of a drive, finite and within its limits."""
+    """Return the command of a drive within its limits, or the last finite command."""
     column = int(row[_COMMAND])
     if column == Q_COMMAND:
         if not stopped:
@@ -208,7 +211,8 @@ def _limit_command(row, handle, time_ns, dt, stopped):
     if rule[0] != NO_RULE:
         beyond, given = enforce_limits(rule, handle, dt), handle[column]
         if column == Q_COMMAND:
-            # Slowing by the velocity limit is normal; a command outside of the range is an error.
+            # It is normal that the velocity limit delays a position; only a position out of range
+            # is an error.
             beyond = not row[_LOWER] <= desired <= row[_UPPER]
             given = row[_LOWER] if desired < row[_LOWER] else row[_UPPER]
         beyond = beyond and abs(desired - given) > COMMAND_ROUNDING
@@ -222,11 +226,12 @@ def _limit_command(row, handle, time_ns, dt, stopped):
 
 @jit("f8[:,::1], f8[:,::1], f8, f8, b1", allocates=False)
 def compute_outputs(rows, handles, time_ns, dt, stopped):
-    """Compute the outputs of drives from the commands in their handles (m, 6), after `dt` s.
+    """Compute the outputs of drives from the commands in `handles` (m, 6).
 
     Args:
-        stopped: whether the emergency stop is active: efforts and velocities are 0 and positions
-            are held.
+        dt: time since the last call, s.
+        stopped: whether the emergency stop is active; then efforts and velocities are 0 and
+            positions are constant.
 
     Returns:
         Whether there are warnings for Drive.log_warnings.
@@ -249,7 +254,8 @@ def compute_outputs(rows, handles, time_ns, dt, stopped):
             error = output - handle[V]
         if kind in (POSITION_BY_PID, VELOCITY_BY_PID):
             output = compute_pid(row[:PID_COLUMNS], error, 0.0, False, dt)
-            # Limit the effort, and do not accelerate a joint that is above its velocity limit.
+            # Limit the effort, and do not accelerate a joint that already exceeds its velocity
+            # limit.
             low = 0.0 if handle[V] < -row[_MAX_VELOCITY] else -row[MAX_EFFORT]
             high = 0.0 if handle[V] > row[_MAX_VELOCITY] else row[MAX_EFFORT]
             output = low if output < low else high if output > high else output

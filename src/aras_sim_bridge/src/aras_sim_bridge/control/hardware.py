@@ -50,7 +50,8 @@ class RobotHardware:
         pids: PIDs of position and velocity joints, by joint name, with the gains of
             <namespace>/gazebo_ros_control/pid_gains/<joint>.
         drives: drives in the order of `handles`.
-        handle_rows, drive_rows: (m, 6) and (m, 47), the states of handles and drives.
+        handle_rows: (m, 6) states of the m handles, one row each.
+        drive_rows: (m, 47) states of the m drives, one row each.
         has_position_drives: whether a drive sets the position of its joint directly.
         e_stop: whether the emergency stop is active; may be set from any thread.
 
@@ -103,7 +104,11 @@ class RobotHardware:
         self.start()
 
     def _add(self, transmission: Transmission) -> list[str]:
-        """Register a transmission; return its joint if the interface name lacks the prefix."""
+        """Register a transmission.
+
+        Return the name of its joint in a list if the interface name lacks the prefix
+        'hardware_interface/', otherwise an empty list.
+        """
         label = f"transmission '{transmission.name}'"
         joint_name, interface = transmission.joint, transmission.interface
         commanded = [i for i in transmission.interfaces if i.removeprefix(_PREFIX) != STATE]
@@ -123,7 +128,7 @@ class RobotHardware:
                        f"{', '.join(transmission.joints)}")
             return []
         if len(commanded) > 1:
-            self._warn(f"{label}: of {', '.join(commanded)} only the first is used")
+            self._warn(f"{label}: only the first of the interfaces {', '.join(commanded)} is used")
         short = interface.removeprefix(_PREFIX)
         if short not in COMMAND_INTERFACES:
             raise HardwareError(
@@ -137,7 +142,9 @@ class RobotHardware:
                 f"it has {', '.join(self.model.joint_names) or 'none'}"
             )
         if joint_name in self.handles:
-            raise HardwareError(f"{label}: joint '{joint_name}' already has a transmission")
+            raise HardwareError(
+                f"{label}: joint '{joint_name}' already has a transmission; remove one of the two"
+            )
         row = self.handle_rows[len(self.handles)]
         handle = JointHandle(joint_name, joint.kind, joint.limits, joint.soft_limits, short, row)
         where = f"{self._namespace}/joint_limits/{joint_name}"
@@ -168,7 +175,7 @@ class RobotHardware:
         return pid
 
     def read(self) -> None:
-        """Copy the model's joint states into the handles; angles count full turns."""
+        """Copy the model's joint states into the handles; angles are not wrapped to one turn."""
         measured = np.array(self.model.read_joints())
         self.handle_rows[:, : TAU + 1] = measured[:, self._read].T
 
@@ -194,15 +201,15 @@ class RobotHardware:
             drive.log_warnings()
 
     def start(self) -> None:
-        """Reset the drives; the joints hold their positions until they are commanded."""
+        """Reset the drives; the joints hold their positions until they receive a command."""
         self.read()
         for drive in self.drives:
             drive.start()
 
     def hold_positions(self, joints: Iterable[str]) -> None:
-        """Make the current positions of these joints their commands, after they were moved.
+        """Command joints that were moved directly to hold their current positions.
 
-        Names without a transmission are ignored.
+        Joints without a transmission are ignored.
         """
         self.read()
         for drive in self.drives:

@@ -1,6 +1,6 @@
 """Joint handles and joint limits.
 
-As in ros_control, a joint handle holds the measured state of a joint and one command for each
+As in ros_control, a joint handle contains the measured state of a joint and one command for each
 interface. The hardware writes the state and reads the commands; controllers do the opposite.
 Units: rad or m, rad/s or m/s, N m or N.
 """
@@ -23,12 +23,13 @@ COMMAND_INTERFACES = (EFFORT, POSITION, VELOCITY)
 
 _NS_PER_S = 1_000_000_000
 
-# Columns of a handle's row: measured position, velocity and effort, and the three commands.
+# Columns of a handle's row: measured position, velocity and effort; commanded position, velocity
+# and effort.
 (Q, V, TAU, Q_COMMAND, V_COMMAND, TAU_COMMAND), HANDLE_COLUMNS = range(6), 6
-# Columns of an event's row: times of its first and last occurrence (NaN: none yet), ns, and whether
-# it was reported.
+# Columns of a RateLimitedEvent's row: time, ns, of the first and of the last occurrence (NaN before
+# the first occurrence), and whether the event was reported.
 (_FIRST, _LAST, _REPORTED), OCCURRENCE_COLUMNS = range(3), 3
-# rad, m, or per s, N m, N; a command that exceeds a limit by less is a rounding error.
+# In the command's unit. If a command exceeds a limit by less than this, it is a rounding error.
 COMMAND_ROUNDING = 1e-6
 
 
@@ -37,7 +38,7 @@ class JointHandle:
 
     Attributes:
         interface: command interface of the joint's transmission.
-        limits, soft_limits: `<limit>` and `<safety_controller>` of the URDF, or None. As in
+        limits, soft_limits: the URDF's `<limit>` and `<safety_controller>`, or None. As in
             ros_controllers, controllers use these and ignore the parameters in joint_limits.
     """
 
@@ -56,7 +57,7 @@ class JointHandle:
         interface: str = STATE,
         row: np.ndarray | None = None,
     ) -> None:
-        """Store the values in `row` (6,), a row of the robot's array; None creates a new row."""
+        """Store the values in `row` (6,), a row of the robot's array, or in a new array."""
         self.name = name
         self.kind = kind
         self.interface = interface
@@ -71,7 +72,7 @@ class JointHandle:
 
     @property
     def position_limits(self) -> tuple[float, float] | None:
-        """The URDF's (lower, upper) limits of a revolute or prismatic joint, otherwise None."""
+        """(lower, upper) limits in the URDF; None if the joint is not revolute or prismatic."""
         limits = self.limits
         if self.kind not in ("revolute", "prismatic") or limits is None:
             return None
@@ -81,7 +82,7 @@ class JointHandle:
 
 @dataclass(frozen=True, slots=True)
 class JointBounds:
-    """Limits of a joint after merging URDF and parameters; None means not limited."""
+    """Limits of a joint, merged from URDF and parameters; a quantity with None is not limited."""
 
     min_position: float | None = None
     max_position: float | None = None
@@ -91,7 +92,7 @@ class JointBounds:
 
     @property
     def has_position(self) -> bool:
-        """Whether the position is bounded."""
+        """Whether the position is limited."""
         return self.min_position is not None
 
 
@@ -107,16 +108,18 @@ def resolve_limits(
 ) -> JointBounds | None:
     """Merge the URDF's limits of `joint` with the parameters <ns>/joint_limits/<joint>.
 
-    As in ros_control, a value without its has_..._limits: true is ignored, but with a warning.
+    As in ros_control, a parameter such as max_velocity is ignored unless has_velocity_limits is
+    true; in addition, a warning is logged.
 
     Args:
         where: full name of the parameter `overrides`.
 
     Returns:
-        The limits, or None if neither URDF nor parameters have any.
+        The limits, or None if neither the URDF nor the parameters limit the joint.
 
     Raises:
-        HardwareError: a limit has a wrong type, is negative, or the lower exceeds the upper.
+        HardwareError: a limit has a wrong type or is negative, or the lower position limit is above
+            the upper limit.
     """
     values: dict[str, float] = {}
     if joint.limits is not None:
@@ -168,13 +171,13 @@ def _check(limits: JointBounds, joint: str, where: str) -> None:
         value = getattr(limits, quantity)
         if value is not None and not value >= 0.0:
             raise HardwareError(
-                f"joint '{joint}': {quantity} is {value}; it must not be negative "
-                f"(<limit> or {where}/{quantity})"
+                f"joint '{joint}': {quantity} is {value}; it must not be negative; "
+                f"correct its <limit> or {where}/{quantity}"
             )
 
 
 class RateLimitedEvent:
-    """Decides when a condition that may persist over many cycles is reported in the log.
+    """Decides whether to log a condition that may persist over many cycles.
 
     An event ends when the condition has not occurred for `quiet` s. An event shorter than
     `patience` s, such as the derivative kick of a step command, is not reported. Times are in ns
@@ -185,7 +188,7 @@ class RateLimitedEvent:
 
     def __init__(self, patience: float = 0.0, quiet: float = 1.0,
                  row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (3,), a part of an array; None creates a new row."""
+        """Store the state in `row` (3,), a slice of a larger array, or in a new array."""
         self.patience_ns = int(patience * _NS_PER_S)
         self.quiet_ns = int(quiet * _NS_PER_S)
         self.row = np.zeros(OCCURRENCE_COLUMNS) if row is None else row
@@ -196,7 +199,7 @@ class RateLimitedEvent:
         self.row[_LAST] = np.nan
 
     def record(self, time_ns: int) -> bool:
-        """Record that the condition holds at `time_ns`; return True once for each event."""
+        """Record that the condition is true at `time_ns`; return True once for each event."""
         return record_event(self.row, time_ns, self.patience_ns, self.quiet_ns)
 
 

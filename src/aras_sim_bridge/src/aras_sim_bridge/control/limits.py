@@ -1,7 +1,7 @@
-"""Limit rules of ros_control's joint_limits_interface, applied to commands before writing.
+"""Limit rules of ros_control's joint_limits_interface, which limit the commands of joints.
 
-A rule modifies the command in the handle. Without a new command, the limited value therefore
-remains.
+A rule modifies the command in the joint handle. The limited command therefore remains until the
+controller writes a new command.
 """
 
 from math import inf, isnan, nan
@@ -25,13 +25,13 @@ from aras_visual_servo_base.compiled import column, jit
 
 (NO_RULE, EFFORT_SATURATION, EFFORT_SOFT, POSITION_SATURATION, POSITION_SOFT, VELOCITY_SATURATION,
  VELOCITY_SOFT) = range(7)
-# Rules without and with soft limits, by interface.
+# For each interface, the rule without soft limits and the rule with soft limits.
 _KINDS = {
     EFFORT: (EFFORT_SATURATION, EFFORT_SOFT),
     POSITION: (POSITION_SATURATION, POSITION_SOFT),
     VELOCITY: (VELOCITY_SATURATION, VELOCITY_SOFT),
 }
-# Name of each rule, and the limits that it needs.
+# For each rule, its name and the limits that it needs.
 _NEEDS = {
     EFFORT_SATURATION: ("effort saturation", "max_velocity", "max_effort"),
     EFFORT_SOFT: ("soft effort limit", "max_velocity", "max_effort"),
@@ -40,25 +40,43 @@ _NEEDS = {
     VELOCITY_SATURATION: ("velocity saturation", "max_velocity"),
     VELOCITY_SOFT: ("soft velocity limit", "max_velocity"),
 }
-# Columns of a rule's row: its kind; position limits; largest speed and acceleration (NaN: not
-# limited) and effort; soft limits and their gains; previous command (NaN: none yet).
-(_KIND, _LOWER, _UPPER, _SPEED, _ACCELERATION, _EFFORT, _SOFT_LOWER, _SOFT_UPPER, _K_POSITION,
- _K_VELOCITY, _PREVIOUS), RULE_COLUMNS = range(11), 11
+# Columns of a rule's row.
+(
+    (
+        _KIND,  # kind of the rule
+        _LOWER,  # lower position limit
+        _UPPER,  # upper position limit
+        _SPEED,  # largest speed; NaN if not limited
+        _ACCELERATION,  # largest acceleration; NaN if not limited
+        _EFFORT,  # largest effort
+        _SOFT_LOWER,  # lower soft position limit
+        _SOFT_UPPER,  # upper soft position limit
+        _K_POSITION,  # gain of the soft position limits
+        _K_VELOCITY,  # gain of the soft velocity limits
+        _PREVIOUS,  # previous command; NaN if there is none
+    ),
+    RULE_COLUMNS,
+) = range(11), 11
 
 
 class LimitRule:
     """One limit rule; its state is stored in `row`.
 
-    effort saturation: effort within ±max_effort, and none that increases a violation of the
-    position or velocity limit.
-    soft effort limit: effort bounds proportional to the distance from the soft velocity bounds.
-    position saturation: position within [min, max], and within max_velocity · dt of the previous
-    command.
-    soft position limit: in addition within the soft velocity bounds at the previous command.
-    velocity saturation: velocity within ±max_velocity, changed at most by max_acceleration · dt.
-    soft velocity limit: velocity within the soft bounds at the measured position, changed at most
-    by max_acceleration · dt.
-    Soft velocity bounds decrease towards the soft position limits.
+    The soft velocity bounds are a lower and an upper velocity, which decrease in magnitude towards
+    the soft position limits. The rules are:
+
+    - effort saturation: the effort is within ±max_effort. If the joint exceeds a position or
+      velocity limit, the effort must not increase the violation.
+    - soft effort limit: the bounds of the effort are proportional to the differences between the
+      velocity and the soft velocity bounds.
+    - position saturation: the position is within [min, max], and changes by at most max_velocity ·
+      dt from the previous command.
+    - soft position limit: like position saturation, but the change is within dt times the soft
+      velocity bounds at the previous command.
+    - velocity saturation: the velocity is within ±max_velocity, and changes by at most
+      max_acceleration · dt from the previous command.
+    - soft velocity limit: the velocity is within the soft velocity bounds at the measured position,
+      and differs from the measured velocity by at most max_acceleration · dt.
     """
 
     __slots__ = ("row",)
@@ -67,7 +85,7 @@ class LimitRule:
 
     def __init__(self, kind: int, limits: JointBounds, handle: JointHandle,
                  row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (11,), a part of a drive's row; None creates a new row.
+        """Store the state in `row` (11,), a slice of a drive's row, or in a new array.
 
         Raises:
             HardwareError: a limit that the rule needs is missing.
@@ -90,7 +108,7 @@ class LimitRule:
         soft = handle.soft_limits
         if soft is not None:
             row[_K_POSITION], row[_K_VELOCITY] = soft.k_position, soft.k_velocity
-            # A missing soft limit does not limit; urdfdom's default of 0 would lock the joint at 0.
+            # A missing soft limit has no effect; urdfdom's default of 0 would lock the joint at 0.
             if limits.has_position and soft.lower is not None:
                 row[_SOFT_LOWER] = soft.lower
             if limits.has_position and soft.upper is not None:
@@ -98,13 +116,16 @@ class LimitRule:
         self.reset()
 
     def reset(self) -> None:
-        """Discard the previous command; the rule continues from the measured position or rest."""
+        """Discard the previous command; the measured position or a velocity of 0 replaces it."""
         self.row[_PREVIOUS] = nan
 
 
 def make_rule(handle: JointHandle, limits: JointBounds | None,
              row: np.ndarray | None = None) -> LimitRule | None:
-    """Return the rule for the joint's interface, soft with a <safety_controller>; or None."""
+    """Return the limit rule for the joint's interface, or None without limits.
+
+    A joint with a <safety_controller> gets the rule with soft limits.
+    """
     if limits is None:
         return None
     return LimitRule(_KINDS[handle.interface][handle.soft_limits is not None], limits, handle, row)
@@ -112,14 +133,14 @@ def make_rule(handle: JointHandle, limits: JointBounds | None,
 
 @jit("f8, f8, f8", allocates=False)
 def _saturate(value, low, high):
-    # If the bounds are crossed the upper one is used, as in min(max()) of joint_limits_interface.
+    # If `low` exceeds `high`, return `high`, like min(max()) in joint_limits_interface.
     value = low if value < low else value
     return high if value > high else value
 
 
 @jit("f8[::1], f8", allocates=False)
 def _find_soft_speeds(row, position):
-    """Return the lowest and highest velocity that the soft limits allow at a position."""
+    """Return the lower and upper soft velocity bounds at a position."""
     speed, gain = row[_SPEED], row[_K_POSITION]
     slowest, fastest = -speed, speed
     if row[_SOFT_LOWER] != -inf:

@@ -1,4 +1,4 @@
-"""Control loop of gazebo_ros_control in a physics step: read, update controllers, write."""
+"""Control loop of gazebo_ros_control: read joints, update controllers, write commands."""
 
 from itertools import chain
 from math import inf, nan
@@ -16,10 +16,11 @@ _NS_PER_S = 1e9
 
 
 class ControlLoop:
-    """Runs hardware and controllers at their periods in simulated time.
+    """Control loop of one robot, which runs hardware and controllers in simulated time.
 
     Controllers are updated when `control_period` has passed since the last update. Commands are
-    written in every physics step. After the start and after reset() the first period is one step.
+    written in every physics step. After the start and after reset(), the first period is one
+    physics step.
     """
 
     __slots__ = ("hardware", "manager", "_step_ns", "_control_ns", "_updated_ns", "_written_ns",
@@ -30,7 +31,7 @@ class ControlLoop:
         self, hardware: RobotHardware, manager: ControllerManager, step_ns: int,
         control_period_ns: int | None = None,
     ) -> None:
-        """Set the periods. Raises HardwareError if one is not positive."""
+        """Set the periods. Raises HardwareError if a period is not positive."""
         self.hardware = hardware
         self.manager = manager
         self._step_ns = step_ns
@@ -46,18 +47,18 @@ class ControlLoop:
         self._running: tuple[LoadedController, ...] | None = None
 
     def reset(self) -> None:
-        """Reset the periods and the controllers: the next step reads, updates and writes."""
+        """Reset the periods and the controllers, so the next step is a complete control cycle."""
         self._updated_ns = self._written_ns = None
         self.manager.reset()
 
     def restart(self) -> None:
-        """Restart at the current joint positions; only the controllers' set points remain."""
+        """Restart at the current joint positions; the controllers keep only their set points."""
         self._updated_ns = self._written_ns = None
         self.hardware.start()
         self.manager.reset(restart=True)
 
     def step(self, time_ns: int) -> None:
-        """Read, update and write, if due; `time_ns` is the end of the coming physics step."""
+        """Read, update and write if due; `time_ns` is the end of the next physics step."""
         updated_ns = self._updated_ns
         elapsed_ns = self._step_ns if updated_ns is None else time_ns - updated_ns
         if updated_ns is None or elapsed_ns >= self._control_ns:
@@ -75,14 +76,15 @@ class ControlLoop:
     ) -> tuple[np.ndarray, float] | None:
         """Prepare compiled control cycles from `time_ns` on, one in each step of `step_ns`.
 
-        Pending commands and gains are applied.
+        The function applies pending commands and gains.
 
         Args:
             compiled_sampler: read-only controller whose samples the compiled cycles take.
 
         Returns:
-            Rows (m, 39) of the running loops, and the time, ns, of the last possible compiled
-            cycle. None, with nothing applied, if the next cycle must run in Python.
+            Rows (m, 39) of the running JointLoops, and the time, ns, until which all cycles can be
+            compiled. If the next cycle must run in Python, nothing is applied and the result is
+            None.
         """
         before = None, time_ns - step_ns
         in_step = self._updated_ns in before and self._written_ns in before
@@ -118,18 +120,18 @@ class ControlLoop:
 
     @property
     def joint_names(self) -> list[str]:
-        """Joints of the rows that `start_cycles` returns."""
+        """Names of the joints of the rows that `start_cycles` returns."""
         return [loop.handle.name for c in self._compiled_controllers for loop in c.loops]
 
     def _apply_pending_commands(self, time_ns: int) -> None:
-        """Apply the pending commands of all loops, as CommandedController.apply_pending_command."""
+        """Apply the pending commands of all controllers whose loops are compiled."""
         given = [
             c.slot.pop() if c.slot else [nan] * len(c.loops) for c in self._compiled_controllers
         ]
         self.set_commands(np.array(list(chain(*given))), time_ns)
 
     def set_commands(self, commands: np.ndarray, time_ns: int) -> None:
-        """Set the commands (m,) of all loops in the cycle at `time_ns`; NaN for no command."""
+        """Set the commands (m,) of all loops in the cycle at `time_ns`; NaN means no command."""
         if set_loop_commands(self._loops, commands, time_ns):
             loops = chain.from_iterable(c.loops for c in self._compiled_controllers)
             for loop, command in zip(loops, commands.tolist(), strict=True):

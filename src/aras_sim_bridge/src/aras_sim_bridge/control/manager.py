@@ -2,7 +2,7 @@
 
 All methods must be called in the simulation thread. Loading and unloading take effect immediately.
 A switch is checked immediately and carried out at the end of the next update(). While the
-simulation is paused a switch request therefore stays pending; no method blocks.
+simulation is paused, a switch request therefore stays pending; no method waits for it.
 """
 
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -46,10 +46,10 @@ class ControllerManager:
     """Controllers of one robot, updated in the order in which they were loaded.
 
     Attributes:
-        parameters: nested mapping of the robot's namespace; the caller replaces it when parameters
-            change.
+        parameters: nested mapping of the parameters in the robot's namespace; the caller replaces
+            it when parameters change.
         running: running controllers in the order of their updates.
-        on_started: called after a switch that started controllers, or None.
+        on_started: function that is called after a switch that started controllers, or None.
     """
 
     def __init__(
@@ -75,7 +75,10 @@ class ControllerManager:
         self.on_started: Callable[[], None] | None = None
 
     def _list_classes(self) -> Mapping:
-        """Return paths of users' classes by type; the parameter server nests names at slashes."""
+        """Return the paths of users' controller classes by type name.
+
+        The parameter server stores a type name with a slash as a nested mapping.
+        """
         classes = self.parameters.get(CLASSES_PARAMETER) or {}
         if not isinstance(classes, Mapping):
             raise ControllerError(
@@ -103,7 +106,7 @@ class ControllerManager:
             )
         try:
             controller = self.registry.find(type_name, self._list_classes())()
-            # A user's init may not call the base class.
+            # A user's init may omit the call of the base class's init, which sets this.
             controller.context = context = Context(
                 name, self.namespace, self.hardware.description, self.parameters, self._warn,
                 self._error,
@@ -154,7 +157,7 @@ class ControllerManager:
         """Reload the modules of users' controller classes.
 
         Args:
-            force_kill: stop and unload all controllers before.
+            force_kill: whether to stop and unload all controllers first.
 
         Raises:
             ControllerError: controllers are loaded and `force_kill` is False.
@@ -168,7 +171,7 @@ class ControllerManager:
         self.registry.reload(self._list_classes())
 
     def shutdown(self) -> None:
-        """Stop and unload all controllers, last loaded first; pending switches are rejected."""
+        """Reject pending switches; stop and unload all controllers in reverse order of loading."""
         for entry in reversed(self._order):
             if entry.running:
                 self._change_state(entry, STOPPED, self._time_ns)
@@ -209,9 +212,9 @@ class ControllerManager:
     def update(self, time_ns: int, period: float) -> None:
         """Run one control cycle at `time_ns`, `period` s after the last one.
 
-        When an emergency stop has been released, all running controllers are first stopped and
-        started. If a controller raises, its state becomes 'aborted', the effort and velocity
-        commands of its joints become 0, and the other controllers continue.
+        After the release of an emergency stop, all running controllers are stopped and started
+        first. If a controller raises, its state becomes 'aborted', the effort and velocity commands
+        of its joints become 0, and the other controllers continue.
         """
         self._time_ns = time_ns
         if self.hardware.e_stop:
@@ -236,7 +239,7 @@ class ControllerManager:
 
     @property
     def is_busy(self) -> bool:
-        """Whether the next update has more to do than to update the controllers."""
+        """Whether the next update does more than update the controllers."""
         return bool(self._pending) or self._has_e_stopped or self.hardware.e_stop
 
     def reset(self, restart: bool = False) -> None:
@@ -254,13 +257,14 @@ class ControllerManager:
                 self._abort(entry, "reset", error)
 
     def carry_out_switches(self, time_ns: int) -> None:
-        """Carry out the pending switches: at the end of an update, or while the clock is paused."""
+        """Carry out the pending switches, at the end of an update or while the clock is paused."""
         pending, self._pending = self._pending, []
         for request in pending:
             if request.is_done:
                 continue
             try:
-                # Checked again, because a controller may have been unloaded since the request.
+                # Check the request again, because a controller may have been unloaded since it was
+                # made.
                 stops, starts = plan_switch(request, self._entries, self._order)
             except ControllerError as error:
                 request.finish(str(error))

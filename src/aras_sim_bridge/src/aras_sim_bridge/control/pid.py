@@ -1,4 +1,4 @@
-"""PID with the semantics of control_toolbox, for which users have tuned their gains."""
+"""PID controller that behaves like that of control_toolbox, for which users have tuned gains."""
 
 import logging
 from collections.abc import Callable, Mapping
@@ -16,17 +16,32 @@ from aras_visual_servo_base.settings import read
 
 log = logging.getLogger(__name__)
 
-# Columns of a PID's row: its gains, the last error, inputs and results of the last computation, and
-# whether that computation was valid.
-(_P, _I, _D, _I_MAX, _I_MIN, _ANTIWINDUP, _LAST_ERROR, _ERROR, _ERROR_DOT, _INTEGRAL, _COMMAND,
- _I_TERM, _IS_COMPUTED), PID_COLUMNS = range(13), 13
+# Columns of a PID's row.
+(
+    (
+        _P,
+        _I,
+        _D,
+        _I_MAX,  # upper limit of the integral term
+        _I_MIN,  # lower limit of the integral term
+        _ANTIWINDUP,  # whether the integral itself is limited, too
+        _LAST_ERROR,  # error from which the next derivative is computed
+        _ERROR,  # error of the last computation
+        _ERROR_DOT,  # derivative of the error in the last computation
+        _INTEGRAL,  # integral of the error
+        _COMMAND,  # result of the last computation
+        _I_TERM,  # integral term of the last computation
+        _IS_COMPUTED,  # whether the last computation was valid
+    ),
+    PID_COLUMNS,
+) = range(13), 13
 
 # Parameter names of a PID.
 KEYS = ("p", "i", "d", "i_clamp", "i_clamp_min", "i_clamp_max", "antiwindup", "publish_state")
 
 
 class Gains(NamedTuple):
-    """One consistent set of gains; `i_max` and `i_min` limit the integral *term*."""
+    """Gains of a PID; `i_max` and `i_min` limit the integral term, not the integral itself."""
 
     p: float
     i: float = 0.0
@@ -57,21 +72,22 @@ class PidState:
 class Pid:
     """PID controller u = p e + clamp(i ∫e) + d ė with these peculiarities of control_toolbox:
 
-    - The first derivative after reset() is error/dt, a kick, because the last error is then 0.
-    - i_min and i_max are 0 by default, and then the integral term is 0 for any i.
-    - Without antiwindup only the term is limited, while the integral grows without bound.
+    - After reset() the last error is 0, so the first derivative is error/dt, which is a large
+      value.
+    - i_min and i_max are 0 by default; the integral term is then 0 for any i.
+    - Without antiwindup only the integral term is limited; the integral grows without bound.
     - With a dt of 0, or an error that is not finite, the result is 0 and the integral is unchanged.
     - The output is not limited here; the hardware does this.
 
-    The state is stored in `row`, a row of an array that compiled code updates. `gains` is replaced
-    as a whole, so that another thread may set it during a computation; `apply_gains` copies it into
-    the row. `on_state`, if set, is called with a
-    PidState after each computation.
+    The state is stored in `row`, a row of an array that compiled code updates. Another thread may
+    replace `gains` during a computation; `apply_gains` copies them into the row before the next
+    one. `on_state`, if set, is called with a PidState after each computation.
     """
 
     __slots__ = ("gains", "publish_state", "on_state", "row", "_active_gains")
 
-    integral, command = column(_INTEGRAL), column(_COMMAND)  # ∫e dt, before the gain
+    # `integral` is ∫e dt, not multiplied by i.
+    integral, command = column(_INTEGRAL), column(_COMMAND)
 
     def __init__(
         self,
@@ -124,7 +140,7 @@ class Pid:
         return pid
 
     def set_gains(self, gains: Gains) -> None:
-        """Use new gains from the next computation on; the integral is unchanged.
+        """Set gains for the following computations; the integral is unchanged.
 
         Raises:
             ControllerError: a gain is not finite, or i_min > i_max.
@@ -134,20 +150,19 @@ class Pid:
                 raise ControllerError(f"PID gain {field} must be finite, got {value}")
         if gains.i_min > gains.i_max:
             raise ControllerError(
-                f"PID integral clamp is empty: i_clamp_min {gains.i_min} > "
-                f"i_clamp_max {gains.i_max}"
+                f"PID: i_clamp_min {gains.i_min} exceeds i_clamp_max {gains.i_max}; it must not"
             )
         self.gains = Gains(*map(float, gains[:5]), bool(gains.antiwindup))
 
     def apply_gains(self) -> None:
-        """Copy new gains into the row, between two computations."""
+        """Copy new gains into the row; call this between two computations."""
         gains = self.gains
         if gains is not self._active_gains:
             self._active_gains = gains
             self.row[:_LAST_ERROR] = gains
 
     def bind(self, row: np.ndarray) -> None:
-        """Copy the state into this array row (13,), and store it there from now on."""
+        """Copy the state to `row` (13,), which stores it from now on."""
         row[:] = self.row
         self.row = row
 
@@ -158,7 +173,8 @@ class Pid:
     def compute(self, error: float, dt: float, error_dot: float | None = None) -> float:
         """Compute the command for `error` = target - state, `dt` s after the last computation.
 
-        `error_dot` is in the error's unit per s; None differentiates the error numerically.
+        `error_dot` is the derivative of the error, per s; if it is None, the error is
+        differentiated numerically.
         """
         self.apply_gains()
         known = error_dot is not None
@@ -167,7 +183,10 @@ class Pid:
         return command
 
     def notify_listener(self, dt: float) -> None:
-        """Report the last computation, `dt` s after the one before, to the listener if valid."""
+        """Pass the last computation to the listener if it was valid.
+
+        `dt` is the time, s, between the last two computations.
+        """
         listener = self.on_state
         if listener is None or not self.row[_IS_COMPUTED]:
             return
@@ -181,7 +200,7 @@ class Pid:
 
 @jit("f8[::1], f8, f8, b1, f8", allocates=False)
 def compute_pid(row, error, error_dot, has_error_dot, dt):
-    """Compute a command; see Pid.compute. `has_error_dot`: whether `error_dot` is given."""
+    """Compute a command; see Pid.compute. `has_error_dot` is False if `error_dot` is None there."""
     row[_IS_COMPUTED] = 0.0
     if not has_error_dot:
         if dt == 0.0 or not isfinite(error):

@@ -1,4 +1,4 @@
-"""Longest physics step at which the loops of the loaded PIDs are stable.
+"""Longest physics step at which the control loops of the running PIDs are stable.
 
 Consider a PD loop on joints with inertia M, effort = -P q - D q̇, with the derivative computed from
 positions, and steps of h s that first update velocities and then positions:
@@ -6,8 +6,8 @@ positions, and steps of h s that first update velocities and then positions:
     v' = v - h M⁻¹ (P q + D v),  q' = q + h v'
 
 The amplitude of oscillations grows if an eigenvalue of M⁻¹ (2 h D + h² P) exceeds 4. Integral
-terms, limits and friction are neglected; limits and friction bound the oscillation, but do not end
-it.
+terms, limits and friction are neglected. Limits and friction bound such an oscillation but do not
+end it.
 """
 
 from __future__ import annotations
@@ -22,13 +22,14 @@ from aras_sim_bridge.control.switching import LoadedController
 
 STABILITY_BOUND = 4.0
 _HALVINGS = 60
-_MARGIN = 1.05  # margin of a factor that is reported with two digits
+# Safety factor, so that a gain reduction is still sufficient when rounded to two digits.
+_MARGIN = 1.05
 
 
 def collect_gains(
     hardware: RobotHardware, running: Iterable[LoadedController], joints: tuple[str, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return P and D (n,) of the currently closed loops, in the order of `joints`."""
+    """Return P (n,) and D (n,) of the closed control loops, in the order of `joints`."""
     gains = {name: (0.0, 0.0) for name in joints}
     for entry in running:
         gains |= entry.controller.get_loop_gains()
@@ -46,7 +47,7 @@ def compute_step_eigenvalue(
 ) -> float:
     """Return the largest eigenvalue of M⁻¹ (2 h D + h² P).
 
-    Above STABILITY_BOUND the loops diverge.
+    If the eigenvalue exceeds STABILITY_BOUND, the loops diverge.
 
     Args:
         inverse: M⁻¹ (n, n).
@@ -58,7 +59,7 @@ def compute_step_eigenvalue(
 
 
 def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float) -> float:
-    """Return the longest stable step, s, below `step`, which must be unstable."""
+    """Return the longest stable step, s; `step` is an unstable step."""
     low, high = 0.0, step
     for _ in range(_HALVINGS):
         middle = 0.5 * (low + high)
@@ -73,10 +74,10 @@ def find_longest_step(inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: f
 def find_gain_reductions(
     inverse: np.ndarray, P: np.ndarray, D: np.ndarray, step: float
 ) -> np.ndarray:
-    """Return factors (n,) ≥ 1 by which to divide each joint's gains for stable steps of `step` s.
+    """Return the factors (n,) by which to divide the joints' gains to make `step` s stable.
 
-    The gains of the joint with the largest oscillation are reduced first, so that few joints are
-    affected.
+    All factors are ≥ 1. The gains of the joint with the largest oscillation are reduced first, so
+    that few joints are affected.
     """
     factors = np.ones(len(P))
     while True:
@@ -94,10 +95,10 @@ def report_stability(
     inverse_inertia: Callable[[], np.ndarray],
     step: float,
 ) -> str:
-    """Return a warning if the closed loops are unstable at steps of `step` s, '' otherwise.
+    """Return a warning if the closed loops are unstable at steps of `step` s, otherwise ''.
 
     Args:
-        inverse_inertia: returns M⁻¹ (n, n) of `joints` at their current positions.
+        inverse_inertia: function that returns M⁻¹ (n, n) of `joints` at their current positions.
     """
     P, D = collect_gains(hardware, running, joints)
     if not (P.any() or D.any()):

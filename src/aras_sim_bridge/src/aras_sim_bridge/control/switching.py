@@ -30,8 +30,8 @@ class SwitchRequest:
 
     Attributes:
         is_done: whether the request was carried out, rejected or cancelled.
-        is_successful: whether it was carried out; otherwise `reason` says why not.
-        on_done: called with the request when it is done, or None.
+        is_successful: whether the request was carried out; otherwise `reason` says why not.
+        on_done: function that is called with the request when it is done, or None.
     """
 
     def __init__(
@@ -47,7 +47,7 @@ class SwitchRequest:
         self.is_done = False
 
     def finish(self, reason: str = "") -> None:
-        """End the request, with the reason if it was not carried out; no effect if it is done."""
+        """End the request unless it is done; `reason` says why it was not carried out."""
         if self.is_done:
             return
         self.is_successful, self.reason = not reason, reason
@@ -79,10 +79,11 @@ def plan_switch(
     entries: Mapping[str, LoadedController],
     order: Sequence[LoadedController],
 ) -> tuple[list[LoadedController], list[LoadedController]]:
-    """Return the entries to stop and those to start.
+    """Return the controllers to stop and the controllers to start.
 
     Args:
-        order: `entries` in the order of updates.
+        entries: loaded controllers by name.
+        order: the same controllers in the order of updates.
 
     Raises:
         ControllerError: the rules of ros_control do not allow the switch.
@@ -137,5 +138,6 @@ def _check_claims(entries: Sequence[LoadedController]) -> None:
     ]
     if conflicts:
         raise ControllerError(
-            f"resource conflict, joints claimed more than once: {'; '.join(conflicts)}"
+            f"resource conflict, joints claimed more than once: {'; '.join(conflicts)}. Stop all "
+            "but one of these controllers"
         )

@@ -1,7 +1,8 @@
 """Conversion of the links and joints of a model into kinematic trees with loop joints.
 
 A simulator in joint coordinates needs trees. A model may consist of several trees that move
-independently. In each closed kinematic chain one joint is cut and replaced by a constraint.
+independently. In each closed kinematic chain, one joint (the loop joint) is replaced by a
+constraint.
 """
 
 from __future__ import annotations
@@ -29,12 +30,12 @@ class KinematicTree:
 
 @dataclass(frozen=True)
 class JointInModel:
-    """A joint and the pose of its frame in the model; its `origin_*` fields are not set yet.
+    """A joint without `origin_xyz` and `origin_rpy`, and the pose of its frame in the model.
 
     Attributes:
-        is_loop_cut: whether a closed chain is cut at this joint in preference to others.
-        massless_link: the joint's child, if that is a massless link that only connects this joint
-            to the next one (see `find_links_between`).
+        is_loop_cut: whether this joint is preferred as the loop joint of a closed chain.
+        massless_link: name of the joint's child if it is a massless link that only connects this
+            joint to the next one, otherwise '' (see `find_links_between`).
     """
 
     joint: Joint
@@ -45,10 +46,10 @@ class JointInModel:
 
 def find_links_between(joints: Sequence[JointInModel], links: Mapping[str, Link], where: str
                   ) -> tuple[dict[str, Link], dict[str, Pose]]:
-    """Return the massless links that connect one of these joints to the next, and their poses.
+    """Return the massless links between joints in series, and their poses in the model.
 
     Raises:
-        DescriptionError: a link of that name exists.
+        DescriptionError: the model already has a link with the name of such a link.
     """
     for one in joints:
         if one.massless_link in links:
@@ -63,8 +64,8 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
              static: bool, where: str) -> list[KinematicTree]:
     """Return the kinematic trees of a model, starting with the tree of the model's first link.
 
-    The root of a tree is its first link that is not the child of a joint. The frame of the first
-    tree is the model's frame. All links of a static model form one tree, connected or not.
+    The root of a tree is the first of its links that are not the child of a joint. The frame of the
+    first tree is the model's frame. All links of a static model form one tree, connected or not.
 
     Args:
         links: links by name, in the model's order.
@@ -74,7 +75,8 @@ def assemble(links: Mapping[str, Link], poses: Mapping[str, Pose], joints: Seque
         where: name of the model in messages.
 
     Raises:
-        DescriptionError: a joint names a link that does not exist, or two joints have one name.
+        DescriptionError: a joint names a link that does not exist, or two joints have the same
+            name.
     """
     names: set[str] = set()
     for one in joints:
@@ -104,10 +106,11 @@ class _SpanningTrees:
     """Assignment of links to trees, and the joints that connect each tree.
 
     Attributes:
-        tree_of: name of the tree's root, by link.
-        edges: joints of the trees by name; True for a reversed joint, whose URDF child is its
-            parent in the tree.
-        carried_links: links that are fixed to the root of a static model.
+        tree_of: name of the root of each link's tree, by the name of the link.
+        edges: for each joint of the trees, by name, whether it is reversed: its child in the
+            description is its parent in the tree.
+        carried_links: root links of the other trees of a static model, which become fixed to the
+            first root.
     """
 
     def __init__(self, joints: Sequence[JointInModel]) -> None:
@@ -121,15 +124,15 @@ class _SpanningTrees:
         self.carried_links: list[str] = []
 
     def grow(self, root: str) -> None:
-        """Add all links that are connected to `root`.
+        """Build the tree of `root` from all links that are connected to it.
 
-        Child links are added first, then links behind joints with `is_loop_cut`, and finally links
-        that are reached from child to parent, whose joints are reversed.
+        Child links are added first, and then the children of joints with `is_loop_cut`. Links that
+        can only be reached from a child to its parent come last; their joints are reversed.
         """
         self.tree_of[root] = root
         pending, reached = [root], {root}
         while pending:
-            for link in pending:  # the list grows during the loop: nearest links come first
+            for link in pending:  # the loop also visits links that it appends: breadth first
                 for joint in self._below.get(link, ()):
                     if self._is_new(joint.child):
                         pending.append(self._add(joint, joint.child, root, False))
@@ -147,7 +150,7 @@ class _SpanningTrees:
                     break
 
     def join(self, roots: Sequence[str]) -> None:
-        """Merge all trees into that of the first root, to which the other roots become fixed."""
+        """Merge all trees into the first tree, to whose root the other roots become fixed."""
         self.carried_links = list(roots[1:])
         self.tree_of = dict.fromkeys(self.tree_of, roots[0])
 
@@ -163,7 +166,8 @@ class _SpanningTrees:
 def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: Mapping[str, Pose],
           joints: Sequence[JointInModel], span: _SpanningTrees) -> KinematicTree:
     links = {name: link for name, link in all_links.items() if span.tree_of[name] == root}
-    # The frame of the main root is the model's frame, so its children are placed in the model.
+    # The frame of the first tree's root is the model's frame, so poses in the model are poses in
+    # it.
     frames = {**poses, root: Pose()} if is_main else poses
     found: dict[str, Joint] = {}
     loops: list[LoopJoint] = []
@@ -181,7 +185,8 @@ def _make_tree(root: str, is_main: bool, all_links: Mapping[str, Link], poses: M
         if span.edges[joint.name]:
             parent, child, axis = child, parent, tuple(-part for part in axis)
         if joint.is_movable and one.pose != poses[child]:
-            # The joint moves a massless link at the joint's frame, and the child is fixed to it.
+            # Insert a massless link at the joint's frame; the joint moves this link, and the child
+            # is fixed to it.
             frame_link = f"{joint.name}_frame"
             links[frame_link] = Link(frame_link, None)
             found[frame_link] = Joint(frame_link, "fixed", frame_link, child).with_pose(

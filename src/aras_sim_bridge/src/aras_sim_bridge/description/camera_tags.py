@@ -1,4 +1,4 @@
-"""Readers of the camera sensors of URDF and SDF, which share their elements."""
+"""Readers of camera sensors; URDF and SDF use the same elements for them."""
 
 from dataclasses import replace
 from xml.etree.ElementTree import Element
@@ -28,21 +28,21 @@ _LENSES = ("gnomonical", "stereographic", "equidistant", "equisolid_angle", "ort
 def read_cameras(sensor: Element, link: str, warnings: list[str]) -> list[CameraDescription]:
     """Read the camera of a sensor on `link`, or each camera of a multicamera.
 
-    The topics of one camera of a multicamera are below cameraName/left or cameraName/right if the
-    camera's name contains that word, otherwise below cameraName/name. Only the right camera has
-    the plug-in's `hackBaseline`, as in gazebo_ros.
+    The topics of a camera in a multicamera are below cameraName/left if the camera's name contains
+    "left", below cameraName/right if it contains "right", otherwise below cameraName/<name>. Only
+    the right camera has the plug-in's `hackBaseline`, as in gazebo_ros.
 
     Raises:
-        DescriptionError: an element is not a number, or a size, rate, angle or clip distance is
-            not possible for a camera.
+        DescriptionError: the text of an element is not a number, or a size, rate, angle or clip
+            distance is not possible for a camera.
     """
     name = sensor.get("name") or ""
     where = f"camera '{shorten(name)}' on link '{link}'"
     if not name:
-        raise DescriptionError(f"link '{link}': a camera sensor has no name")
+        raise DescriptionError(f"link '{link}': a camera sensor has no name; give it one")
     nodes = sensor.findall("camera")
     if not nodes:
-        raise DescriptionError(f"{where}: has no <camera> element")
+        raise DescriptionError(f"{where}: it has no <camera> element; add one")
     found = plugins.read(sensor, where, (CameraPlugin,), warnings)
     plugin = found[0] if found else None
     for extra in found[1:]:

@@ -1,4 +1,4 @@
-"""Reader of robot and model descriptions from files."""
+"""Reader of files that describe a robot or another model."""
 
 from __future__ import annotations
 
@@ -17,8 +17,8 @@ def load_description(path: str | Path) -> RobotDescription:
             are relative to the folder of the file; `package://` and `model://` are resolved.
 
     Returns:
-        The checked links, joints (m, rad), transmissions, cameras and sensors. `warnings` has one
-        sentence for each part that is not simulated.
+        The checked description. Its `warnings` contain one sentence for each part that is not
+        simulated.
 
     Raises:
         DescriptionError: the file cannot be read, or it contains something that cannot be

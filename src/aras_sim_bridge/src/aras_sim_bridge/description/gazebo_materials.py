@@ -1,8 +1,8 @@
 """Gazebo's material names and their colours.
 
-A robot description uses them in `<gazebo reference="link"><material>Gazebo/Black</material>`.
-The values are the diffuse colours of Gazebo classic's material script. Textured materials (wood,
-bricks) have their mean colour.
+A robot description uses the names in `<gazebo reference="link"><material>Gazebo/Black</material>`.
+The colours are the diffuse colours of Gazebo classic's material script. A textured material (wood,
+bricks) has the mean colour of its texture.
 """
 
 from __future__ import annotations
@@ -135,7 +135,10 @@ def find_sdf_colour(
 
 
 def _read_colour(visual: Element, where: str) -> Rgba | None:
-    """Return the diffuse colour of an SDF visual's material, or its ambient colour, or None."""
+    """Return the diffuse colour of an SDF visual's material.
+
+    If the material has none, return its ambient colour, or None.
+    """
     material = visual.find("material")
     for tag in ("diffuse", "ambient"):
         text = find_text(material, tag)

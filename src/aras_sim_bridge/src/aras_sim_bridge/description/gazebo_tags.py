@@ -40,7 +40,7 @@ class GazeboTags:
     """Result of `parse`: everything that the <gazebo> tags of a model describe.
 
     Attributes:
-        links, joints: links and joints of the URDF with the settings of the tags applied.
+        links, joints: links and joints of the URDF, with the settings of the tags.
         added_links, added_joints: links and joints that the tags add.
         poses: poses of all links in the model.
     """
@@ -62,11 +62,11 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
           poses: Mapping[str, Pose], resolve: Resolve, warnings: list[str]) -> GazeboTags:
     """Read every `<gazebo>` below `root`.
 
-    Unknown references, plug-ins and sensors, and unsupported elements, become warnings.
+    Each unknown reference, plug-in or sensor and each unsupported element causes a warning.
 
     Args:
         poses: poses of the links in the model, with all joints at 0.
-        resolve: finds mesh files.
+        resolve: function that returns the path of a mesh file.
 
     Raises:
         DescriptionError: a supported tag has an invalid value.
@@ -139,7 +139,7 @@ def parse(root: Element, links: Mapping[str, Link], joints: Mapping[str, Joint],
 
 
 def _unify(block: Element, warnings: list[str]) -> Element:
-    """Return a copy of the block in which its SDF elements have the newest SDF form."""
+    """Return a copy of a <gazebo> block whose SDF elements have the form of the newest SDF."""
     block = copy.deepcopy(block)
     for node in block:
         if node.tag in ("link", "joint", "sensor", "collision"):
@@ -187,9 +187,9 @@ def _read_joint_settings(block: Element, name: str, tags: GazeboTags, warnings: 
 def _drop_duplicates(
     cameras: list[CameraDescription], warnings: list[str]
 ) -> list[CameraDescription]:
-    """Return the first camera of each name, with a warning for each duplicate.
+    """Return the cameras, without those whose name another camera has; warn about each of these.
 
-    Settings address cameras by name, so names must be unique.
+    Names must be unique because the settings of a camera refer to it by its name.
     """
     unique_cameras: dict[str, CameraDescription] = {}
     for camera in cameras:

@@ -14,7 +14,8 @@ from aras_visual_servo_base.safe_xml import (
 )
 
 SHAPES = ("box", "cylinder", "sphere", "capsule", "plane", "mesh")
-Resolve = Callable[[str, str], str]  # (mesh URI, element that names it) -> path of the file
+# (mesh URI, name of the element in messages) -> path of the file.
+Resolve = Callable[[str, str], str]
 _SMALLEST_SIZE = 1e-4  # m; used instead of a size of zero, as in Gazebo
 
 
@@ -25,7 +26,7 @@ def read_urdf_geometry(element: Element, where: str, resolve: Resolve, warnings:
     A size of zero becomes 0.1 mm, as in Gazebo.
 
     Returns:
-        The shape, or None, with a sentence in `warnings`, if it is not supported.
+        The shape. If it is not supported, None; `warnings` then gets a sentence.
 
     Raises:
         DescriptionError: a size is negative or not a number.
@@ -38,7 +39,7 @@ def read_sdf_geometry(element: Element, where: str, resolve: Resolve, warnings: 
                  ) -> Geometry | None:
     """Read the shape of an SDF visual or collision; see `read_urdf_geometry`.
 
-    In SDF a plane has a size. Submeshes are not supported.
+    Unlike in URDF, a plane has a size. Submeshes are not supported.
     """
 
     def read(shape: Element) -> Geometry:
@@ -66,10 +67,10 @@ def _read_or_warn(
 
 
 def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
-    """Read the restitution coefficient and threshold speed (m/s) of a collision's `<surface>`.
+    """Read the restitution coefficient and threshold speed in the `<surface>` of a collision.
 
     Returns:
-        (coefficient, threshold), or None without a `<restitution_coefficient>`.
+        (coefficient, threshold in m/s), or None if there is no `<restitution_coefficient>`.
 
     Raises:
         DescriptionError: the coefficient is outside 0 … 1, or the threshold is negative.
@@ -83,7 +84,7 @@ def read_bounce(collision: Element, where: str) -> tuple[float, float] | None:
     least = parse_number(find_text(node, "threshold"), f"{where}: threshold", 0.0)
     if not (0.0 <= share <= 1.0 and least >= 0.0):
         raise DescriptionError(f"{where}: <bounce> has restitution_coefficient {share} and "
-                               f"threshold {least}; need 0 to 1, and a speed that is not negative")
+                               f"threshold {least}; need 0 to 1, and a speed of at least 0")
     return share, least
 
 
@@ -101,9 +102,9 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
     """Read a shape element.
 
     Args:
-        value: returns the text of one of the shape's settings.
-        file: name of the setting that holds a mesh's URI.
-        plane: default size of a plane, in m.
+        value: function that returns the text of a setting of the shape, given the setting's name.
+        file: name of the setting that contains the URI of a mesh.
+        plane: default size of a plane, m.
     """
     kind = shape.tag
 
@@ -128,19 +129,21 @@ def _read_geometry(shape: Element, where: str, resolve: Resolve, value: Callable
         )
     if kind == "sphere":
         return Geometry(kind, radius=read_positive("radius", 1)[0])
-    if kind == "plane":  # a Bullet extension of URDF
+    if kind == "plane":  # Bullet's extension of URDF
         normal = parse_direction(value("normal"), f"{where}: plane normal", (0.0, 0.0, 1.0))
         return Geometry(kind, size=(*read_positive("size", 2, plane), 0.0), normal=normal)
     if kind == "mesh":
         uri = value(file)
         if not uri:
-            raise UnsupportedPartError(f"{where}: <mesh> has no {file}")
+            raise UnsupportedPartError(f"{where}: <mesh> has no {file}; add the path of the file")
         factors = (value("scale") or "1 1 1").split()
         scale = parse_numbers(
             " ".join(factors * 3 if len(factors) == 1 else factors), 3, f"{where}: scale"
         )
         if 0.0 in scale:
-            raise UnsupportedPartError(f"{where}: mesh scale {scale} contains a zero")
+            raise UnsupportedPartError(
+                f"{where}: mesh scale {scale} contains a zero; use numbers other than 0"
+            )
         return Geometry(kind, filename=resolve(uri, where), scale=scale)
     raise UnsupportedPartError(
         f"{where}: shape <{shorten(kind)}> is not supported; use {', '.join(SHAPES)}")

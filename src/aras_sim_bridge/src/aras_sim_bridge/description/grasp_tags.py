@@ -20,7 +20,7 @@ _WHERE = "plugin gazebo_grasp_fix"
 
 
 def read(plugin: Element) -> GraspDescription:
-    """Read the plug-in's elements; missing ones get the defaults of gazebo_grasp_fix.
+    """Read the plug-in's elements; a missing element gets its default in gazebo_grasp_fix.
 
     Raises:
         DescriptionError: an element is not a number.
@@ -49,7 +49,10 @@ def _read_arm(arm: Element) -> GraspArm:
 
 def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warnings: list[str]
              ) -> list[GraspDescription]:
-    """Return the plug-ins that can grasp, with their valid arms; a warning names all others."""
+    """Return the plug-ins that can grasp, with their valid arms only.
+
+    A warning names each plug-in and each arm that is left out.
+    """
     whole = []
     for one in grasps:
         if one.rate <= 0.0 or one.angle < math.pi / 2:
@@ -76,7 +79,10 @@ def check_grasps(grasps: list[GraspDescription], links: Mapping[str, Link], warn
 
 def _check_arm(arm: GraspArm, links: Mapping[str, Link], warnings: list[str]
              ) -> tuple[str, GraspArm]:
-    """Return why an arm cannot grasp ('' if it can), and the arm without missing fingers."""
+    """Return why an arm cannot grasp ('' if it can), and a copy of the arm.
+
+    The copy has only those fingers that are links of the model.
+    """
     for finger in arm.fingers:
         if finger not in links:
             warnings.append(f"{_WHERE}: arm '{shorten(arm.name)}': gripper_link "

@@ -1,13 +1,15 @@
-"""Checks of inertia tensors, and the principal axes that Bullet needs."""
+"""Checks of inertia tensors, and their principal axes, which Bullet needs."""
 
 import numpy as np
 
 from aras_sim_bridge.description.types import Inertial, Vector3
 from aras_sim_bridge.errors import DescriptionError
 
-# Rounding in CAD exports violates the triangle inequality by less than this fraction of the trace.
+# The triangle inequality may be violated by this fraction of the trace without a warning: rounding
+# in CAD exports violates it by less.
 _TRIANGLE_TOLERANCE = 1e-3
-# kg m². Common robot models have links of a milligram with invalid tensors (TIAGo's antennas).
+# kg m²; smaller invalid tensors are not errors, because common robot models have some, for example
+# TIAGo's antennas with a mass of a milligram.
 _NEGLIGIBLE = 1e-6
 
 
@@ -27,9 +29,9 @@ def make_inertial(
 ) -> Inertial | None:
     """Return the checked inertial parameters of a link, or None for a link without mass.
 
-    A tensor that violates the triangle inequality is used, with a warning, because the equations
-    of motion only need it to be positive definite. A tensor that is missing, zero, or slightly
-    negative is replaced, with a warning, by that of a solid sphere of 5 cm radius.
+    A tensor that violates the triangle inequality causes a warning but is used, because the
+    equations of motion only need it to be positive definite. A tensor that is missing, zero, or
+    slightly negative causes a warning and is replaced by that of a solid sphere of 5 cm radius.
 
     Raises:
         DescriptionError: the mass or a principal moment is negative.
@@ -63,7 +65,7 @@ def make_inertial(
 
 
 def principal_axes(inertia: tuple[float, ...]) -> tuple[np.ndarray, np.ndarray]:
-    """Return the principal moments (3,) and the rotation (3, 3) whose columns are their axes.
+    """Return the principal moments (3,) and a rotation matrix (3, 3) with the axes as columns.
 
     For a diagonal tensor the order of the axes is unchanged and the rotation is the identity.
     """

@@ -1,7 +1,7 @@
 """Expansion of Gazebo's `<include>`s and nested models into plain elements of one document.
 
-A model folder holds model.config, which names the SDF file. packages.find_model searches for the
-folders. The models ground_plane and sun, which most worlds include, are built in.
+A model folder contains the file model.config, which names the SDF file. packages.find_model finds
+the folder of a model. The models ground_plane and sun, which most worlds include, are built in.
 """
 
 from __future__ import annotations
@@ -73,7 +73,8 @@ def read_model(folder: str, warnings: list[str]) -> Element:
     """Read the model or light of a model folder; its mesh paths become absolute.
 
     Raises:
-        DescriptionError: model.config, its SDF file, or a model in that file is missing.
+        DescriptionError: model.config is missing, its SDF file is missing, or this file has no
+            model.
     """
     config = _parse(Path(folder) / CONFIG_FILE)
     names = [((node.text or "").strip(), parse_number(node.get("version"), CONFIG_FILE, 0.0))
@@ -103,7 +104,9 @@ def _parse(file: Path) -> Element:
 
 def expand(scope: Element, warnings: list[str], base: str | None = None,
              chain: tuple[str, ...] = ()) -> Iterator[Element]:
-    """Return the elements of a world or model with includes resolved and nested models flattened.
+    """Return the elements of a world or model without includes and nested models.
+
+    An include is replaced by the model that it names, and a nested model by its links and joints.
 
     An include that cannot be resolved is omitted, with a sentence in `warnings`.
 
@@ -165,7 +168,7 @@ def _include(include: Element, uri: str, warnings: list[str], base: str | None,
 
 def _flatten(model: Element, warnings: list[str], base: str | None,
           chain: tuple[str, ...]) -> Element:
-    """Return a model that includes the elements of its nested models, with names inner::link."""
+    """Return a model with the elements of its nested models, whose names become inner::link."""
     if model.find("model") is None and model.find("include") is None:
         sdf_frames.resolve_poses(model, warnings)
         return model

@@ -17,9 +17,10 @@ from aras_sim_bridge.errors import DescriptionError
 from aras_visual_servo_base.image_files import read_image_size
 from aras_visual_servo_base.safe_xml import find_text, shorten
 
-Locate = Callable[[str, str], str]  # (URI, element that names it) -> path, which may not exist
+# (URI, name of the element in messages) -> path, which may not exist.
+Locate = Callable[[str, str], str]
 
-_LARGEST_FILE = 1_000_000  # bytes of a script
+_LARGEST_FILE = 1_000_000  # bytes; larger script files are not read
 _COMMENT = re.compile(r"//[^\n]*|/\*.*?\*/", re.DOTALL)
 _GAZEBO_MEDIA = "file://media/"
 
@@ -29,8 +30,8 @@ class Appearance:
     """Colour and texture of a visual.
 
     Attributes:
-        colour: None if the script sets none.
-        texture: path of an image file, '' for none.
+        colour: colour of the script, or None if it sets no colour.
+        texture: path of the image file; '' if there is no texture.
     """
 
     colour: Rgba | None = None
@@ -43,8 +44,8 @@ def read_appearance(
     """Read the colour and texture that a visual's material script sets.
 
     Returns:
-        None without a script or for one of Gazebo's built-in materials. Parts that cannot be read
-        add a sentence to `warnings`.
+        The appearance, or None if the visual has no script or uses a built-in material of Gazebo.
+        `warnings` gets a sentence for each part of the script that cannot be read.
     """
     script = visual.find("material/script")
     name = find_text(script, "name")
@@ -81,7 +82,7 @@ def read_appearance(
 
 
 def _resolve_inheritance(name: str, scripts: dict[str, tuple[str, Appearance]]) -> Appearance:
-    """Return a material's appearance, with missing values taken from its parent materials."""
+    """Return the appearance of a material; its parent materials provide missing values."""
     colour, texture, visited = None, "", set()
     while name in scripts and name not in visited:
         visited.add(name)
@@ -103,7 +104,7 @@ def _read_scripts(file: Path, warnings: list[str]) -> dict[str, tuple[str, Appea
 
 @lru_cache(maxsize=256)
 def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
-    """Return the parent material ('' for none) and the appearance of each material, by name."""
+    """Return (parent material, appearance) of each material by name; the parent may be ''."""
     text = _COMMENT.sub("", Path(path).read_text(encoding="utf-8", errors="replace"))
     found: dict[str, tuple[str, Appearance]] = {}
     name, ambient = "", None
@@ -127,7 +128,7 @@ def _parse(path: str, _changed_ns: int) -> dict[str, tuple[str, Appearance]]:
 
 
 def _parse_colour(texts: list[str]) -> Rgba | None:
-    """Return a colour of three or four numbers; None for other values, such as vertexcolour."""
+    """Return a colour given as three or four numbers; None for other texts (`vertexcolour`)."""
     try:
         values = [min(max(float(word), 0.0), 1.0) for word in texts[:4]]
     except ValueError:

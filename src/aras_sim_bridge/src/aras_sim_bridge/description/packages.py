@@ -1,6 +1,6 @@
-"""Search for ROS packages and Gazebo model folders, and resolution of mesh URIs in them.
+"""Search for ROS packages and Gazebo model folders, and for the mesh files that URIs name.
 
-A resolved path is always inside its package.
+The path of a mesh file is always inside the package that its URI names.
 """
 
 import os
@@ -19,24 +19,28 @@ OWN_MODELS = "~/.gazebo/models"
 _PACKAGE_NAME = re.compile(r"[A-Za-z][A-Za-z0-9_.\-]*\Z")
 _SKIPPED_DIRECTORIES = {"CMakeFiles", "__pycache__", "node_modules"}
 _LARGEST_DEPTH = 6
-_cache: dict[tuple[str, str, str], str] = {}  # directory by name and search paths
+# Directory of a package, by its name and the search paths.
+_cache: dict[tuple[str, str, str], str] = {}
 
 
 def find_package(name: str) -> str:
     """Return the directory of the ROS package `name`.
 
-    The search order is that of the ROS tools: `ROS_PACKAGE_PATH` (crawled as by rospack), then the
-    share directories of `CMAKE_PREFIX_PATH`, then `/usr/share`, where Debian packages are.
+    The search order is that of the ROS tools: `ROS_PACKAGE_PATH` (searched recursively, like
+    rospack does), then the share directories of `CMAKE_PREFIX_PATH`, then `/usr/share`, where
+    Debian packages are installed.
 
     Raises:
         DescriptionError: the name is malformed, or the package is not found.
     """
     if not _PACKAGE_NAME.match(name):
-        raise DescriptionError(f"'{name[:80]}' is not a package name: letters, digits, _ - . only")
+        raise DescriptionError(
+            f"'{name[:80]}' is not a package name: use letters, digits, _, - and . only"
+        )
     paths = tuple(os.environ.get(key, "") for key in ("ROS_PACKAGE_PATH", "CMAKE_PREFIX_PATH"))
     found = _cache.get((name, *paths))
     if found is None or not os.path.isdir(found):
-        # Missing packages are not cached: a package may be built in the meantime.
+        # A missing package is not cached, because it may be built before the next call.
         found = _search(name, *paths)
     if found is None:
         raise UnsupportedPartError(
@@ -118,7 +122,7 @@ def _list_packages(root: str) -> Iterator[str]:
             names = {e.name for e in entries}
             if "package.xml" in names or "manifest.xml" in names:
                 yield directory
-                continue  # packages do not nest
+                continue  # a package contains no other packages
             if names & {"CATKIN_IGNORE", "rospack_nosubdirs"}:
                 continue
             deeper += [
@@ -146,7 +150,7 @@ def resolve_uri(
 ) -> str:
     """Return the absolute path of an existing mesh file.
 
-    The arguments are those of `locate`.
+    The arguments have the same meaning as in `locate`.
 
     Raises:
         UnsupportedPartError: `locate` fails, or the path is missing or not a regular file.
@@ -168,11 +172,11 @@ def locate(
     """Return the absolute path that a URI names; the path may not exist.
 
     Args:
-        uri: `package://pkg/path`, `model://name/path` (in a Gazebo model folder or, because Gazebo
-            converts package:// to model://, in a package), `file:///path`, an absolute path, or a
-            path relative to `base_directory`.
+        uri: `package://pkg/path`, `model://name/path`, `file:///path`, an absolute path, or a path
+            relative to `base_directory`. `name` is a Gazebo model folder or a package, because
+            Gazebo converts package:// to model://.
         where: element that names the URI, for messages ("link 'J1', visual 1").
-        resolve_package: returns the directory of a package.
+        resolve_package: function that returns the directory of a package.
         base_directory: folder to which relative paths are relative; None rejects relative paths.
         what: kind of the file, for messages.
 

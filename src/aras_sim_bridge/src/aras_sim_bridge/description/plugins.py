@@ -34,10 +34,10 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
          mimics: Collection[str] = ()) -> list[Kind]:
     """Read the plug-ins of `element` that have one of these types.
 
-    Each other plug-in file causes one warning.
+    Each file name of another plug-in causes one warning.
 
     Args:
-        mimics: joints that have a `<mimic>`.
+        mimics: names of the joints that have a `<mimic>`.
 
     Raises:
         DescriptionError: a supported plug-in has an invalid setting.
@@ -64,7 +64,7 @@ def read(element: Element, where: str, kinds: tuple[type[Kind], ...], warnings: 
 
 
 def _describe_mimic_plugin(plugin: Element, mimics: Collection[str]) -> str:
-    """Return the warning about a mimic joint plug-in, which is not supported."""
+    """Return the warning about a plug-in for mimic joints; such plug-ins are not supported."""
     joint, follower = find_text(plugin, "joint") or "", find_text(plugin, "mimicJoint") or ""
     if follower in mimics:
         return "is not needed: <mimic> already works"
@@ -119,7 +119,7 @@ def _read_triggered_camera(plugin: Element, where: str) -> CameraPlugin:
 
 
 def _read_depth(plugin: Element, where: str, depth: DepthTopics) -> CameraPlugin:
-    """Read a depth camera; `depth` holds the defaults of its kind."""
+    """Read the plug-in of a depth camera; `depth` contains the defaults for this plug-in."""
     made = _read_camera(plugin, where)
     nearest = parse_number(find_text(plugin, "pointCloudCutoff"), f"{where}: pointCloudCutoff", 0.4)
     millimetres = parse_bool(
@@ -214,7 +214,7 @@ def _read_joint_states(plugin: Element, where: str) -> SensorDescription:
 
 
 def _read_grasp(plugin: Element, _where: str) -> GraspDescription:
-    from aras_sim_bridge.description import grasp_tags  # few robots grasp
+    from aras_sim_bridge.description import grasp_tags  # imported here because few robots need it
 
     return grasp_tags.read(plugin)
 

@@ -27,13 +27,14 @@ _LINES = ("linear-x", "linear-y", "linear-z")
 
 
 def place_copies(population: Element, warnings: list[str]) -> list[Element]:
-    """Return the copies of a population's model, named <model>_clone_0 and so on.
+    """Return the copies of the model of a population, named <model>_clone_0, <model>_clone_1, ….
 
     The copies are upright and arranged as in Gazebo. Random positions depend only on the
     population's name and differ from Gazebo's.
 
     Returns:
-        No copies, with a sentence in `warnings`, if the population is not supported.
+        The copies. If the population is not supported, an empty list; `warnings` then gets a
+        sentence.
     """
     where = f"<population> '{shorten(population.get('name') or '')}'"
     try:
@@ -87,10 +88,10 @@ def _compute_positions(population: Element, where: str) -> list[Vector3]:
             if radius <= 0.0 or length <= 0.0:
                 raise DescriptionError(f"{where}: radius and length must be positive")
             angle, share, height = random.random((3, count))
-            out = radius * share  # denser in the middle, as in Gazebo
+            out = radius * share  # more positions near the axis than at the rim, as in Gazebo
             inside = np.transpose([out * np.cos(2 * math.pi * angle),
                                    out * np.sin(2 * math.pi * angle), length * height]).tolist()
-            corner = ZERO  # the base of the cylinder is at the pose
+            corner = ZERO  # the pose is that of the cylinder's base
         else:
             raise DescriptionError(f"{where}: distribution '{shorten(kind)}' is not supported in "
                                    "this region; use grid, random or linear-x, -y, -z in a box")

@@ -2,9 +2,9 @@
 
 Supported are boxes, cylinders, spheres, capsules, planes and meshes, with colours; links with
 fixed, revolute, prismatic, universal and screw joints in trees and closed chains; free links;
-cameras and other sensors; lights, includes, nested models, and a world's `<state>`. Everything else
-is ignored with a warning that names it: an element (see supported_elements.py), or a whole model of
-a world.
+cameras and other sensors; lights, includes, nested models, and a world's `<state>`. Each element
+that is not supported (see supported_elements.py) is ignored, or the whole model if it is in a
+world; a warning then names it.
 """
 
 import copy
@@ -36,7 +36,7 @@ class SdfContent:
     """Content of an SDF document.
 
     Attributes:
-        models, lights: in file order.
+        models, lights: models and lights in the order of the file.
         warnings: one sentence for each part that was ignored.
         time_ns: simulated time of the world's `<state>`.
         link_attacher: whether the world has the plug-in gazebo_ros_link_attacher.
@@ -66,8 +66,10 @@ def parse_sdf(xml: str | Element, base_directory: str | None = None) -> RobotDes
     content = read_sdf(xml, base_directory=base_directory)
     if len(content.models) != 1 or content.lights:
         left_out = "".join(f"; {warning}" for warning in content.warnings)
-        raise DescriptionError(f"SDF: {len(content.models)} models and {len(content.lights)} "
-                               f"lights; it must contain exactly one model{left_out}")
+        raise DescriptionError(
+            f"SDF: the text has {len(content.models)} models and {len(content.lights)} lights; it "
+            f"must contain exactly one model{left_out}"
+        )
     model = content.models[0]
     return replace(model, warnings=(*content.warnings, *model.warnings))
 
@@ -77,21 +79,21 @@ def read_sdf(
     resolve_package: packages.ResolvePackage = packages.find_package,
     base_directory: str | None = None,
 ) -> SdfContent:
-    """Read all models and lights of an SDF text, with or without a `<world>` around them.
+    """Read all models and lights of an SDF text, which may be inside a `<world>`.
 
-    Includes are looked up in Gazebo's model folders (see model_folders.py). A world's `<state>`
-    overrides the poses of its models and lights.
+    Included models are searched for in Gazebo's model folders (see model_folders.py). A world's
+    `<state>` overrides the poses of its models and lights.
 
     Raises:
         DescriptionError: see `parse_sdf`. In a `<world>`, an invalid model or light is ignored
-            instead, with a sentence in `warnings`.
+            instead, and `warnings` gets a sentence.
     """
-    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # rewritten below
+    root = copy.deepcopy(safe_xml.parse(xml, "SDF"))  # the code below modifies it
     if root.tag not in ("sdf", "gazebo"):
         raise DescriptionError(f"SDF: the root element is <{shorten(root.tag)}>, not <sdf>")
     worlds = root.findall("world")
     if len(worlds) > 1:
-        raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated")
+        raise DescriptionError(f"SDF: {len(worlds)} worlds; only one can be simulated, so keep one")
     scope = worlds[0] if worlds else root
     def resolve(uri: str, where: str) -> str:
         return packages.resolve_uri(uri, where, resolve_package, base_directory)

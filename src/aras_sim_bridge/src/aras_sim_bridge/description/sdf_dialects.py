@@ -1,4 +1,4 @@
-"""Conversion of all SDF versions, and of errors that Gazebo tolerates, into one form."""
+"""Conversion of SDF of any version, with errors that Gazebo tolerates, to one form."""
 
 from __future__ import annotations
 
@@ -19,24 +19,25 @@ _NAMED_TAGS = ("world", "model", "link", "joint", "visual", "collision", "sensor
 
 
 def unify(root: Element, warnings: list[str]) -> None:
-    """Rewrite an SDF document, or an element of one, in place; each repair causes a warning.
+    """Rewrite an SDF document or element in place; each corrected error causes a warning.
 
-    Poses become six numbers: three numbers are a position without rotation, and the degrees and
-    quaternions of SDF 1.9 are converted. Flags become true or false. The attribute `expressed_in`
-    names the frame of a joint axis: the model's frame up to SDF 1.4 and with
-    `<use_parent_model_frame>`.
+    - Poses become six numbers. A pose of three numbers becomes a position without rotation; degrees
+      and quaternions of SDF 1.9 are converted.
+    - Flags become true or false.
+    - A joint axis in the model's frame gets the attribute `expressed_in`. Axes are in this frame up
+      to SDF 1.4, and in later versions with `<use_parent_model_frame>`.
     """
     _unify(root, _read_version(root) < (1, 5), "", warnings)
 
 
 def _read_version(root: Element) -> tuple[int, ...]:
-    """Return the SDF version of the root; a root without a version counts as the newest."""
+    """Return the SDF version of the root, or the newest version if the root gives none."""
     found = re.match(r"\s*(\d+)\.(\d+)", root.get("version") or "")
     return (99,) if found is None else tuple(map(int, found.groups()))
 
 
 def _unify(element: Element, old: bool, where: str, warnings: list[str]) -> None:
-    """Unify an element; `old`: joint axes are in the model's frame by default."""
+    """Unify an element. If `old`, joint axes are in the model's frame by default."""
     if element.tag in _NAMED_TAGS and element.get("name"):
         label = f"{element.tag} '{shorten(element.get('name'))}'"
         where = f"{where}, {label}" if where and not where.startswith("world") else label
@@ -81,7 +82,7 @@ def _unify_pose(pose: Element, where: str, warnings: list[str]) -> None:
 
 
 def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
-    """Unify a flag and return whether it has a value; an invalid one adds a warning."""
+    """Unify a flag and return whether it has a valid value; if not, add a warning."""
     word = (flag.text or "").strip().lower()
     if word in _BOOLEAN_WORDS:
         warnings.append(
@@ -98,10 +99,10 @@ def _unify_flag(flag: Element, where: str, warnings: list[str]) -> bool:
 
 
 def rotate_axes(joint: Element, pose: Pose, inner: str) -> None:
-    """Rotate the axes of a joint from the model `inner` to the model that contains it.
+    """Rotate a joint's axes from the frame of the model `inner` to that of the enclosing model.
 
     Args:
-        pose: pose of the model `inner` in the model that contains it.
+        pose: pose of the model `inner` in the enclosing model.
     """
     for axis in (*joint.findall("axis/xyz"), *joint.findall("axis2/xyz")):
         frame = axis.get("expressed_in")

@@ -24,8 +24,8 @@ _INSIDE_LINK = ("inertial", "visual", "collision", "sensor", "light")
 class Frames(Mapping[str, Pose]):
     """Poses of a model's or world's frames by name, relative to the model or world.
 
-    The order of the frames in the file does not matter. A missing frame, or one that is relative
-    to itself, raises KeyError.
+    The order of the frames in the file does not matter. A frame that does not exist, or that is
+    relative to itself, raises KeyError.
     """
 
     def __init__(self, scope: Element) -> None:
@@ -71,7 +71,7 @@ class Frames(Mapping[str, Pose]):
         return node.get("attached_to") or "" if node.tag == "frame" else ""
 
     def find_link(self, name: str) -> str:
-        """Return the link that a frame is fixed to; other names are returned unchanged."""
+        """Return the link that a frame is fixed to; return any other name unchanged."""
         visited: list[str] = []
         while name not in visited and name in self._nodes and self._nodes[name].tag == "frame":
             visited.append(name)
@@ -81,7 +81,7 @@ class Frames(Mapping[str, Pose]):
         return name
 
     def find_kind(self, name: str) -> str:
-        """Return the tag of a named element, '' for the model or the world."""
+        """Return the tag of a named element, or '' for the model and the world."""
         return self._nodes[name].tag if name in self._nodes else ""
 
     def list_errors(self) -> list[str]:
@@ -129,13 +129,14 @@ def _set_pose(node: Element, pose: Pose, frame: str = "") -> None:
 
 
 def resolve_poses(model: Element, warnings: list[str]) -> None:
-    """Rewrite the poses in a model in place, without references to other frames.
+    """Rewrite the poses in a model in place, so that they do not refer to other frames.
 
-    Poses of links, frames and nested models become relative to the model, that of a joint to its
-    child, and those of a link's elements to the link. Joints between frames become joints between
-    the links that the frames are fixed to. Axes given in the frame of a joint, frame or nested
-    model are converted to the model's frame. A pose whose frame does not exist is unchanged, so
-    that the reader of its element reports it. Nested models must have been rewritten before.
+    The poses of links, frames and nested models become relative to the model, the poses of joints
+    relative to their child links, and the poses of a link's elements relative to the link. Joints
+    between frames become joints between the links that the frames are fixed to. Axes in the frame
+    of a joint, frame or nested model are converted to the model's frame. A pose whose frame does
+    not exist is unchanged; the reader of its element reports the error. Call this function for the
+    nested models first.
     """
     frames = Frames(model)
     where = f"model '{shorten(model.get('name') or '')}'"
@@ -167,7 +168,7 @@ def resolve_poses(model: Element, warnings: list[str]) -> None:
 
 
 def has_pose(frames: Frames, name: str) -> bool:
-    """Return whether a frame's pose is defined; its reader reports an invalid pose."""
+    """Return whether a frame's pose is defined; another function reports an invalid pose."""
     try:
         return name in frames
     except DescriptionError:

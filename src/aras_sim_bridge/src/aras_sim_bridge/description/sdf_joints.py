@@ -1,4 +1,4 @@
-"""Reader of SDF's `<joint>`s; joints with two axes or a thread become two joints in series."""
+"""Reader of SDF's `<joint>`s; a joint with two axes or a thread becomes two joints in series."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -21,16 +21,16 @@ from aras_visual_servo_base.urdf import Joint, JointLimits, Mimic
 _SINGLE = ("revolute", "continuous", "prismatic", "fixed")
 _TWO_AXIS_KINDS = ("universal", "revolute2")
 JOINT_KINDS = (*_SINGLE, *_TWO_AXIS_KINDS, "screw")
-NO_LIMIT = 1e16  # SDF's value for a joint without limit
+NO_LIMIT = 1e16  # limit in SDF that means "no limit"
 
 
 def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list[JointInModel]:
     """Read a `<joint>` between two links of a model, or between the world and a link.
 
     A universal or revolute2 joint <name> becomes a revolute joint about its `<axis>`, a massless
-    link <name>_cross, and a revolute joint <name>_2 about its `<axis2>`. A screw becomes a revolute
-    joint, a massless link <name>_nut, and a prismatic joint <name>_thread that follows the
-    rotation: as in Gazebo the child moves by -1/thread_pitch metres per rad.
+    link <name>_cross, and a revolute joint <name>_2 about its `<axis2>`. A screw joint becomes a
+    revolute joint, a massless link <name>_nut, and a prismatic joint <name>_thread that follows the
+    rotation. As in Gazebo, the child moves by -1/thread_pitch metres per rad.
 
     Args:
         poses: poses of the links in the model.
@@ -76,7 +76,7 @@ def read_joints(element: Element, model: str, poses: Mapping[str, Pose]) -> list
 
 def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mapping[str, Pose],
            where: str) -> Joint:
-    """Return the joint, whose frame is at `pose`, with the axis, limits and dynamics of `tag`."""
+    """Return the joint with the axis, limits and dynamics of `tag`; `pose` is its frame."""
     axis = element.find(tag)
     kind = joint.kind
     along = parse_direction(find_text(axis, "xyz"), f"{where}: axis", (0.0, 0.0, 1.0))
@@ -93,12 +93,14 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
     lower = _read_bound(limit, "lower", f"{where}: lower", -NO_LIMIT)
     upper = _read_bound(limit, "upper", f"{where}: upper", NO_LIMIT)
     if lower > upper:
-        raise DescriptionError(f"{where}: lower {lower} is above upper {upper}")
+        raise DescriptionError(
+            f"{where}: lower {lower} is above upper {upper}; exchange the two limits"
+        )
     free = kind == "continuous" or kind == "revolute" and lower <= -1e15 and upper >= 1e15
     effort = _read_bound(limit, "effort", f"{where}: effort", NO_LIMIT)
     velocity = _read_bound(limit, "velocity", f"{where}: velocity", NO_LIMIT)
     limits = JointLimits(None if free else lower, None if free else upper,
-                         effort if effort >= 0.0 else NO_LIMIT,  # SDF: -1 is no limit
+                         effort if effort >= 0.0 else NO_LIMIT,  # in SDF, -1 means no limit
                          velocity if velocity >= 0.0 else NO_LIMIT)
     damping = parse_number(find_text(dynamics, "damping"), f"{where}: damping", 0.0)
     friction = parse_number(find_text(dynamics, "friction"), f"{where}: friction", 0.0)
@@ -115,7 +117,7 @@ def _set_axis(element: Element, tag: str, joint: Joint, pose: Pose, poses: Mappi
 
 
 def _read_bound(limit: Element | None, tag: str, where: str, default: float) -> float:
-    """Read a limit; inf and -inf become ±NO_LIMIT."""
+    """Read a position limit; inf becomes NO_LIMIT, and -inf becomes -NO_LIMIT."""
     text = find_text(limit, tag)
     if text and text.lower().lstrip("+-") in ("inf", "infinity"):
         return -NO_LIMIT if text.startswith("-") else NO_LIMIT

@@ -53,9 +53,9 @@ def read_model(element: Element, resolve: Resolve, locate: Locate, frames: Mappi
     """Read a `<model>` without nested models.
 
     Args:
-        element: the element after `sdf_dialects.unify`.
-        resolve, locate: find mesh files and materials.
-        frames: frames of the world, in which the model's pose may be given.
+        element: element that `sdf_dialects.unify` has rewritten.
+        resolve, locate: functions that return the paths of mesh files and material scripts.
+        frames: frames of the world that the model's pose may refer to.
 
     Raises:
         DescriptionError: an element is invalid; the message names the element, the problem and how
@@ -137,10 +137,11 @@ def split_model(
     warnings: list[str],
     frame: Pose = IDENTITY,
 ) -> RobotDescription:
-    """Return the description of the first tree, with the descriptions of the others as its parts.
+    """Return the description of the first tree; its `parts` describe the other trees.
 
     Args:
-        whole: what all trees have in common, and the cameras and sensors of all trees.
+        whole: description with the settings common to all trees, and the cameras and sensors of all
+            trees.
         poses: poses of the links in the model.
         frame: pose of the first tree in the model.
     """
@@ -214,7 +215,7 @@ def read_link(
     where = f"{model}, link '{name}'"
     inertial = None
     node = element.find("inertial")
-    # default values of SDF: 1 kg, unit tensor
+    # SDF's defaults: a mass of 1 kg and a unit tensor
     mass = parse_number(find_text(node, "mass"), f"{where}: mass", 1.0)
     pose = Pose() if node is None else read_pose(node, f"{where}: inertial")
     tensor = None if node is None else node.find("inertia")
@@ -261,7 +262,10 @@ def read_link(
 
 
 def _shift_link(link: Link, pose: Pose) -> Link:
-    """Return the link expressed in the model's frame, in which it has `pose`."""
+    """Return a link whose elements are placed in the model's frame instead of the link's frame.
+
+    `pose` is the pose of the link in the model.
+    """
     if pose == Pose():
         return link
     inertial = link.inertial
@@ -272,6 +276,6 @@ def _shift_link(link: Link, pose: Pose) -> Link:
 
 
 def _transform_origin(at: tuple[Vector3, Vector3], pose: Pose) -> tuple[Vector3, Vector3]:
-    """Return the model-frame (xyz, rpy) of a pose given in the frame of a link at `pose`."""
+    """Convert an (xyz, rpy) pose in a link to the model's frame; `pose` is that of the link."""
     placed = pose @ Pose.from_rpy(*at)
     return placed.xyz, placed.rpy

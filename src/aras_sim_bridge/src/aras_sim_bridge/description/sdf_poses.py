@@ -14,7 +14,7 @@ _IDENTITY_FRAMES = MappingProxyType({"world": Pose(), MODEL_FRAME: Pose()})
 
 
 def read_name(element: Element, where: str) -> str:
-    """Return the name of an element, which must have one."""
+    """Return the name of an element."""
     name = element.get("name")
     if not name or len(name) > 256:
         raise DescriptionError(f"{where}: a <{element.tag}> needs a name of 1 to 256 characters")
@@ -25,7 +25,7 @@ def read_pose(element: Element, where: str, frames: Mapping[str, Pose] = _IDENTI
     """Return the pose of an element relative to its parent element.
 
     Args:
-        frames: poses, relative to the parent element, of the frames that the pose may refer to.
+        frames: frames that the pose may refer to, by name, as poses relative to the parent element.
     """
     node = element.find("pose")
     if node is None:

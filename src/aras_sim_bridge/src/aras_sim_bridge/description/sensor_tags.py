@@ -1,4 +1,4 @@
-"""Readers of the motion and force sensors in URDF and SDF and of their plug-ins."""
+"""Readers of motion and force sensors in URDF and SDF, and of the plug-ins of these sensors."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -34,8 +34,9 @@ def read_link_sensors(
     """Read the `<sensor>` elements of a link into the given lists.
 
     Args:
-        cameras, sensors: receive the cameras and the complete sensors.
-        plugin_sensors: receives sensors that `check_model_sensors` has to check.
+        cameras: list to which cameras are added.
+        sensors: list to which sensors are added that need no further checks.
+        plugin_sensors: list to which sensors are added that `check_model_sensors` has to check.
 
     Raises:
         DescriptionError: an element is not a number, or a rate or noise is negative.
@@ -97,13 +98,13 @@ def check_model_sensors(
     force_torque_tags: Mapping[str, Element],
     warnings: list[str],
 ) -> list[SensorDescription]:
-    """Return the sensors of a model's plug-ins, without those that cannot measure anything.
+    """Return those sensors of a model's plug-ins that can measure something.
 
     Args:
         force_torque_tags: the force/torque `<sensor>` of each joint that has one.
 
     Raises:
-        DescriptionError: an element of such a sensor is not a number.
+        DescriptionError: an element of a force/torque `<sensor>` is not a number.
     """
     checked = []
     for made in sensors:
@@ -120,7 +121,7 @@ def check_model_sensors(
             continue
         if made.kind == "wrench":
             child, frame_link = joints[made.joint].child, f"{made.joint}_frame"
-            if child == frame_link and frame_link in joints:  # massless link of assembly.py
+            if child == frame_link and frame_link in joints:  # massless link that assembly.py added
                 child = joints[frame_link].child
             made = replace(made, link=child)
             if made.joint in force_torque_tags:
@@ -132,10 +133,12 @@ def check_model_sensors(
 def read_joint_sensors(
     element: Element, joint: str, force_torque_tags: dict[str, Element], warnings: list[str]
 ) -> list[SensorDescription]:
-    """Read the plug-ins in the force/torque `<sensor>`s of a joint; they need no <jointName>.
+    """Read the plug-ins in the force/torque `<sensor>`s of a joint.
+
+    These plug-ins need no <jointName>.
 
     Args:
-        force_torque_tags: receives the sensor element of this joint.
+        force_torque_tags: mapping by joint to which the sensor element of this joint is added.
     """
     found = []
     for sensor in element.findall("sensor"):
@@ -158,7 +161,7 @@ def _describe_place(sensor: Element, owner: str) -> str:
 def _find_problem(
     description: SensorDescription, links: Mapping[str, Link], joints: Mapping[str, Joint]
 ) -> str:
-    """Return why a sensor cannot measure anything; '' if it can."""
+    """Return the reason why a sensor cannot measure anything; '' if it can."""
     if description.kind == "imu":
         return "it must be inside a <sensor type='imu'>"
     if not description.topic:
@@ -186,7 +189,7 @@ def _find_missing_collisions(
 ) -> list[str]:
     """Return a sentence for each missing collision that a contact sensor names.
 
-    As in Gazebo, the sensor still publishes on its topic.
+    As in Gazebo, a sensor with missing collisions still publishes on its topic.
     """
     known = [one.name for link in links.values() for one in link.collisions]
     return [
@@ -200,8 +203,8 @@ def _find_missing_collisions(
 def is_same_collision(name: str, collision: str) -> bool:
     """Return whether `name` in a contact sensor refers to `collision`.
 
-    When Gazebo lumps a fixed link into its parent, it adds the parent's name before the collision's
-    name. It also appends "_collision" to the names of URDF collisions.
+    When Gazebo merges a fixed link into its parent, it puts the parent's name before the
+    collision's name. It also appends "_collision" to the names of URDF collisions.
     """
     collision_name = name.rpartition("_fixed_joint_lump__")[2]
     return collision_name in (collision, f"{collision}_collision")
@@ -229,7 +232,7 @@ def _apply_force_torque_tag(
 
 
 def _read_channels(sensor: Element, kind: str, where: str) -> tuple[ChannelNoise, ...]:
-    """Read the noise of the three axes of both quantities; () if all noise is zero."""
+    """Read the noise of the three axes of two quantities; return () if all noise is zero."""
     found = []
     for quantity in _CHANNELS[kind]:
         for axis in "xyz":

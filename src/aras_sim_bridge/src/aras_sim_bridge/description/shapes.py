@@ -1,4 +1,4 @@
-"""Triangle meshes of all shapes of a description, for rendering and mesh collisions."""
+"""Triangle meshes of the shapes in a description, for rendering and mesh collisions."""
 
 from __future__ import annotations
 
@@ -13,11 +13,11 @@ from aras_visual_servo_base.meshes.mesh import Mesh, from_corners
 from aras_visual_servo_base.poses import quaternion_from_z_to, rotate
 
 _LARGEST_MESH = 50.0  # m
-ARC, SECTORS = 8, 32  # edges from pole to equator, and around the axis of revolution
+ARC, SECTORS = 8, 32  # numbers of edges from pole to equator and around the axis of revolution
 
 
 def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
-    """Return the triangle meshes (m) of a shape in its own frame: several for some mesh files.
+    """Return the triangle meshes of a shape in its own frame, m; a mesh file may contain several.
 
     Raises:
         DescriptionError: the mesh file cannot be used.
@@ -30,10 +30,10 @@ def make_meshes(geometry: Geometry) -> tuple[Mesh, ...]:
                  tuple(geometry.normal))
 
 
-@lru_cache(maxsize=32)  # a sphere takes 150 kB
+@lru_cache(maxsize=32)  # a sphere needs 150 kB of memory
 def _make_mesh(kind: str, size: Vector3, radius: float, length: float, normal: Vector3
           ) -> tuple[Mesh, ...]:
-    """Return the mesh of a geometric primitive; cached for all worlds of this process."""
+    """Return the mesh of a geometric primitive; all worlds of the process share the cached mesh."""
     makers = {
         "box": lambda: _make_box(np.array(size)),
         "sphere": lambda: _make_sphere(radius),
@@ -86,7 +86,7 @@ def _revolve(profile: list[tuple[float, float]]) -> Mesh:
 
 
 def _make_plane(normal: Vector3, size: tuple[float, float]) -> Mesh:
-    """Return a rectangle about the origin; without a size it is 100 m wide, as Gazebo's ground."""
+    """Return a rectangle about the origin; by default it is 100 m wide, like Gazebo's ground."""
     tilt = quaternion_from_z_to(normal)
     wide, deep = (0.5 * (side or 100.0) for side in size)
     corners = np.array([rotate(tilt, (a * wide, b * deep, 0.0))
@@ -98,8 +98,8 @@ def read_mesh_files(description: RobotDescription, model: str) -> list[str]:
     """Read every mesh file of a description; `model` is its name in messages.
 
     Returns:
-        A sentence for each file that is probably in millimetres: one of a non-static model, larger
-        than 50 m and without a scale.
+        A sentence for each file that is probably in millimetres: its model is not static, its mesh
+        is larger than 50 m, and it has no scale.
 
     Raises:
         DescriptionError: a mesh file is invalid; the message names model, link and file, the

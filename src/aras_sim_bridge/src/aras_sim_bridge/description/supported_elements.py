@@ -1,8 +1,11 @@
-"""Table of the supported elements of URDF and SDF, and search for all others in a file.
+"""Table of the supported elements of URDF and SDF, and search for unsupported elements.
 
-The table has one entry for each kind of block. For each child element it holds SUPPORTED (the
-element is read, or has no effect here), the entry of a nested block, or the values that have no
-effect because they are the default.
+The table has one entry for each kind of block, such as "link". The entry maps each child element to
+one of these:
+
+- SUPPORTED: the element is read, or it has no effect in this simulator.
+- the entry of a nested block.
+- the supported values of the element, which are its defaults.
 """
 
 from __future__ import annotations
@@ -54,7 +57,7 @@ _SURFACE = {
         "ode": _CONTACT,
     },
 }
-_GEOMETRY = {  # the reader of the geometry reports other shapes
+_GEOMETRY = {  # read_urdf_geometry and read_sdf_geometry report unsupported shapes
     "box": _mark_supported_tags("size"),
     "sphere": _mark_supported_tags("radius"),
     "cylinder": _mark_supported_tags("radius", "length"),
@@ -151,11 +154,12 @@ _DEPTH_PLUGIN = {
     **_CAMERA_PLUGIN, **_mark_supported_tags("depthImageTopicName", "depthImageCameraInfoTopicName",
                              "pointCloudTopicName", "pointCloudCutoff", "useDepth16UC1Format"),
 }
-# By the plug-in's file name without lib and .so
+# The keys are file names of plug-ins without "lib" and ".so".
 _PLUGINS = {
     "gazebo_ros_control": {
         **_mark_supported_tags("robotNamespace", "controlPeriod", "eStopTopic"),
-        # The model's own URDF is used, and its transmissions define the interfaces.
+        # These two have no effect: the model's own URDF is used, and its transmissions define the
+        # interfaces.
         **_mark_supported_tags("robotParam", "legacyModeNS"),
         "robotSimType": ("gazebo_ros_control/defaultrobothwsim",),
     },
@@ -194,11 +198,12 @@ _PLUGINS = {
     },
     "gazebo_ros_link_attacher": {},
 }
-# Bullet's solver and contacts have other parameters, so parameters of other engines cause a warning
-# unless they have Gazebo's default value.
+# Bullet's solver and contacts have other parameters than ODE's. An ODE parameter therefore causes a
+# warning unless it has Gazebo's default value.
 _PHYSICS = {
     **_mark_supported_tags("max_step_size", "real_time_update_rate", "gravity", "magnetic_field"),
-    "real_time_factor": SUPPORTED,  # Gazebo, too, uses only the step size and the update rate
+    # Has no effect: like Gazebo, use only the step size and the update rate.
+    "real_time_factor": SUPPORTED,
     "max_contacts": (20.0,),
     "ode": {
         "solver": {"type": ("quick",), "min_step_size": (0.0001,), "iters": (50.0,),
@@ -208,11 +213,12 @@ _PHYSICS = {
         "constraints": {"cfm": (0.0,), "erp": (0.2,), "contact_max_correcting_vel": (100.0,),
                         "contact_surface_layer": (0.001,)},
     },
-    **_mark_supported_tags("bullet", "simbody", "dart"),  # settings of engines that are not used
+    # Have no effect: settings of other engines.
+    **_mark_supported_tags("bullet", "simbody", "dart"),
 }
 _SCENE = {
     **_mark_supported_tags("ambient", "background", "origin_visual"), "grid": SUPPORTED,
-    "shadows": SUPPORTED,  # see lights.read_scene
+    "shadows": SUPPORTED,  # lights.read_scene explains why it has no effect
     "sky": {"time": (10.0,), "sunrise": (6.0,), "sunset": (20.0,),
             "clouds": {"speed": (0.6,), "direction": (0.0,), "humidity": (0.5,),
                        "mean_size": (0.5,), "ambient": (".8 .8 .8 1",)}},
@@ -231,7 +237,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
             **_mark_supported_tags(
                 "model", "light", "gravity", "plugin", "state", "joint", "population", "include"
             ),
-            # No effect here: there is no window and no sensor that uses these elements.
+            # These elements have no effect, because no window and no sensor uses them.
             **_mark_supported_tags(
                 "gui", "atmosphere", "magnetic_field", "spherical_coordinates", "audio"
             ),
@@ -269,7 +275,7 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
                 "calibration",
             ),
         },
-        # <gazebo> tags without reference, followed by those of a link and of a joint
+        # <gazebo> tags without reference
         "gazebo": {
             **_mark_supported_tags("static", "plugin", "allow_auto_disable"),
             "link": _SDF_LINK,
@@ -323,13 +329,13 @@ BLOCKS: Mapping[str, Entry] = MappingProxyType(
 
 
 def describe_ignored_elements(element: Element, block: str, where: str) -> list[str]:
-    """Return one sentence for each unsupported element in `element`, a block of this kind.
+    """Return one sentence for each unsupported element in `element`, whose kind is `block`.
 
-    Equal elements in several places share one sentence. Tags of other programs ("program:tag") are
-    not reported.
+    If several places have the same unsupported element, one sentence reports them. Tags of other
+    programs ("program:tag") are not reported.
 
     Args:
-        where: name of the element in messages; '' if its children have unique names.
+        where: name of the element in messages; '' if the names of its children suffice.
     """
     return format_sentences(find_ignored_elements(element, block, where))
 
@@ -342,7 +348,7 @@ def find_ignored_elements(element: Element, block: str, where: str) -> list[tupl
 
 
 def format_sentences(elements: Iterable[tuple[str, str]]) -> list[str]:
-    """Return sentences about (place, tag) pairs; tags with the same places share a sentence."""
+    """Return sentences about (place, tag) pairs; tags that have the same places share one."""
     places: dict[str, list[str]] = {}
     for place, tag in elements:
         places.setdefault(tag, []).append(place)
@@ -361,7 +367,8 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
             continue
         inside = entry.get(child.tag)
         if inside is _SENSORS:
-            inside = _SENSORS.get(child.get("type") or "", SUPPORTED)  # reader reports other types
+            # The reader reports unsupported types.
+            inside = _SENSORS.get(child.get("type") or "", SUPPORTED)
         if inside is _SDF_JOINT:
             inside = _JOINTS.get(child.get("type") or "", _SDF_JOINT)
         name = f" '{shorten(child.get('name'))}'" if child.get("name") else ""
@@ -375,7 +382,7 @@ def _collect(element: Element, entry: Mapping[str, Entry], where: str,
 
 
 def _is_in_world(block: Mapping[str, Entry]) -> bool:
-    """Return whether a block belongs to a world, where its tag alone identifies it."""
+    """Return whether a block belongs to a world, so that its tag identifies it uniquely."""
     pending = [_PHYSICS, _SCENE, BLOCKS["world"]["wind"]]
     for one in pending:
         pending += (inner for inner in one.values() if isinstance(inner, Mapping))
@@ -383,7 +390,10 @@ def _is_in_world(block: Mapping[str, Entry]) -> bool:
 
 
 def _has_value(element: Element, values: tuple, block: Element) -> bool:
-    """Return whether an element's value is one of `values`: text, a number, or a sibling's name."""
+    """Return whether an element's value is one of `values`.
+
+    A value is a text, a number, or the name of another element in `block`, whose value is meant.
+    """
     text = _read_value(element)
     for value in values:
         if isinstance(value, float):

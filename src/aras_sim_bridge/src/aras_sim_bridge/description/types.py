@@ -1,4 +1,4 @@
-"""Dataclasses of a robot description, in SI units and radians, with rotations as rpy as in URDF."""
+"""Dataclasses of a robot description; lengths are in m, angles in rad, and rotations rpy."""
 
 from __future__ import annotations
 
@@ -20,7 +20,7 @@ class Geometry:
     Attributes:
         kind: box, cylinder, sphere, capsule, mesh or plane.
         size: side lengths of a box, m.
-        radius, length: of a cylinder, sphere or capsule along z, m.
+        radius, length: size of a cylinder or capsule, whose axis is z, or of a sphere, m.
         filename: absolute path of a mesh file.
         scale: scale factors of a mesh.
         normal: normal of a plane.
@@ -40,7 +40,7 @@ class Visual(FramedElement):
     """A visible shape of a link, whose colour is in `RobotDescription.colours`.
 
     Attributes:
-        texture: path of the image from its material script, '' for none.
+        texture: path of the image that its material script names; '' if there is none.
     """
 
     name: str
@@ -62,7 +62,7 @@ class Collision(FramedElement):
 
 @dataclass(frozen=True)
 class Inertial(FramedElement):
-    """Mass (kg), centre of mass frame in the link frame, and inertia tensor (kg m²).
+    """Mass (kg), pose of the inertial frame in the link frame, and inertia tensor (kg m²).
 
     Attributes:
         inertia: (ixx, ixy, ixz, iyy, iyz, izz) about the centre of mass, in the axes of the
@@ -80,11 +80,11 @@ class Link:
     """A rigid body.
 
     Attributes:
-        gravity, kinematic: from `<gazebo reference>` (`<gravity>`, `<turnGravityOff>`,
-            `<kinematic>`).
+        gravity: whether gravity acts on the link (`<gravity>` or `<turnGravityOff>`).
+        kinematic: value of `<kinematic>`.
         mu: Coulomb friction coefficient of contacts.
-        bounce: coefficient of restitution, and the speed (m/s) below which contacts do not bounce;
-            None if not given.
+        bounce: (coefficient of restitution, speed in m/s below which contacts do not bounce), or
+            None if the description does not give them.
     """
 
     name: str
@@ -99,11 +99,11 @@ class Link:
 
 @dataclass(frozen=True)
 class Transmission:
-    """One `<transmission>` of a URDF, unchecked.
+    """One `<transmission>` of a URDF, whose content has not been checked.
 
     Attributes:
         joints, interfaces: all joints and hardware interfaces of the transmission.
-        joint, interface: the first of each, '' if there is none.
+        joint, interface: the first joint and the first interface; '' if there is none.
     """
 
     name: str
@@ -117,7 +117,7 @@ class Transmission:
 
 @dataclass(frozen=True)
 class ControlPlugin:
-    """`<plugin filename="libgazebo_ros_control.so">`; absent elements are None."""
+    """`<plugin filename="libgazebo_ros_control.so">`; a missing element is None."""
 
     robot_namespace: str | None = None
     control_period: float | None = None
@@ -126,7 +126,7 @@ class ControlPlugin:
 
 @dataclass(frozen=True)
 class Noise:
-    """Noise of each pixel of a camera, in units of full scale (1.0 = 255)."""
+    """Noise of each pixel of a camera; 1.0 is the full scale of a pixel (255)."""
 
     kind: str = "none"
     mean: float = 0.0
@@ -139,8 +139,8 @@ class LensDescription:
 
     Attributes:
         kind, scale_to_hfov, cutoff_angle: projection of a wideanglecamera; the angle is in rad.
-        intrinsics: (fx, fy, cx, cy) of other cameras in px, with the principal point measured from
-            the image corner, or None.
+        intrinsics: (fx, fy, cx, cy) of a camera of another kind, px, or None. The principal point
+            is measured from the corner of the image.
     """
 
     kind: str = "gnomonical"
@@ -154,10 +154,11 @@ class DepthTopics:
     """Depth output of a depth camera.
 
     Attributes:
-        image, info, points: topics below the camera's name; points '' for no point clouds.
-        nearest, farthest: m; depths outside this range are NaN, or 0 in millimetre images.
+        image, info, points: topics below the camera's name; `points` is '' if there are no point
+            clouds.
+        nearest, farthest: range of depths, m; other depths are NaN, or 0 in millimetre images.
         millimetres: whether depth images are 16UC1 instead of 32FC1.
-        rows: whether a point cloud has the rows of the image instead of a single row.
+        rows: whether a point cloud has the image's rows; otherwise it has a single row.
     """
 
     image: str = "depth/image_raw"
@@ -174,8 +175,9 @@ class CameraPlugin:
     """Camera plug-in with the default values of `libgazebo_ros_camera.so`.
 
     Attributes:
-        distortion: (k1, k2, k3, t1, t2).
-        trigger_topic: '' for a camera that publishes continuously.
+        distortion: coefficients (k1, k2, k3, t1, t2).
+        trigger_topic: topic whose messages trigger an exposure; '' if the camera publishes
+            continuously.
         depth: depth output of a depth camera.
     """
 
@@ -202,10 +204,11 @@ class CameraDescription:
     Attributes:
         pose: (xyz, rpy) in the link; the camera looks along its +x axis, with z up.
         kind: camera, depth or wideanglecamera.
-        distortion: (k1, k2, k3, p1, p2) of the sensor, None without a `<distortion>` element.
-        distortion_center: in fractions of the image size.
-        shutter: cameras of one model with the same name here expose simultaneously; '' for a
-            camera that is not synchronised.
+        distortion: coefficients (k1, k2, k3, p1, p2) in the `<sensor>`, or None if it has no
+            `<distortion>`.
+        distortion_center: centre of the distortion, in fractions of the image size.
+        shutter: name of the group of cameras of the same model that expose simultaneously; '' if
+            the camera is not synchronised.
     """
 
     name: str
@@ -229,9 +232,9 @@ class CameraDescription:
 
 @dataclass(frozen=True)
 class ChannelNoise:
-    """Gaussian noise of one sensor channel, in its unit.
+    """Gaussian noise of one sensor channel, in the unit of the channel.
 
-    The bias is drawn once, with a random sign.
+    The bias is drawn once for each sensor; its sign is random.
     """
 
     mean: float = 0.0
@@ -242,27 +245,29 @@ class ChannelNoise:
 
 @dataclass(frozen=True)
 class SensorDescription:
-    """A motion or force sensor, from its plug-in and its `<sensor>`.
+    """Settings of a motion or force sensor, read from its plug-in and its `<sensor>`.
 
     Attributes:
-        kind: pose (p3d), imu (in a sensor), body_imu (libgazebo_ros_imu.so), wrench, contact or
-            joint_states.
-        namespace: namespace of the topic; None for the model's name.
-        frame: frame of the messages; '' for that of the link.
-        rate: messages per second of simulated time, 0 for one in each physics step.
+        kind: pose (libgazebo_ros_p3d.so), imu (libgazebo_ros_imu_sensor.so), body_imu
+            (libgazebo_ros_imu.so), wrench, contact or joint_states.
+        namespace: namespace of the topic; None means the name of the model.
+        frame: frame of the messages; '' means the frame of the link.
+        rate: messages per second of simulated time; 0 means one message in each physics step.
         link: link that a pose sensor or IMU measures, or the child of a wrench sensor's joint.
         pose: (xyz, rpy) of an IMU in its link, or of a wrench sensor in its joint.
         offset: (xyz, rpy) added to the measurement.
         noise: standard deviation of all channels.
-        sample_rate: Hz; an IMU reports its mean acceleration over one such period, 0 for one step.
+        sample_rate: sampling rate, Hz; an IMU reports the mean acceleration over one sampling
+            period. 0 means one physics step.
         from_start: whether an IMU's orientation is relative to its initial orientation.
         channels: noise of an IMU's three angular velocities and three accelerations, or of a
-            wrench's three forces and three torques; () for none.
+            wrench's three forces and three torques; () means no noise.
         collisions: names of the collisions whose contacts are reported.
         joints: joints whose states are published.
         joint: joint whose wrench is measured.
         wrench_frame: frame of the wrench: child, parent or sensor.
-        on_child: whether the wrench acts from the parent on the child instead of the reverse.
+        on_child: whether to report the wrench of the parent on the child instead of that of the
+            child on the parent.
     """
 
     kind: str
@@ -300,9 +305,11 @@ class GraspDescription:
     Attributes:
         angle: smallest angle between two opposing forces, rad.
         rate: contact checks per second of simulated time.
-        most, threshold: largest contact count, and the count above which an object is grasped.
-        release_tolerance: distance that a finger may move from its contact before release, m.
-        collides: whether a grasped object still collides.
+        most, threshold: largest number of counted contacts, and the number above which an object is
+            grasped.
+        release_tolerance: distance, m, that a finger may move relative to its contact before the
+            object is released.
+        collides: whether a grasped object still collides with other bodies.
     """
 
     arms: tuple[GraspArm, ...]
@@ -320,9 +327,9 @@ class LinkAttacher:
 
 
 def is_present(intervals: tuple[tuple[float, float], ...] | None, time: float) -> bool:
-    """Return whether an object is present at `time`: within one of the intervals (begin, end], s.
+    """Return whether an object is present at `time` s.
 
-    None means that the object is always present.
+    It is present in each of the intervals (begin, end], s, or always if these are None.
     """
     return intervals is None or any(begin < time <= end for begin, end in intervals)
 
@@ -333,12 +340,14 @@ class Light(FramedElement):
 
     Attributes:
         kind: directional, point or spot.
-        direction: from the light, in the world frame; for a spot in its own frame.
-        attenuation_constant, attenuation_linear, attenuation_quadratic: polynomial in the distance
-            in m; beyond attenuation_range the light has no effect.
+        direction: direction in which the light shines, in the world frame, or for a spot in the
+            frame of the spot.
+        attenuation_constant, attenuation_linear, attenuation_quadratic: coefficients of the
+            attenuation as a polynomial in the distance, m.
+        attenuation_range: distance, m, beyond which the light has no effect.
         spot_inner, spot_outer: full opening angles of a spot's cones, rad.
-        lit_intervals: (begin, end) of each interval in which the light is on, s of simulated time;
-            None for always.
+        lit_intervals: (begin, end) of each interval of simulated time, s, in which the light is on;
+            None means always.
     """
 
     name: str
@@ -359,7 +368,7 @@ class Light(FramedElement):
     lit_intervals: tuple[tuple[float, float], ...] | None = None
 
 
-# The sun of Gazebo's model folder models/sun.
+# The light of Gazebo's model `sun`.
 SUN = Light("sun", "directional", direction=(-0.5, 0.1, -0.9))
 SHADOWS = ("none", "hard", "soft")
 
@@ -369,7 +378,7 @@ class SceneSettings:
     """A world's `<scene>`.
 
     Attributes:
-        ambient: ambient light.
+        ambient: colour of the ambient light.
         background: colour of the background.
         sky: whether a sky is drawn instead of the background colour.
         shadows: shadows in camera images: none, hard or soft.
@@ -383,9 +392,9 @@ class SceneSettings:
 
 @dataclass(frozen=True)
 class LoopJoint:
-    """A joint that closes a kinematic chain, and its frame in both of its links.
+    """A joint that closes a kinematic chain, and the poses of its frame in its two links.
 
-    The joint's own `origin_*` fields are not used.
+    The fields `origin_xyz` and `origin_rpy` of the joint are not used.
     """
 
     joint: Joint
@@ -395,18 +404,18 @@ class LoopJoint:
 
 @dataclass(frozen=True)
 class RobotDescription:
-    """A whole model. Mappings have file order and are read-only.
+    """Description of a model. Its mappings are read-only and have the order of the file.
 
     Attributes:
         colours: rgba of each link in camera images, from its Gazebo material ('Gazebo/Black') or
             its SDF visuals; a link without an entry is drawn white.
         static: whether the model never moves (`<gazebo><static>true`).
         warnings: one sentence for each part that was repaired or ignored, for the caller to log.
-        initial_pose: (xyz, rpy) in the file (SDF only).
+        initial_pose: pose (xyz, rpy) that an SDF file gives.
         initial_joints: positions (rad or m) of the joints in a world's `<state>`.
         loops: joints that close chains of the tree.
-        parts: further trees of the model, which no joint connects to the first tree; the
-            `initial_pose` of each is relative to the model.
+        parts: descriptions of the model's other trees, which no joint connects to the first tree;
+            the `initial_pose` of each is relative to the model.
     """
 
     name: str

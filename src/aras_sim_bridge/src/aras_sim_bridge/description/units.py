@@ -3,11 +3,13 @@
 import math
 from collections.abc import Sequence
 
-_FEWEST_TURNS = 3  # turns of a revolute joint; cables of a real arm do not allow more
+# Turns; a larger limit of a revolute joint is probably in degrees, because the cables of a real arm
+# do not allow so many turns.
+_FEWEST_TURNS = 3
 
 
 def describe_angles_in_degrees(angles: Sequence[float], where: str) -> list[str]:
-    """Return a warning if one of these angles exceeds a turn and is a multiple of 5.
+    """Return a warning if an angle is larger than one turn and is a multiple of 5.
 
     Args:
         where: name of the angles in the message ("link 'a', visual 1: rpy").
@@ -18,7 +20,7 @@ def describe_angles_in_degrees(angles: Sequence[float], where: str) -> list[str]
 
 
 def describe_limits_in_degrees(lower: float | None, upper: float | None, where: str) -> list[str]:
-    """Return a warning if the limits of a revolute joint are probably whole degrees."""
+    """Return a warning if the limits of a revolute joint are probably integers in degrees."""
     bounds = [bound for bound in (lower, upper) if bound is not None]
     far = max(map(abs, bounds), default=0.0)
     if not (2.0 * math.pi * _FEWEST_TURNS < far <= 720.0 and all(

@@ -1,4 +1,4 @@
-"""Reader of URDF text into a RobotDescription: joint tree, inertias, visuals and collisions."""
+"""Reader that converts the text of a URDF to a RobotDescription."""
 
 from dataclasses import replace
 from types import MappingProxyType
@@ -42,7 +42,8 @@ def parse_urdf(
     Args:
         xml: the document with xacro already expanded, or the element that `safe_xml.parse`
             returned for it.
-        resolve_package: returns the directory of a package, for `package://` in mesh file names.
+        resolve_package: function that returns the directory of a package, for `package://` in mesh
+            file names.
         base_directory: folder to which relative mesh paths are relative; None rejects them.
 
     Raises:
@@ -96,8 +97,8 @@ def parse_urdf(
 def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
     """Replace each planar joint <name> by three joints.
 
-    These are two prismatic joints in the plane, <name>_x and <name>_y, which move massless links,
-    and a continuous joint about the normal.
+    These are two prismatic joints in the plane, <name>_x and <name>_y, whose children are massless
+    links, and a continuous joint about the normal of the plane.
 
     Raises:
         DescriptionError: a joint or link with such a name already exists.
@@ -112,7 +113,7 @@ def _unfold_planar(tags: gazebo_tags.GazeboTags) -> None:
             name = f"{joint.name}_{side}"
             if name in tags.joints or name in tags.links:
                 raise DescriptionError(f"joint '{joint.name}': it needs an extra joint and link "
-                                       f"named '{name}'; rename yours")
+                                       f"named '{name}'; rename your joint or link of that name")
             tags.links[name] = Link(name, None)
             tags.poses[name] = tags.poses[joint.child]
             limits = JointLimits(-NO_LIMIT, NO_LIMIT, NO_LIMIT, NO_LIMIT)
@@ -127,8 +128,8 @@ def _assemble(whole: RobotDescription, tags: gazebo_tags.GazeboTags, warnings: l
                ) -> RobotDescription:
     """Return the robot with the links and joints of its `<gazebo>` tags added.
 
-    Floating joints are removed, so that their children become free trees. A root link without
-    mass, visuals or other joints is removed as well.
+    Floating joints are removed, so that their children become trees that move freely. If the root
+    link then has no mass, visuals or joints, it is removed as well.
     """
     links, poses = {**whole.links, **tags.added_links}, tags.poses
     if WORLD not in links and any(one.joint.parent == WORLD for one in tags.added_joints):
@@ -186,7 +187,10 @@ def _read_link(name: str, element: Element, resolve: Resolve, warnings: list[str
 
 
 def _read_transmission(element: Element) -> Transmission:
-    """Read a `<transmission>` unchecked; the hardware reports missing elements as Gazebo does."""
+    """Read a `<transmission>` without checking it.
+
+    RobotHardware reports missing elements, as Gazebo does.
+    """
     name = element.get("name") or ""
     joints, interfaces = [], []
     for node in element.findall("joint"):
@@ -200,7 +204,7 @@ def _read_transmission(element: Element) -> Transmission:
 
 
 def _compute_link_poses(tree: UrdfTree) -> dict[str, Pose]:
-    """Return the poses of the links in the root's frame, with all joints at 0."""
+    """Return the poses of the links in the root's frame if all joints are at 0."""
     below: dict[str, list[Joint]] = {}
     for joint in tree.joints.values():
         below.setdefault(joint.parent, []).append(joint)

@@ -1,4 +1,4 @@
-"""Reader of only the cameras of a URDF."""
+"""Reader of a URDF that ignores everything but its cameras."""
 
 import copy
 from collections.abc import Iterator
@@ -12,7 +12,7 @@ from aras_visual_servo_base.urdf import CAMERA_KINDS
 
 
 def parse_cameras(xml: str | Element) -> tuple[CameraDescription, ...]:
-    """Read only the cameras of a URDF; of equal names the first one is returned.
+    """Read only the cameras of a URDF; if several have the same name, return the first.
 
     Raises:
         DescriptionError: the text is not XML, or an element of a camera is invalid.

@@ -16,8 +16,9 @@ from aras_sim_bridge.errors import DescriptionError, SimError
 from aras_visual_servo_base import safe_xml
 from aras_visual_servo_base.poses import Pose, Vector3
 
-MOST_SIMILAR_WARNINGS = 3  # similar warnings, about different parts, that are all printed
-# The prefix of a warning that says which part it is about, and the rest.
+# Warnings that differ only in the part of the model; more of them are merged into one.
+MOST_SIMILAR_WARNINGS = 3
+# Matches a warning; group 1 is the prefix that names a part of the model, group 2 the rest.
 _PART = re.compile(r"((?:model '[^']*'|link '[^']*'|visual '[^']*'|collision '[^']*')[,:] )+(.*)")
 
 
@@ -26,10 +27,10 @@ class WorldFile:
     """Content of a world file; missing numbers have Gazebo's defaults.
 
     Attributes:
-        time_step: s.
-        gravity: m/s².
-        update_rate: physics steps per second of wall time; 0 for as fast as possible.
-        models, lights: in file order.
+        time_step: physics step, s.
+        gravity: acceleration of gravity in the world frame, m/s².
+        update_rate: physics steps per second of wall time; 0 means as fast as possible.
+        models, lights: models and lights in the order of the file.
         ground_plane: whether to add Gazebo's ground plane, because no file was given.
         warnings: one sentence for each part of the file that is ignored.
         time_ns: simulated time at the start.
@@ -56,8 +57,8 @@ def load_world(
     `SimulationConfig` uses the numbers and lights; `populate` spawns the models in a simulation.
 
     Args:
-        path: of the file; an empty path gives Gazebo's defaults.
-        resolve_package: returns the directory of a package.
+        path: path of the file; with an empty path, return Gazebo's defaults.
+        resolve_package: function that returns the directory of a package.
 
     Raises:
         DescriptionError: the file is missing, is not SDF, or has an element or number that is
@@ -109,8 +110,8 @@ def load_world(
 def _group_warnings(warnings: Sequence[str]) -> list[str]:
     """Merge similar warnings, such as those of a missing mesh that many links use.
 
-    If more than MOST_SIMILAR_WARNINGS warnings differ only in the part of the model, the first is
-    returned with the number of the others.
+    If more than MOST_SIMILAR_WARNINGS warnings differ only in the part of the model that they name,
+    only the first is returned, with the number of the others.
     """
     groups: dict[str, list[str]] = {}
     for warning in warnings:
@@ -130,8 +131,8 @@ def populate(spawn: Callable[..., object], world: WorldFile,
     Args:
         spawn: `Simulation.spawn`, or a function with the same arguments.
         world: the result of `load_world`.
-        warn: called with one sentence for each model that cannot be simulated; such models are not
-            spawned.
+        warn: function that is called with one sentence for each model that cannot be simulated;
+            such models are not spawned. May be None.
 
     Raises:
         SimError: a model cannot be simulated, and `warn` is None.

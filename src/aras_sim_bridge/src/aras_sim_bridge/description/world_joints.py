@@ -1,4 +1,4 @@
-"""Fixed `<joint>`s of a world, which fix models to the world or to static models."""
+"""Conversion of a world's fixed `<joint>`s, which fix models to the world or to static models."""
 
 import copy
 from collections.abc import Iterable
@@ -12,10 +12,10 @@ WORLD = "world"
 
 
 def bolt_models(elements: Iterable[Element], warnings: list[str]) -> list[Element]:
-    """Return the elements of a world without its joints.
+    """Return the elements of a world without the joints between its models.
 
-    A model that such a joint fixes in place gets a fixed joint to the world instead. Unsupported
-    joints add a sentence to `warnings`.
+    If such a joint fixes a model in place, a copy of the model gets a fixed joint to the world
+    instead. `warnings` gets a sentence for each unsupported joint.
     """
     elements = list(elements)
     models = {one.get("name"): one for one in elements if one.tag == "model"}
@@ -52,7 +52,10 @@ def _bolt(joint: Element, models: dict[str | None, Element]) -> None:
 
 
 def _find_link(text: str, models: dict[str | None, Element]) -> tuple[str, str]:
-    """Return the names of a model and its link; a model name alone stands for its first link."""
+    """Return the names of a model and a link; `text` is 'model::link' or 'model'.
+
+    If `text` names only a model, return the model's first link.
+    """
     name, _, link = text.partition("::")
     if name == WORLD:
         return name, ""

@@ -21,7 +21,7 @@ _UNSCALED = (1.0, 1.0, 1.0)
 
 
 class WorldState:
-    """The `<state>` of a world; None for a world without one.
+    """The `<state>` of a world.
 
     Attributes:
         time_ns: simulated time at which the world was saved.
@@ -48,7 +48,7 @@ class WorldState:
                ) -> tuple[list[RobotDescription], list[Light]]:
         """Return models and lights with the poses of the state.
 
-        Entries without a matching model or light add a sentence to `warnings`.
+        `warnings` gets a sentence about entries of the state whose model or light does not exist.
         """
         states = {kind: self._list_states(kind) for kind in ("model", "light")}
         known = {"model": {m.name for m in models}, "light": {one.name for one in lights}}
@@ -85,7 +85,10 @@ def _read_pose(element: Element, where: str) -> Pose | None:
 
 
 def _list_links(state: Element, prefix: str = "") -> Iterator[tuple[str, Element]]:
-    """Yield names and elements of a model's links; those of nested models are named inner::link."""
+    """Yield name and element of each link of a model.
+
+    The names of links of nested models have the form inner::link.
+    """
     for node in state.findall("link"):
         yield prefix + (node.get("name") or ""), node
     for inner in state.findall("model"):
@@ -111,7 +114,7 @@ def _place_light(light: Light, state: Element) -> Light:
 
 def _place_model(model: RobotDescription, state: Element, moving: list[str],
                   warnings: list[str]) -> RobotDescription:
-    """Return a model in its saved state; if it was moving, its name is added to `moving`."""
+    """Return a model in its saved state; if it was moving, add its name to `moving`."""
     if _is_moving(state):
         moving.append(model.name)
     where = f"model '{model.name}'"
@@ -147,14 +150,15 @@ def _place_model(model: RobotDescription, state: Element, moving: list[str],
 def _compute_joint_positions(
     model: RobotDescription, links: dict[str, Pose | None]
 ) -> dict[str, float]:
-    """Return the positions (rad or m) of the joints for which both link poses are known.
+    """Return the positions (rad or m) of the joints whose two links have known poses.
 
-    `links` holds poses in the world; poses across fixed joints are added.
+    `links` contains the poses of links in the world, or None for an unknown pose. The function adds
+    poses that follow from fixed joints.
     """
     for joint in model.joints.values():
         if joint.kind == "fixed" and links.get(joint.child) is None and links.get(joint.parent):
             links[joint.child] = links[joint.parent] @ joint.pose
-    for joint in reversed(model.joints.values()):  # from children to parents
+    for joint in reversed(model.joints.values()):  # children come before their parents
         if joint.kind == "fixed" and links.get(joint.parent) is None and links.get(joint.child):
             links[joint.parent] = links[joint.child] @ joint.pose.inverse()
     positions = {}
@@ -174,7 +178,7 @@ def _compute_joint_positions(
 
 
 def _scale_link(link: Link, scale: Vector3) -> Link:
-    """Return the link with its shapes scaled as in Gazebo; poses and mass are unchanged."""
+    """Return the link with scaled shapes; like in Gazebo, poses and mass are unchanged."""
     return replace(
         link,
         visuals=tuple(

@@ -14,12 +14,13 @@ from geometry_msgs.msg import Twist as TwistMessage
 from aras_sim_bridge.errors import WorldError
 from aras_visual_servo_base.poses import Pose, Twist, check_pose, check_vector
 
-FARTHEST = 1e6  # m, rad: limit of model and joint positions; double precision resolves 1e-10 there
-LARGEST = 1e9  # m, m/s, rad/s, N: limit of requested values; keeps their squares representable
+# m, rad; limit of model and joint positions, at which double precision still resolves 1e-10.
+FARTHEST = 1e6
+LARGEST = 1e9  # m, m/s, rad/s, N, …; limit of other requested values, whose squares do not overflow
 
 
 def to_time(time_ns: int) -> genpy.Time:
-    """Return the ROS time of integer nanoseconds; no rounding, because no floats are involved."""
+    """Return the ROS time of a time in integer nanoseconds, without rounding."""
     return genpy.Time(*divmod(time_ns, 1_000_000_000))
 
 
@@ -49,8 +50,8 @@ def from_pose(message: PoseMessage, what: str, zero_is_identity: bool = True) ->
     Args:
         message: pose message.
         what: name of the pose in error messages.
-        zero_is_identity: whether the zero quaternion of an unset message means no rotation. Gazebo
-            accepts it this way when it spawns or moves a model.
+        zero_is_identity: whether the quaternion (0, 0, 0, 0), the default of a message, means no
+            rotation. Gazebo interprets it in this way when it spawns or moves a model.
 
     Raises:
         WorldError: the position is not finite or beyond FARTHEST, or the orientation is not a unit
@@ -76,7 +77,7 @@ def from_vector(
 
 
 def check_bounds(values: tuple[float, ...], what: str, most: float = LARGEST) -> tuple[float, ...]:
-    """Check that no absolute value exceeds `most` or is NaN, and return the values.
+    """Check that each value is finite and within ±`most`, and return the values.
 
     Raises:
         WorldError: a value is out of bounds; the message starts with `what`.

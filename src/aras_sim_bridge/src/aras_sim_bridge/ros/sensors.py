@@ -1,4 +1,4 @@
-"""Topics of the motion and force sensors, with the messages of Gazebo's plug-ins."""
+"""Topics of motion and force sensors, with the same message types as those of Gazebo's plug-ins."""
 
 from __future__ import annotations
 
@@ -67,7 +67,10 @@ def _fill_joint_states(message: Message, reading: JointStateReading, _sensor: Ra
 
 
 def _fill_variances(sensor: RateSensor, step: int, *covariances: list[float]) -> None:
-    """Write the noise variance on the diagonals of flat square matrices with `step` - 1 rows."""
+    """Write the noise variance to the diagonals of covariance matrices.
+
+    Each covariance is a flat list of a square matrix with `step` - 1 rows.
+    """
     for covariance in covariances:
         covariance[::step] = [sensor.description.noise**2] * len(covariance[::step])
 
@@ -112,7 +115,7 @@ class SensorTopic(StateTopic):
 
     @staticmethod
     def _find_frame(sensor: RateSensor) -> str:
-        """Return the link whose axes the readings refer to, if the plug-in names no frame."""
+        """Return the link in whose axes the readings are given if the plug-in names no frame."""
         description = sensor.description
         if description.wrench_frame == "parent":
             return sensor.model.description.joints[description.joint].parent

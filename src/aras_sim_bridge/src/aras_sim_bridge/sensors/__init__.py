@@ -1,4 +1,4 @@
-"""Sensors of motion and forces at rates of simulated time: poses, IMUs, wrenches, contacts."""
+"""Sensors with rates in simulated time: poses, IMUs, wrenches, contacts and joint states."""
 
 from .base import RateSensor
 from .contact import ContactPoint, ContactReading, ContactSensor

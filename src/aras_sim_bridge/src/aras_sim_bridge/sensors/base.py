@@ -13,15 +13,16 @@ from aras_sim_bridge.world import Model, World
 from aras_visual_servo_base.poses import Vector3
 
 State = TypeVar("State")
-_BIAS, _NOISE = 0, 1  # keys of two random sequences: bias of a run, noise of each reading
+# Keys of the random sequences of the bias of a run and of the noise of each reading.
+_BIAS, _NOISE = 0, 1
 
 
 class RateSensor(ABC, Generic[State]):
     """Sensor that measures at a fixed rate of simulated time.
 
-    The k-th reading is taken after the first step that ends at or after k / rate s; with rate 0
-    a reading is taken after every step. A reading may need an earlier state of the model, which is
-    stored `_span_ns` before the reading (one step before if `_span_ns` is 0).
+    The k-th reading is taken after the first step that ends at or after k / rate s. With a rate of
+    0, a reading is taken after every step. A reading may need an earlier state of the model. This
+    state is stored `_span_ns` before the reading, or one step before it if `_span_ns` is 0.
 
     The simulation calls `before_step` and `after_step` around each step while the sensor is
     `enabled`; steps that end at or before `idle_until_ns` need no such calls.
@@ -29,14 +30,14 @@ class RateSensor(ABC, Generic[State]):
     Attributes:
         description: settings of the sensor.
         model: model that the sensor belongs to.
-        on_state: called with each reading; if None, the sensor does not measure.
+        on_state: function that is called with each reading; if None, the sensor does not measure.
     """
 
     _span_ns = 0
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
                  ) -> None:
-        """Create the sensor; its noise depends only on `seed` (≥ 0) and the stamps of readings."""
+        """Create a sensor; its noise depends only on `seed` (≥ 0) and the time of a reading."""
         self.description = description
         self.model = model
         self._world = world
@@ -70,13 +71,13 @@ class RateSensor(ABC, Generic[State]):
 
     @property
     def idle_until_ns(self) -> int:
-        """Simulated time, ns, up to which steps need no `before_step` and `after_step`."""
+        """Simulated time, ns, up to which `before_step` and `after_step` need not be called."""
         if self._is_new:
             return 0
         return self._due_ns - 1 - (self._span_ns if self._previous_state is None else 0)
 
     def reset(self) -> None:
-        """Restart the measurement with the next step, after a jump of simulated time."""
+        """Restart the measurement with the next step, because the simulated time has jumped."""
         self._is_new = True
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
@@ -114,7 +115,10 @@ class RateSensor(ABC, Generic[State]):
         self._due_ns = round(index * 1e9 / rate)
 
     def _observe_step(self, last: bool) -> None:
-        """Record the forces on the model before a step; `last`: a reading follows this step."""
+        """Record the forces on the model before a step.
+
+        last: whether a reading follows this step.
+        """
 
     @abstractmethod
     def _read_state(self) -> State:
@@ -125,7 +129,7 @@ class RateSensor(ABC, Generic[State]):
         """Return the reading at `time_ns`; the state `before` is `seconds` s older."""
 
     def _add_noise(self, first: Vector3, second: Vector3, stamp_ns: int) -> tuple[Vector3, Vector3]:
-        """Return two vectors with the noise of the six channels added."""
+        """Return the two vectors of a reading with the noise of their six channels added."""
         if not (self._mean.any() or self._stddev.any()):
             return first, second
         random = np.random.default_rng([self._seed, stamp_ns, _NOISE])

@@ -37,8 +37,8 @@ class ContactPoint:
 class ContactReading:
     """All contacts of a sensor at one time.
 
-    `contacts` maps a pair of collision names (`model::link::collision`, the one of the sensor
-    first) to the contact points of this pair.
+    `contacts` maps a pair of collision names (`model::link::collision`) to the contact points of
+    this pair. The first name is that of the sensor's collision.
     """
 
     stamp_ns: int
@@ -48,8 +48,9 @@ class ContactReading:
 class ContactSensor(RateSensor[None]):
     """Contact sensor of libgazebo_ros_bumper.so; the forces are those of the last physics step.
 
-    Bullet reports contacts per link, not per collision. Therefore all contacts of a link carry the
-    name of its first collision, and a sensor on any collision of the link reports all of them.
+    Bullet reports contacts for each link, not for each collision. Therefore all contacts of a link
+    have the name of its first collision, and a sensor on any collision of the link reports all
+    contacts of the link.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
@@ -71,7 +72,7 @@ class ContactSensor(RateSensor[None]):
         for link, body, other_link, numbers in find_contacts(model.body_id, model.client):
             depth = numbers[15]
             if link not in own or (depth < 0.0 and numbers[3] == 0.0):
-                continue  # close to each other, but not in contact
+                continue  # the two links are close to each other, but not in contact
             other = others[body]
             names = {index: name for name, index in other.link_indices.items()}
             pair = (
@@ -97,6 +98,6 @@ class ContactSensor(RateSensor[None]):
 
 
 def _find_collision_name(model: Model, link: str) -> str:
-    """Return the scoped name of the first collision of a link, as Gazebo writes it."""
+    """Return Gazebo's scoped name (model::link::collision) of the first collision of a link."""
     collisions = model.description.links[link].collisions
     return f"{model.get_scoped_name(link)}::{collisions[0].name if collisions else ''}"

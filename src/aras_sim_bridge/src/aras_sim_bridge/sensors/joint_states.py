@@ -20,7 +20,7 @@ class JointStateReading:
 
 
 class JointStateSensor(RateSensor[None]):
-    """Sensor of true joint positions and velocities; like the upstream plug-in, without efforts."""
+    """Sensor of exact joint positions and velocities; like the plug-in, it reports no efforts."""
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
                  ) -> None:

@@ -50,7 +50,8 @@ class ImuReading:
 class PoseSensor(RateSensor[None]):
     """Pose sensor of libgazebo_ros_p3d.so.
 
-    In the world frame its readings are bit-identical to those of /gazebo/link_states.
+    If its reference frame is the world, its readings are bit-identical to those of
+    /gazebo/link_states.
     """
 
     def _read_state(self) -> None:
@@ -63,7 +64,8 @@ class PoseSensor(RateSensor[None]):
             frame, frame_twist = self.model.link_state(description.frame)
             lever = subtract(pose.xyz, frame.xyz)
             inverse = conjugate(frame.quat)
-            # Relative to a moving frame: subtract the velocity of a point fixed in this frame.
+            # Subtract the velocity that the same point has if it is fixed in the moving reference
+            # frame.
             transport = add(frame_twist.linear, cross(frame_twist.angular, lever))
             twist = Twist(rotate(inverse, subtract(twist.linear, transport)),
                           rotate(inverse, subtract(twist.angular, frame_twist.angular)))
@@ -76,10 +78,10 @@ class PoseSensor(RateSensor[None]):
 
 
 class Imu(RateSensor[Vector3]):
-    """IMU of libgazebo_ros_imu_sensor.so; at rest it measures g upwards, like a real one.
+    """IMU of libgazebo_ros_imu_sensor.so; at rest it measures g upwards, like a real IMU.
 
     The acceleration is averaged over one period of the sensor's sampling rate, which may differ
-    from the rate of its readings. With sampling rate 0 it is averaged over one physics step.
+    from the rate of its readings. With a sampling rate of 0 it is averaged over one physics step.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int

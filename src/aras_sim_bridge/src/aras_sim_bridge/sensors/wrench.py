@@ -1,4 +1,4 @@
-"""Force/torque sensors in joints, computed from the momentum balance of the carried links."""
+"""Force/torque sensors in joints, which use the momentum balance of the links behind the joint."""
 
 from __future__ import annotations
 
@@ -19,7 +19,7 @@ Force = tuple[np.ndarray, np.ndarray]  # force (N) and point of application (m),
 
 @dataclass(frozen=True)
 class WrenchReading:
-    """Force (N) and torque (N m) about the joint origin, in the axes that the sensor specifies."""
+    """Force (N) and torque (N m) about the joint origin, in the sensor's measurement axes."""
 
     stamp_ns: int
     force: Vector3
@@ -29,13 +29,13 @@ class WrenchReading:
 class WrenchSensor(RateSensor[np.ndarray]):
     """Force/torque sensor of libgazebo_ros_ft_sensor.so.
 
-    It measures the wrench that the child link exerts on the parent link through the joint (the
-    opposite wrench if the description says so). At rest this is the weight of the carried links,
-    i.e. of the child link and all its descendants.
+    It measures the wrench that the child link exerts on the parent link through the joint, or the
+    opposite wrench if the description says so. The carried links are the child link and all its
+    descendants; at rest the sensor measures their weight.
 
     Over one step, the momentum of the carried links changes by the impulses of gravity, contacts,
-    externally applied wrenches and the joint. The last one is the unknown. It includes the effort
-    of the drive of the joint.
+    externally applied wrenches and the joint. The impulse of the joint is the unknown; it includes
+    the effort of the joint's drive.
     """
 
     def __init__(self, description: SensorDescription, model: Model, world: World, seed: int
@@ -57,7 +57,7 @@ class WrenchSensor(RateSensor[np.ndarray]):
             ]
 
     def _read_state(self) -> np.ndarray:
-        """Return linear and angular momentum (6,) of the carried links about the world origin."""
+        """Return the linear momentum and the angular momentum about the world origin, (6,)."""
         total = np.zeros(6)
         for mass, centre, velocity, spin in self._list_masses():
             total[:3] += mass * velocity
@@ -65,9 +65,9 @@ class WrenchSensor(RateSensor[np.ndarray]):
         return total
 
     def _list_masses(self) -> Iterator[tuple[float, np.ndarray, np.ndarray, np.ndarray]]:
-        """Yield mass (kg), centre of mass, its velocity and spin of each carried link, world axes.
+        """Yield mass (kg), centre of mass, its velocity, and spin of each carried link.
 
-        The spin is the angular momentum about the centre of mass.
+        The vectors are in world axes. The spin is the angular momentum about the centre of mass.
         """
         states = self.model.link_states()
         for name in self._carried_links:
@@ -94,7 +94,7 @@ class WrenchSensor(RateSensor[np.ndarray]):
         for _, force, point, _ in self._applied_forces:
             yield np.array(force), np.array(point)
         if self.model.joints.has_own_dynamics:
-            return  # joints are simulated without Bullet only while no contact is possible
+            return  # no contact is possible while the joints are simulated without Bullet
         indices = {self.model.link_index(name) for name in self._carried_links}
         for link, _, _, numbers in find_contacts(self.model.body_id, self.model.client):
             if link in indices:

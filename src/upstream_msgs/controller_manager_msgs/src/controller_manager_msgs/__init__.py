@@ -1,1 +1,1 @@
-"""Messages, services and helpers of the controller manager."""
+"""Messages and services of the controller manager, and functions that use them."""

@@ -28,7 +28,7 @@ _SERVICES = {
 
 
 def is_controller_manager(namespace: str) -> bool:
-    """Return whether a namespace (/robot/controller_manager) has all services of a manager."""
+    """Return whether a namespace (e.g. /robot/controller_manager) has all services of a manager."""
     return all(_type_of(rosgraph.names.ns_join(namespace, name)) == kind
                for name, kind in _SERVICES.items())
 
@@ -45,8 +45,8 @@ def get_controller_managers(
 ) -> list[str]:
     """Return the sorted namespaces of the controller managers at or below `namespace`.
 
-    initial_guess: managers found by an earlier call. If such a manager still lists controllers, its
-    other services are not checked again.
+    initial_guess: namespaces that an earlier call returned. If a manager there still lists
+        controllers, its other services are not checked again.
     """
     below = rosgraph.names.make_global_ns(namespace)
     try:
@@ -70,7 +70,7 @@ class ControllerManagerLister:
         self._found: list[str] = []
 
     def __call__(self) -> list[str]:
-        """Return the namespaces of the current managers."""
+        """Return the namespaces of the controller managers that are running now."""
         self._found = get_controller_managers(self._namespace, self._found)
         return list(self._found)
 
@@ -79,7 +79,7 @@ class ControllerLister:
     """Callable that returns the controllers of a manager, or [] if it does not respond."""
 
     def __init__(self, namespace: str = "/controller_manager") -> None:
-        """Create a lister for the manager with services in `namespace`."""
+        """Create a lister for the manager whose services are in `namespace`."""
         self.namespace = namespace
         name = rosgraph.names.ns_join(namespace, "list_controllers")
         self._service = rospy.ServiceProxy(name, ListControllers)
@@ -93,7 +93,10 @@ class ControllerLister:
 
 
 def get_rosparam_controller_names(namespace: str = "/") -> list[str]:
-    """Return the names in `namespace` whose parameter `type` is a string, i.e. of controllers."""
+    """Return the names of the controllers whose parameters are in `namespace`.
+
+    These are the names whose parameter `type` is a string.
+    """
     values = rospy.get_param(namespace or "/", {})
     values = values if isinstance(values, dict) else {}
     return [name for name, parameters in values.items()
@@ -149,9 +152,10 @@ def filter_by_resources(
     hardware_interface: str | None = None,
     match_any: bool = False,
 ) -> list[ControllerState]:
-    """Return the controllers that claim all given resources (joints), or any with `match_any`.
+    """Return the controllers that claim all of the given resources (joints).
 
-    hardware_interface: only consider the resources of this hardware interface.
+    match_any: whether it is sufficient that a controller claims one of them.
+    hardware_interface: if given, only the resources of this hardware interface are considered.
     """
     names, matches = set(resources), []
     for controller in ctrl_list:

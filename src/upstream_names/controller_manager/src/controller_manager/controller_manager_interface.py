@@ -1,4 +1,7 @@
-"""Load, start, stop and list the controllers of the manager in this node's namespace."""
+"""Functions that load, start, stop and list controllers.
+
+They use the controller manager in this node's namespace.
+"""
 
 from aras_sim_bridge.ros.cli.controller_manager import (
     list_controller_types,

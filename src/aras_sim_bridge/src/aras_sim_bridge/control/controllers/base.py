@@ -20,7 +20,7 @@ None means that the port does not exist. The paths in pids are 'pid', '<joint>/p
 'gains/<joint>' (trajectories, grippers). The types of commands, states and goals are defined in
 this module, in trajectory_types.py and in gripper.py. Actions use submit_goal, cancel_goal and the
 handles of goals.py. update() calls on_state synchronously, with an object that the controller does
-not modify afterwards; without an on_state no object is created.
+not modify afterwards; if on_state is None, no object is created.
 
 set_command may be called from any thread: it checks the command and stores it in the controller's
 slot, and the next update() uses the latest one. starting() and reset() clear the slot. All other
@@ -43,7 +43,7 @@ from aras_sim_bridge.description.types import RobotDescription
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-STATE_EVERY = 10  # updates for each published state, as in ros_controllers
+STATE_EVERY = 10  # number of updates between two published states, as in ros_controllers
 
 
 def _ignore(text: str) -> None:
@@ -58,7 +58,7 @@ class Context:
         namespace: namespace of the robot, without trailing slash.
         description: description of the robot, or None.
         robot_parameters: parameters in the robot's namespace.
-        warn, error: log one line.
+        warn, error: functions that log one line.
     """
 
     name: str
@@ -84,7 +84,7 @@ class ClaimedResources:
 
 @dataclass(slots=True)
 class JointControllerState:
-    """One sample of a PID position or velocity controller (control_msgs/JointControllerState)."""
+    """State of a PID position or velocity controller (control_msgs/JointControllerState)."""
 
     stamp_ns: int
     set_point: float
@@ -102,7 +102,7 @@ class JointControllerState:
 
 @dataclass(slots=True)
 class JointStates:
-    """States of all joints at one time (sensor_msgs/JointState); all lists have equal length."""
+    """States of all joints at one time (sensor_msgs/JointState); all lists have the same length."""
 
     stamp_ns: int
     names: tuple[str, ...]
@@ -151,12 +151,13 @@ class Controller:
     def get_loop_gains(self) -> dict[str, tuple[float, float]]:
         """Return (stiffness, damping) of each joint that the controller drives by effort.
 
-        These are the decrease of the effort per unit of joint position and of joint velocity.
+        The stiffness is the decrease of the effort per unit of joint position, and the damping is
+        its decrease per unit of joint velocity.
         """
         return {}
 
     def starting(self, time_ns: int) -> None:
-        """Choose a set point without a jump; called before the first update."""
+        """Choose the set point such that the joints do not jump; called before the first update."""
         self.slot.clear()
 
     def update(self, time_ns: int, period: float) -> None:
@@ -180,7 +181,7 @@ class Controller:
             pid.reset()
 
     def stopping(self, time_ns: int) -> None:
-        """Stop the controller; the commands in the handles remain."""
+        """Stop the controller; its last commands remain in the joint handles."""
 
     def set_command(self, value: object) -> None:
         """Store a command, from any thread. Raises ControllerError if it is invalid."""
@@ -205,14 +206,14 @@ class Controller:
             hint = f" ('{joint}' has a {other.interface})" if other else ""
             raise ControllerError(
                 f"controller '{self.context.name}': no joint '{joint}' in the "
-                f"{self.interface}{hint}; it has {', '.join(sorted(known)) or 'none'}. Check "
-                f"{self.context.where} and the robot's <transmission> tags"
+                f"{self.interface}{hint}; its joints are: {', '.join(sorted(known)) or 'none'}. "
+                f"Check {self.context.where} and the robot's <transmission> tags"
             )
         return hardware.handles[joint]
 
 
 def read_joint_names(parameters: Mapping, key: str, where: str) -> tuple[str, ...]:
-    """Return the joints that a parameter names.
+    """Return the joint names that the parameter `key` lists.
 
     Raises:
         ControllerError: the list is empty, or a name is empty or repeated.
@@ -235,6 +236,7 @@ def check_number(value: object, controller: str, what: str = "command") -> float
             f"controller '{controller}': {what} {value!r} is not a number") from None
     if not isfinite(number):
         raise ControllerError(
-            f"controller '{controller}': {what} {number} is not finite; the last one stays in use"
+            f"controller '{controller}': {what} {number} is not finite; "
+            "the last valid value stays in use"
         )
     return number

@@ -1,6 +1,6 @@
-"""Controllers that are commanded joint by joint, and those that forward the commands unchanged.
+"""Base class of controllers with one command per joint, and controllers that forward commands.
 
-As in ros_controllers, none of them sets its output to zero when it stops.
+As in ros_controllers, a controller does not set its output to zero when it stops.
 """
 
 from collections.abc import Mapping, Sequence
@@ -35,7 +35,7 @@ from aras_sim_bridge.control.pid import Pid
 from aras_sim_bridge.errors import ControllerError
 from aras_visual_servo_base.settings import read
 
-# Column of the handle's row that holds the command of each interface.
+# For each interface, the column of a JointHandle's row that contains the command.
 COMMAND_OF = {EFFORT: TAU_COMMAND, POSITION: Q_COMMAND, VELOCITY: V_COMMAND}
 
 
@@ -47,7 +47,7 @@ class CommandedController(Controller):
 
     Attributes:
         loops: one loop for each joint.
-        rows: (m, 39), the state of the loops.
+        rows: (m, 39) state of the m loops, one row for each.
     """
 
     command_kind = "float64"
@@ -55,7 +55,7 @@ class CommandedController(Controller):
 
     @property
     def is_group(self) -> bool:
-        """Whether the commands are lists, for the joints of the parameter `joints`."""
+        """Whether a command is a list with one number for each joint of the parameter `joints`."""
         return self.command_kind == "float64_array"
 
     def init(self, hardware: RobotHardware, parameters: Mapping, context: Context) -> None:
@@ -80,11 +80,11 @@ class CommandedController(Controller):
         return found if self.interface == EFFORT else {}
 
     def _make_loop_options(self, joint: str, parameters: Mapping) -> dict[str, Pid | bool]:
-        """Return further keyword arguments for the joint's JointLoop."""
+        """Return additional keyword arguments for the constructor of the joint's JointLoop."""
         return {}
 
     def bind(self, rows: np.ndarray) -> None:
-        """Copy the state of the loops into `rows` (m, 39), and store it there from now on."""
+        """Copy the state of the loops to `rows` (m, 39), which stores it from now on."""
         self.rows = rows
         for loop, row in zip(self.loops, rows, strict=True):
             loop.bind(row)
@@ -103,11 +103,13 @@ class CommandedController(Controller):
         try:
             given = list(value)
         except TypeError:
-            raise ControllerError(f"controller '{name}': command {value!r} is not a list") from None
+            raise ControllerError(
+                f"controller '{name}': command {value!r} is not a list of numbers"
+            ) from None
         if len(given) != len(joints):
             raise ControllerError(
                 f"controller '{name}': command has {len(given)} values for {len(joints)} "
-                f"joints ({', '.join(joints)}); it is dropped"
+                f"joints ({', '.join(joints)}); the command is ignored"
             )
         self.slot.append([
             check_number(number, name, f"command for {joint}")
@@ -128,7 +130,7 @@ class CommandedController(Controller):
 
     @property
     def is_compilable(self) -> bool:
-        """Whether `update` is not overridden by a user's class."""
+        """Whether the class uses this `update` instead of overriding it."""
         return type(self).update is CommandedController.update
 
     def update(self, time_ns: int, period: float) -> None:
@@ -146,7 +148,7 @@ class CommandedController(Controller):
             listener(self.make_state(time_ns, period))
 
     def make_state(self, time_ns: int, period: float) -> JointControllerState:
-        """Return the state message of this cycle."""
+        """Return the state of the controller in this cycle."""
         return self.loops[0].make_state(time_ns, period)
 
 

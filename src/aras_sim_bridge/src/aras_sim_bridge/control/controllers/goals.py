@@ -21,7 +21,7 @@ class GoalHandle(Generic[Goal, Result]):
     `status` is 'active', 'rejected', 'succeeded', 'aborted' or 'preempted'; `result` is set unless
     the goal is active. `on_feedback` receives the states of the controllers that publish feedback,
     at their action_monitor_rate. `on_done(GoalHandle)` is called once, when the goal ends, or
-    immediately if it is set after that.
+    immediately if it is set after the goal has ended.
     """
 
     def __init__(self, goal: Goal) -> None:

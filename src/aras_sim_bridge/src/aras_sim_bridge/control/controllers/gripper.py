@@ -39,7 +39,7 @@ class GripperResult:
     """State of a gripper when its goal ended.
 
     Attributes:
-        position: rad or m.
+        position: measured position, rad or m.
         effort: effort of the last command, N m or N.
         stalled: whether the joint stopped before it reached the goal.
         text: reason why a goal was rejected.
@@ -59,11 +59,15 @@ class GripperActionController(Controller):
     than `stall_velocity_threshold` for `stall_timeout`, for example because the fingers hold an
     object.
 
-    Parameters: `joint`; `goal_tolerance` (0.01 rad or m), `max_effort` (0, N m or N, before the
-    first goal and after a cancel), `stall_velocity_threshold` (0.001 rad/s or m/s),
-    `stall_timeout` (1 s).
+    Parameters, with their defaults:
+        joint: name of the joint; required.
+        goal_tolerance: 0.01 rad or m.
+        max_effort: largest effort before the first goal and after a cancelled goal; 0 N m or N.
+        stall_velocity_threshold: 0.001 rad/s or m/s.
+        stall_timeout: 1 s.
 
-    All methods must be called in the simulation thread. Each calls its listeners last.
+    All methods must be called in the simulation thread. A method calls listeners as its last
+    action.
     """
 
     action_kind = "gripper_command"
@@ -153,7 +157,7 @@ class GripperActionController(Controller):
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Hold the current position if `handle` is the active goal; return whether it was."""
+        """Hold the current position if `handle` is the active goal; return whether it is active."""
         if self._goal is not handle:
             return False
         ended = self._end_goal(PREEMPTED, GripperResult())

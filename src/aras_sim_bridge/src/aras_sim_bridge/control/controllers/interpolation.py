@@ -1,8 +1,9 @@
 """Interpolation of set points between commands that arrive at 30 or 100 Hz.
 
-Each step of the set point excites a stiff joint with little damping: without interpolation the ARAS
-arm's J5 (p 3500, d 0) peaks at 41 times the commanded speed with 30 commands per second, and at 12
-times with 100.
+Each step of the set point excites a stiff joint with little damping: without interpolation, the
+speed of joint J5 of the ARAS arm (gains p = 3500, d = 0) reaches 41 times the commanded speed at 30
+commands per second, and 12 times at 100. "Peak" in the comments below is the largest joint speed
+divided by the commanded speed.
 """
 
 from math import inf, isnan, nan, pi
@@ -14,41 +15,39 @@ from aras_sim_bridge.control.joints import JointHandle
 from aras_visual_servo_base.compiled import column, jit
 
 USUAL_INTERVAL = 1.0 / 30.0  # s, the camera's period; used until two commands have arrived
-SHORTEST_INTERVAL, LONGEST_INTERVAL = 0.002, 0.1  # s; a longer interval is a pause
+SHORTEST_INTERVAL = 0.002  # s; a shorter interval enters the mean with this value
+LONGEST_INTERVAL = 0.1  # s; a longer interval is a pause of the stream
 # Weight of the newest interval in the mean interval. If one command of a 100 Hz stream arrives 1 ms
-# early or late, J5 peaks at 1.3 times the commanded speed; with a weight of 1 at 1.6 times.
+# early or late, the peak of J5 is 1.3; with a weight of 1 it would be 1.6.
 NEWEST_SHARE = 0.2
-# s, time constant of the lag that smooths the corners of the line: J5, whose period is 6 ms, peaks
-# at 1.05 times the commanded speed with it and at 1.55 without; J3 at 1.3 and 1.4.
+# Time constant, s, of the lag that smooths the corners of the line. The lag reduces the peak of J5,
+# whose oscillation has a period of 6 ms, from 1.55 to 1.05, and the peak of J3 from 1.4 to 1.3.
 LAG_TIME = 0.003
-# A line is longer than the mean interval, so that it has not ended when a command is late. The
-# additional time is this factor times the mean change from one interval to the next (limited to
-# half an interval, because longer changes are pauses). With arrivals up to 2 ms early or late at
-# 100 Hz, J3 peaks below 1.5 times the commanded speed, and at 1.7 without. A steady stream is not
-# delayed from its second interval on.
+# A line takes longer than the mean interval, so that the set point still moves when the next
+# command is late. The additional time is this factor times the mean change from one interval to the
+# next. Changes are limited to half an interval, because longer changes are pauses. If commands at
+# 100 Hz arrive up to 2 ms early or late, the peak of J3 is below 1.5; without the additional time
+# it is 1.7. In a regular stream, the additional time is zero from the second interval on.
 JITTER_FACTOR = 2.2
 ARRIVAL_TOLERANCE = 1e-9  # rad or m
 
-# Columns of a row: whether the set point moves; remaining time of the line, s; the line's position;
-# the set point; the line's end and rate; mean interval, its mean change and the last interval
-# (NaN: none yet), s; last arrival (NaN: none), ns; the joint's velocity limit, whether the joint is
-# angular, and its position limits.
+# Columns of an interpolator's row.
 (
     (
-        IS_MOVING,
-        _TIME_LEFT,
-        _LINE,
-        _VALUE,
-        _END,
-        _RATE,
-        _INTERVAL,
-        _JITTER,
-        _LAST_INTERVAL,
-        _ARRIVAL,
-        _FASTEST,
-        _IS_ANGULAR,
-        _LOWER,
-        _UPPER,
+        IS_MOVING,  # whether the set point moves
+        _TIME_LEFT,  # s, remaining time of the line
+        _LINE,  # current position on the line
+        _VALUE,  # set point
+        _END,  # end of the line, which is the last command
+        _RATE,  # speed along the line
+        _INTERVAL,  # s, mean interval between commands
+        _JITTER,  # s, mean change from one interval to the next
+        _LAST_INTERVAL,  # s; NaN before the second command
+        _ARRIVAL,  # ns, arrival of the last command; NaN before the first command
+        _FASTEST,  # velocity limit of the joint
+        _IS_ANGULAR,  # whether the joint is angular
+        _LOWER,  # lower position limit
+        _UPPER,  # upper position limit
     ),
     INTERPOLATION_COLUMNS,
 ) = range(14), 14
@@ -58,12 +57,13 @@ class CommandInterpolator:
     """Set point that approaches each command on a straight line over the mean command interval.
 
     The line is longer if commands arrive irregularly or if it would exceed the joint's velocity
-    limit. A first-order lag smooths its corners. An angular joint takes the shortest way that its
-    limits allow.
+    limit. A first-order lag smooths its corners. An angular joint rotates in the shorter direction
+    that its limits allow.
 
-    The set point lags a steady stream by one interval and 3 ms, which is half an interval more, on
-    average, than set points that step. Extrapolation instead would excite the joint: over a full
-    interval as much as steps do, over half an interval up to 2.5 times the commanded speed.
+    The set point lags the commands of a regular stream by one interval and 3 ms. On average, this
+    is half an interval more than without interpolation. Extrapolation would reduce the lag but make
+    the joint oscillate: over a full interval as much as without interpolation, and over half an
+    interval up to 2.5 times the commanded speed.
     """
 
     __slots__ = ("row",)
@@ -71,7 +71,7 @@ class CommandInterpolator:
     is_moving, value = column(IS_MOVING), column(_VALUE)
 
     def __init__(self, handle: JointHandle, row: np.ndarray | None = None) -> None:
-        """Store the state in `row` (14,), a part of a loop's row; None creates a new row."""
+        """Store the state in `row` (14,), a slice of a JointLoop's row, or in a new array."""
         self.row = np.zeros(INTERPOLATION_COLUMNS) if row is None else row
         limit = handle.limits.velocity if handle.limits is not None else None
         self.row[_FASTEST:] = (
@@ -100,7 +100,7 @@ def set_interpolation_target(row, command, time_ns):
     """Start a line to a command; see CommandInterpolator.set_target."""
     if not isnan(row[_ARRIVAL]):
         interval = (time_ns - row[_ARRIVAL]) / 1e9
-        # Pauses, and a clock that was reset, are not intervals of the stream.
+        # Times across a pause or a reset of the clock are not intervals of the stream.
         if 0.0 < interval <= LONGEST_INTERVAL:
             interval = max(interval, SHORTEST_INTERVAL)
             row[_INTERVAL] += NEWEST_SHARE * (interval - row[_INTERVAL])

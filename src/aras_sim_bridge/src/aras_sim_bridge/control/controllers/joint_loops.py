@@ -25,17 +25,31 @@ from aras_sim_bridge.control.joints import (
 from aras_sim_bridge.control.pid import PID_COLUMNS, Pid, compute_pid
 from aras_visual_servo_base.compiled import column, jit
 
-# rad; a smaller difference is always the shortest way, so the limits need not be checked
+# rad; an angular difference below this value is always the shorter direction, so the limits need
+# not be checked.
 LARGEST_PLAIN_DIFFERENCE = 3.14
 
-# Use of the command: forwarded, or set point of a position PID or a velocity PID.
-FORWARD, POSITION_PID, SPEED_PID = range(3)
-# Columns of a loop's row: those of a Pid, the ones below, and those of a CommandInterpolator. The
-# index of the robot's handle, the column of its command, and the kind of loop; whether the joint is
-# angular, and its limits; last command, set point, error and output; whether set points are
-# interpolated; number of updates.
-(_HANDLE, _TARGET, _KIND, _IS_ANGULAR, _LOWER, _UPPER, _COMMAND, _SET_POINT, _ERROR, _OUTPUT,
- _INTERPOLATES, _UPDATES, _INTERPOLATION) = range(PID_COLUMNS, PID_COLUMNS + 13)
+# Kinds of loops.
+FORWARD = 0  # the command is the output
+POSITION_PID = 1  # the command is the set point of a position PID
+SPEED_PID = 2  # the command is the set point of a velocity PID
+
+# Columns of a loop's row, after those of its Pid.
+(
+    _HANDLE,  # index of the joint's handle in the robot
+    _TARGET,  # column of the handle that receives the output
+    _KIND,  # kind of the loop
+    _IS_ANGULAR,  # whether the joint is angular
+    _LOWER,  # lower position limit
+    _UPPER,  # upper position limit
+    _COMMAND,  # last command
+    _SET_POINT,
+    _ERROR,
+    _OUTPUT,
+    _INTERPOLATES,  # whether set points are interpolated
+    _UPDATES,  # number of updates
+    _INTERPOLATION,  # first column of the CommandInterpolator
+) = range(PID_COLUMNS, PID_COLUMNS + 13)
 LOOP_COLUMNS = _INTERPOLATION + INTERPOLATION_COLUMNS
 
 
@@ -44,8 +58,8 @@ class JointLoop:
 
     The output is an effort, velocity or position, depending on the controller. The set point of a
     position PID is the last command, limited to the URDF's position limits; with `interpolate` it
-    moves there instead of stepping. The error of an angular joint is the shortest that the limits
-    allow.
+    moves to the command gradually (see CommandInterpolator). The error of an angular joint is the
+    shortest rotation that the limits allow.
     """
 
     __slots__ = (
@@ -79,7 +93,7 @@ class JointLoop:
         Args:
             index: index of the handle among the robot's handles.
             target: column of the handle's command.
-            warn: logs one line.
+            warn: function that logs one line.
             label: name of the controller in log lines.
         """
         self.handle, self.pid, self.row, self._kind = handle, pid, row, kind
@@ -95,12 +109,12 @@ class JointLoop:
 
     @property
     def gains(self) -> tuple[float, float]:
-        """Decrease of the output per unit of joint position, and per unit of joint velocity."""
+        """Decreases of the output per unit of joint position and per unit of joint velocity."""
         gains = self.pid.gains
         return (0.0, gains.p) if self._kind == SPEED_PID else (gains.p, gains.d)
 
     def bind(self, row: np.ndarray) -> None:
-        """Copy the state of the loop into this array row (39,), and store it there from now on."""
+        """Copy the state of the loop to `row` (39,), which stores it from now on."""
         row[:] = self.row
         self.row = row
         self._interpolation.row = row[_INTERPOLATION:]
@@ -108,7 +122,7 @@ class JointLoop:
             self.pid.row = row[:PID_COLUMNS]
 
     def start(self) -> None:
-        """Reset the PID and hold the current position within the limits, or command 0."""
+        """Reset the PID. Hold the current position, or command 0 if commands are not positions."""
         row, stays = self.row, 0.0
         if self._kind == POSITION_PID or self._kind == FORWARD and row[_TARGET] == Q_COMMAND:
             stays = min(max(self.handle.position, row[_LOWER]), row[_UPPER])
@@ -125,7 +139,7 @@ class JointLoop:
         self.set_command(command, time_ns)
 
     def set_command(self, command: float, time_ns: int) -> None:
-        """Set a command (rad, m, or per s, N m, N) that arrived in the cycle at `time_ns`."""
+        """Set a command (rad, m, rad/s, m/s, N m or N) that arrived in the cycle at `time_ns`."""
         set_loop_command(self.row, command, time_ns)
         self.warn_beyond_limits(command, time_ns)
 
@@ -140,7 +154,7 @@ class JointLoop:
             )
 
     def make_state(self, time_ns: int, period: float) -> JointControllerState:
-        """Return the state message of this cycle; for a velocity loop, process_value_dot is 0."""
+        """Return the state of this cycle; process_value_dot of a velocity loop is 0."""
         handle, gains = self.handle, self.pid.gains
         process = handle.position, handle.velocity
         if self._kind == SPEED_PID:
@@ -153,7 +167,7 @@ class JointLoop:
 
 @jit("f8[::1], f8, f8", allocates=False)
 def set_loop_command(row, command, time_ns):
-    """Set a loop's command in the cycle at `time_ns`; return it limited to the joint's range."""
+    """Set a loop's command in the cycle at `time_ns`; return the command within the limits."""
     row[_COMMAND] = command = min(max(command, row[_LOWER]), row[_UPPER])
     if row[_INTERPOLATES] != 0.0:
         set_interpolation_target(row[_INTERPOLATION:], command, time_ns)
@@ -164,7 +178,7 @@ def set_loop_command(row, command, time_ns):
 
 @jit("f8[:,::1], f8[::1], f8", allocates=False)
 def set_loop_commands(rows, commands, time_ns):
-    """Set the commands of loops, NaN for none; return whether one exceeds its limits."""
+    """Set the commands of loops (NaN for no command); return whether one exceeds its limits."""
     beyond = False
     for k in range(len(rows)):
         if commands[k] == commands[k]:
@@ -174,7 +188,7 @@ def set_loop_commands(rows, commands, time_ns):
 
 @jit("f8[:,::1], f8[:,::1], f8", allocates=False)
 def update_loops(rows, handles, period):
-    """Compute one cycle of loops after `period` s and write the outputs into the handles (h, 6)."""
+    """Update loops, `period` s after the last cycle, and write the outputs to `handles` (h, 6)."""
     for k in range(len(rows)):
         row = rows[k]
         handle = handles[int(row[_HANDLE])]

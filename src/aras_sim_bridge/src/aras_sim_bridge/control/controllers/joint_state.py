@@ -23,9 +23,9 @@ _NS_PER_S = 1_000_000_000
 class JointStateController(Controller):
     """Publish positions, velocities and efforts at `publish_rate` in simulated time.
 
-    The order of the joints is that of the parameter `joints`, or by name in byte order, followed
-    by `extra_joints`. The first cycle publishes a sample; the average rate is exact. A rate of 0
-    or less publishes nothing.
+    The joints have the order of the parameter `joints`, or are sorted by name (byte order) if it is
+    not set; `extra_joints` follow. The first cycle publishes a sample; the average rate is exact.
+    With a rate of 0 or less nothing is published.
 
     As in Gazebo, the stamp of a sample is the end of the next physics step, although the joints
     are measured before that step. With the parameter `true_stamps` the stamp is the time of the
@@ -63,11 +63,11 @@ class JointStateController(Controller):
 
     @property
     def claimed_resources(self) -> tuple[ClaimedResources, ...]:
-        """The state interface without joints, because reading claims nothing."""
+        """The joint state interface with no joints, because reading a joint does not claim it."""
         return (ClaimedResources(f"hardware_interface::{self.interface}", ()),)
 
     def starting(self, time_ns: int) -> None:
-        """Publish in the first cycle; a restart does not change the sampling times."""
+        """Publish a sample in the first cycle; a restart does not change the sampling times."""
         super().starting(time_ns)
         if self._start_ns is None:
             self._start_ns = time_ns - 1.001 * self._step_ns
@@ -79,7 +79,7 @@ class JointStateController(Controller):
 
     @property
     def is_read_only(self) -> bool:
-        """Whether `update` is not overridden by a user's class."""
+        """Whether the class uses this `update` instead of overriding it."""
         return type(self).update is JointStateController.update
 
     def idle_until(self, time_ns: int) -> float:
@@ -108,7 +108,10 @@ class JointStateController(Controller):
             listener(self.sample_joints(time_ns))
 
     def list_due_cycles(self, time_ns: int, until_ns: int, step_ns: int) -> list[int]:
-        """Return those cycles, every `step_ns` from `time_ns` to `until_ns`, that have a sample."""
+        """Return the times, ns, of the control cycles in which a sample is due.
+
+        The cycles follow each other every `step_ns` from `time_ns` to `until_ns`.
+        """
         found: list[int] = []
         due_ns = self._due_ns
         while (tick_ns := max(_find_next_cycle(due_ns, time_ns, step_ns), time_ns)) <= until_ns:
@@ -118,7 +121,7 @@ class JointStateController(Controller):
         return found
 
     def count_samples(self, count: int) -> None:
-        """Count samples that were taken from `handle_rows` in cycles of `list_due_cycles`."""
+        """Record that the caller has taken `count` samples from `handle_rows`."""
         self._periods += count
 
     def sample_joints(self, time_ns: int) -> JointStates:
@@ -135,14 +138,17 @@ class JointStateController(Controller):
 
 
 def _find_next_cycle(due_ns: float, time_ns: int, step_ns: int) -> int:
-    """Return the first cycle after `due_ns`, of those every `step_ns` from `time_ns` on."""
+    """Return the first of the times time_ns + k step_ns (k is an integer) after `due_ns`."""
     return time_ns + (int(due_ns - time_ns) // step_ns + 1) * step_ns
 
 
 def _read_extra_joints(
     parameters: Mapping, where: str, joint_names: set[str]
 ) -> list[tuple[str, float, float, float]]:
-    """Return extra_joints as (name, position, velocity, effort), without known joints."""
+    """Return the parameter extra_joints as tuples (name, position, velocity, effort).
+
+    Entries whose name is in `joint_names` are left out.
+    """
     entries = parameters.get("extra_joints", [])
     if not isinstance(entries, list | tuple):
         raise ControllerError(f"parameter {where}/extra_joints must be a list, found {entries!r}")

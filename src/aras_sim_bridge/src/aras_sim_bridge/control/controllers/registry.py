@@ -2,7 +2,8 @@
 
 A user's class can be named in two ways:
 - as the type: `type: my_package.my_module:MyController`;
-- in the parameter `controller_classes` of the robot's namespace, under a type of the user's choice:
+- in the parameter `controller_classes` of the robot's namespace, under a type name of the user's
+  choice:
   `controller_classes: {my_package/MyController: my_package.my_module:MyController}`.
 """
 

@@ -10,7 +10,10 @@ _NS_PER_S = 1e9
 
 
 class Waypoint(NamedTuple):
-    """Desired position (rad or m) and, if not None, its first two time derivatives (s)."""
+    """Desired position (rad or m), velocity (per s) and acceleration (per s²).
+
+    A velocity or acceleration of None is not specified.
+    """
 
     position: float
     velocity: float | None = None
@@ -23,8 +26,9 @@ Coefficients = tuple[float, float, float, float, float, float]
 def fit_spline(start: Waypoint, end: Waypoint, duration: float) -> Coefficients:
     """Return the coefficients c0..c5 of x(t) = sum c_k t^k on [0, duration], duration >= 0 in s.
 
-    Derivatives are used only if both ends have them, and accelerations only with velocities. With
-    a duration of 0 the polynomial starts at the end state.
+    Velocities are used only if both waypoints have them. Accelerations are used only if both
+    waypoints have velocities and accelerations. With a duration of 0 the polynomial starts at
+    `end`.
     """
     cubic = start.velocity is not None and end.velocity is not None
     quintic = cubic and start.acceleration is not None and end.acceleration is not None
@@ -79,7 +83,10 @@ class Segment:
         self.goal_time_ns = 0
 
     def sample(self, time_ns: int) -> tuple[float, float, float]:
-        """Return position, velocity and acceleration; outside its time, rest at the nearer end."""
+        """Return position, velocity and acceleration at `time_ns`.
+
+        Before the start and after the end of the segment, the joint rests at the nearer end.
+        """
         t = (time_ns - self.start_ns) / _NS_PER_S
         c0, c1, c2, c3, c4, c5 = self.coefficients
         if t < 0.0:
@@ -95,14 +102,17 @@ class Segment:
 
 
 class Tolerance(NamedTuple):
-    """Largest allowed errors of one joint; 0 means not checked."""
+    """Largest allowed errors of one joint; an error whose tolerance is 0 is not checked."""
 
     position: float = 0.0
     velocity: float = 0.0
     acceleration: float = 0.0
 
     def is_met(self, position_error: float, velocity_error: float) -> bool:
-        """Return whether both errors are within the tolerance; accelerations are not measured."""
+        """Return whether both errors are within the tolerance.
+
+        The acceleration is not checked, because it is not measured.
+        """
         return not (
             0.0 < self.position < abs(position_error) or 0.0 < self.velocity < abs(velocity_error)
         )

@@ -1,7 +1,8 @@
-"""Base of the joint trajectory controllers, with the semantics of ros_controllers.
+"""Base class of the joint trajectory controllers, with the semantics of ros_controllers.
 
-They follow spline trajectories from a topic or an action. The controller's own clock, `uptime`, is
-the sum of the control periods, so a reset of the simulated clock does not lose the trajectory.
+The controllers follow spline trajectories from a topic or an action. The controller's own clock,
+`uptime`, is the sum of the control periods, so a reset of the simulated clock does not lose the
+trajectory.
 """
 
 from collections.abc import Mapping
@@ -42,7 +43,7 @@ _NS_PER_S = 1_000_000_000
 
 
 class _Timer:
-    """Timer with an exact average rate: when last + 1/rate < now, it fires and last += 1/rate."""
+    """Timer with an exact average rate: if last + 1/rate < now, it fires and last += 1/rate."""
 
     __slots__ = ("_step_ns", "_last_ns")
 
@@ -60,11 +61,11 @@ class _Timer:
 
 
 class JointTrajectoryController(Controller):
-    """Base of the three variants, which differ in how a desired state becomes a command.
+    """Base class of the trajectory controllers for the position, velocity and effort interfaces.
 
     All methods must be called in the simulation thread, so a trajectory is used immediately instead
-    of being stored in the slot. Each method calls its listeners last; a listener may call the
-    controller.
+    of being stored in the slot. A method calls listeners as its last action, so a listener may call
+    the controller.
     """
 
     command_kind = "joint_trajectory"
@@ -176,7 +177,8 @@ class JointTrajectoryController(Controller):
             if segment.goal is not self._goal:
                 continue
             name, error = self.joints[k], errors[0][k]
-            # At the end time a straight line still has a velocity; the goal is checked afterwards.
+            # At its end time, a straight line still has a velocity; so check the goal only after
+            # it.
             if now_ns <= segment.end_ns:
                 if not segment.path_tolerance.is_met(error, errors[1][k]):
                     code = ErrorCode.PATH_TOLERANCE_VIOLATED
@@ -239,7 +241,7 @@ class JointTrajectoryController(Controller):
         return handle
 
     def cancel_goal(self, handle: GoalHandle) -> bool:
-        """Stop if `handle` is the active goal; return whether it was."""
+        """Stop the joints if `handle` is the active goal; return whether it was active."""
         if self._goal is not handle:
             return False
         self._hold_position(self._uptime_ns)
@@ -254,7 +256,9 @@ class JointTrajectoryController(Controller):
             ControllerError: the controller is not running, or the time precedes the trajectory.
         """
         if not self._running:
-            raise ControllerError(f"controller '{self.context.name}' is not running")
+            raise ControllerError(
+                f"controller '{self.context.name}' is not running; start it first"
+            )
         at_ns = self._uptime_ns + time_ns - self._time_ns
         samples = []
         for segments in self._segments:
@@ -262,7 +266,7 @@ class JointTrajectoryController(Controller):
             if index < 0:
                 raise ControllerError(
                     f"controller '{self.context.name}': time {time_ns / _NS_PER_S:.3f} s "
-                    f"precedes the trajectory"
+                    f"precedes the trajectory; ask for a later time"
                 )
             samples.append(segments[index].sample(at_ns))
         return StatePoint(*(list(values) for values in zip(*samples, strict=True)))
@@ -282,7 +286,8 @@ class JointTrajectoryController(Controller):
         try:
             if goal is not None:
                 tolerances = tolerances.override(goal.goal, self.joints)
-            if goal is not None or len(trajectory.points):  # an empty command needs no joint names
+            # A command without points needs no joint names.
+            if goal is not None or len(trajectory.points):
                 columns = find_joint_columns(
                     trajectory.joint_names, self.joints, self._allows_partial_goals
                 )
@@ -315,7 +320,7 @@ class JointTrajectoryController(Controller):
     def _hold_position(
         self, now_ns: int, goal: GoalHandle | None = None, tolerances: Tolerances | None = None
     ) -> None:
-        """Hold the measured position, or decelerate within stop_trajectory_duration."""
+        """Hold the measured position, or brake within stop_trajectory_duration if that is not 0."""
         result = []
         for k, handle in enumerate(self._handles):
             if self._stop_ns == 0 or not self._running:
@@ -331,8 +336,8 @@ class JointTrajectoryController(Controller):
     def _plan_braking(self, now_ns: int, position: float, velocity: float) -> Segment:
         """Plan a stop from the current desired motion within stop_trajectory_duration.
 
-        A spline that returns to the same position with the opposite velocity in twice that time is
-        at rest halfway, by symmetry.
+        The plan is a spline that returns to the same position with the opposite velocity after
+        twice that time. By symmetry, it is at rest after half of its duration.
         """
         begin = Waypoint(position, velocity, 0.0)
         mirror = Waypoint(position, -velocity, 0.0)

@@ -51,7 +51,7 @@ class Tolerances:
         return cls(tuple(path), tuple(goal), round(time * _NS_PER_S))
 
     def override(self, goal: TrajectoryGoal, joints: Sequence[str]) -> "Tolerances":
-        """Return these tolerances overridden by those of a goal.
+        """Return a copy of these tolerances in which the tolerances of `goal` replace the defaults.
 
         Raises:
             TrajectoryError: a joint is unknown, or a tolerance is not finite.
@@ -96,14 +96,16 @@ def _override_tolerance(default: Tolerance, override: JointTolerance) -> Toleran
 
 
 def find_segment(segments: JointSegments, time_ns: int) -> int:
-    """Return the index of the last segment that has started at `time_ns`, or -1."""
+    """Return the index of the last segment that starts at or before `time_ns`, or -1."""
     return bisect_right(segments, time_ns, key=lambda segment: segment.start_ns) - 1
 
 
 def find_joint_columns(
     names: Sequence[str], joints: Sequence[str], partial: bool
 ) -> list[int | None]:
-    """Return the message column of each of the controller's joints, None if it has none.
+    """Return the index in `names` of each of the controller's `joints`, or None if it is missing.
+
+    `names` are the joints of a trajectory message. `partial` allows missing joints.
 
     Raises:
         TrajectoryError: the joints of message and controller do not match (INVALID_JOINTS).
@@ -169,13 +171,13 @@ def plan_segments(
 ) -> tuple[list[JointSegments], int]:
     """Plan the segments of all joints from `next_ns`, the next control cycle, on.
 
-    The current trajectory remains until `start_ns`, where the new one starts. A connecting segment
-    leads to the first new point that is not in the past. Joints without a column keep their
-    current segments, which belong to the new goal from now on.
+    The joints follow the current trajectory until `start_ns`, when the new one starts. A connecting
+    segment leads to the first new point that is not in the past. Joints that are not in the new
+    trajectory (column None) keep their current segments, which now belong to the new goal.
 
     Args:
-        wraps: whether each joint is continuous; the new points of such a joint are shifted by full
-            turns so that the connecting segment takes the shortest way.
+        wraps: whether each joint is continuous; the new points of a continuous joint are shifted by
+            full turns so that the connecting segment rotates in the shorter direction.
 
     Returns:
         The segments, and the number of points that are in the past and were dropped.
@@ -197,7 +199,8 @@ def plan_segments(
     for joint, column in enumerate(columns):
         present = current[joint]
         first = find_segment(present, next_ns)
-        if column is None:  # as in ros_controllers, its remaining segments belong to the new goal
+        # As in ros_controllers, the joint's remaining segments belong to the new goal.
+        if column is None:
             for segment in present[max(first, 0) :]:
                 segment.goal = goal
             result.append(present)
@@ -223,7 +226,7 @@ def _plan_joint(
     start_ns: int,
     bridge_ns: int,
 ) -> JointSegments:
-    """Plan the connecting segment from `start` and the segments between points, for one joint."""
+    """Plan the segments of one joint: from `start` to the first point, and between the points."""
     shift = _count_turns(start.position, points[0].positions[column]) if wraps else 0.0
     waypoints = [_make_waypoint(point, column, shift) for point in points]
     times = [start_ns + point.time_from_start_ns for point in points]
@@ -247,7 +250,7 @@ def _make_waypoint(point: TrajectoryPoint, column: int, shift: float) -> Waypoin
 def _count_turns(present: float, desired: float) -> float:
     """Return the multiple of 2π that, added to `desired`, brings it within π of `present`."""
     distance = angles.shortest_angular_distance(present, desired)
-    # At exactly half a turn the sign of the plain difference decides.
+    # If the distance is half a turn, rotate in the direction of the plain difference.
     if isclose(fabs(distance), pi, rel_tol=0.0, abs_tol=1e-9):
         distance = fabs(distance) if desired > present else -fabs(distance)
     return round((present + distance - desired) / (2.0 * pi)) * 2.0 * pi

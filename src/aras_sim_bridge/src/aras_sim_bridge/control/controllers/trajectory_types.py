@@ -19,7 +19,7 @@ class ErrorCode(IntEnum):
 
 
 class TrajectoryError(ControllerError):
-    """A trajectory that cannot be followed; `code` is the error code of the action."""
+    """A trajectory cannot be followed; `code` is the error code of the action."""
 
     def __init__(self, code: ErrorCode, text: str) -> None:
         super().__init__(text)
@@ -28,7 +28,7 @@ class TrajectoryError(ControllerError):
 
 @dataclass(frozen=True, slots=True)
 class TrajectoryPoint:
-    """A waypoint of all joints; empty sequences are not specified."""
+    """A waypoint of all joints; an empty sequence means that the quantity is not specified."""
 
     time_from_start_ns: int
     positions: Sequence[float]
@@ -38,7 +38,7 @@ class TrajectoryPoint:
 
 @dataclass(frozen=True, slots=True)
 class Trajectory:
-    """Waypoints of named joints; a `stamp_ns` of 0 starts in the next control cycle."""
+    """Waypoints of named joints; with a `stamp_ns` of 0 it starts in the next control cycle."""
 
     joint_names: Sequence[str]
     points: Sequence[TrajectoryPoint]
@@ -47,7 +47,7 @@ class Trajectory:
 
 @dataclass(frozen=True, slots=True)
 class JointTolerance:
-    """Tolerance of one joint: positive sets it, negative removes it, 0 keeps the default."""
+    """Tolerance of one joint; a negative value removes the tolerance, and 0 keeps the default."""
 
     name: str
     position: float = 0.0
@@ -60,7 +60,8 @@ class TrajectoryGoal:
     """A goal of follow_joint_trajectory.
 
     Attributes:
-        goal_time_tolerance: s; its sign has the same meaning as in JointTolerance.
+        goal_time_tolerance: tolerance of the goal time, s; its sign has the same meaning as in
+            JointTolerance.
     """
 
     trajectory: Trajectory
@@ -79,7 +80,7 @@ class TrajectoryResult:
 
 @dataclass(frozen=True, slots=True)
 class StatePoint:
-    """Positions and derivatives of all joints; `time_from_start` in s."""
+    """Positions of all joints and their derivatives at `time_from_start`, s."""
 
     positions: list[float]
     velocities: list[float]
@@ -91,8 +92,9 @@ class StatePoint:
 class TrajectoryState:
     """State of a trajectory controller, for its state topic and its action's feedback.
 
-    `actual` and `error` have no accelerations, because none are measured. `error` is desired minus
-    actual, as an angle; its time_from_start is the elapsed time of the current segment.
+    `actual` and `error` have no accelerations, because accelerations are not measured. `error` is
+    the desired minus the actual state, with position errors in (-pi, pi]; its time_from_start is
+    the elapsed time of the current segment.
     """
 
     stamp_ns: int

@@ -19,7 +19,7 @@ from aras_sim_bridge.ros.runtime.publisher import SubscriberWatch, list_connecti
 from aras_visual_servo_ros.parameters import InvalidParameterError, Value, get_namespace
 from aras_visual_servo_ros.reconfigure import Field, ReconfigureServer
 
-# Names, defaults and limits are those of compressed_image_transport.
+# Settings with the names, defaults and limits of compressed_image_transport.
 COMPRESSED_FIELDS = (
     Field("format", "str", "jpeg", "", "", "Compression format: jpeg or png"),
     Field("jpeg_quality", "int", 80, 1, 100, "JPEG quality percentile"),
@@ -32,7 +32,7 @@ _COLOUR = {"rgb8": cv2.COLOR_RGB2BGR, "rgb16": cv2.COLOR_RGB2BGR, "bgr8": None}
 
 
 def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tuple[str, bytes]:
-    """Compress an image; return image_transport's format description and the compressed bytes.
+    """Compress an image; return the field `format` of CompressedImage and the compressed bytes.
 
     Args:
         image: (H, W) or (H, W, 3), uint8 or uint16, in the ROS encoding `encoding`.
@@ -49,7 +49,7 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
             image = cv2.cvtColor(image, _COLOUR[encoding])
         target = "bgr8" if jpeg or image.dtype == np.uint8 else "bgr16"
     if jpeg:
-        if image.dtype == np.uint16:  # JPEG has 8 bits per channel; 65535 / 257 = 255
+        if image.dtype == np.uint16:  # convert to the 8 bits of JPEG: 65535 / 257 = 255
             image = (image // 257).astype(np.uint8)
         options = [
             cv2.IMWRITE_JPEG_QUALITY, settings["jpeg_quality"],
@@ -67,11 +67,11 @@ def encode(image: np.ndarray, encoding: str, settings: dict[str, Value]) -> tupl
 
 
 class CompressedTopic:
-    """Publisher of compressed images; a background thread compresses them without blocking."""
+    """Publisher of compressed images, which are compressed in a background thread."""
 
-    BACKLOG = 4  # largest number of frames that wait for compression; the oldest are dropped
-    # About one second of images per subscriber, so that a recorder that is briefly busy misses
-    # none. Compressed images are small, so that this needs little memory.
+    BACKLOG = 4  # largest number of frames that wait for compression; older frames are dropped
+    # Number of images, about one second, that may wait for a subscriber. A recorder that is briefly
+    # busy then misses no image. Compressed images are small, so this needs little memory.
     QUEUE = 30
 
     def __init__(self, image_topic: str, subscriber_watch: SubscriberWatch) -> None:
@@ -89,7 +89,7 @@ class CompressedTopic:
             subscriber_listener=subscriber_watch,
             tcp_nodelay=True,
         )  # fmt: skip
-        # Serialises publish and unregister: rospy fails if a topic is unregistered during publish.
+        # Held during publish and unregister: rospy fails if a topic is unregistered during publish.
         self._publishing = threading.Lock()
         self._worker = BackgroundWorker(self._send, self.BACKLOG, f"compress {topic}")
 
@@ -122,7 +122,7 @@ class CompressedTopic:
 
 
 class BackgroundWorker:
-    """Thread that processes items from a bounded queue; if it is full, the oldest are dropped."""
+    """Thread that processes items from a bounded queue; a full queue drops its oldest item."""
 
     def __init__(
         self, work: Callable[[tuple[Header, SensorFrame]], None], backlog: int, name: str
@@ -175,4 +175,4 @@ def _read_parameters(topic: str) -> dict[str, Value]:
 
 def _check_settings(values: dict[str, Value]) -> None:
     if values["format"] not in ("jpeg", "png"):
-        raise CameraError(f"format '{values['format']}' is neither jpeg nor png")
+        raise CameraError(f"format '{values['format']}' is neither jpeg nor png; use one of these")

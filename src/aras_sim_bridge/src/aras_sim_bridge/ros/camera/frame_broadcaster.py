@@ -1,8 +1,8 @@
 """Static transforms of camera frames that robot_state_publisher does not publish.
 
 A camera fixed in the world has no URDF, and a preset may specify an optical frame that the URDF
-does not contain. The bridge publishes such frames on /tf_static. All of them are in one message,
-because a latched topic only keeps the last message.
+does not contain. The bridge publishes such frames on /tf_static. One message contains all of these
+frames, because a latched topic only keeps the last message.
 """
 
 from __future__ import annotations
@@ -26,7 +26,9 @@ _publisher: rospy.Publisher | None = None
 def announce(
     mounted: MountedCamera, parent_T_optical: np.ndarray, frame_id: str, namespace: str
 ) -> bool:
-    """Publish the optical frame of a camera unless the URDF contains it; return whether it was.
+    """Publish the optical frame of a camera unless the URDF contains it.
+
+    Return whether the frame is published.
 
     `parent_T_optical` (4, 4) is the pose of the optical frame in the link of the camera.
     """
@@ -46,7 +48,7 @@ def announce(
 
 
 def withdraw(frame_id: str) -> None:
-    """Stop publishing a frame; tf buffers that have already received it keep it."""
+    """Stop publishing a frame; tf buffers that have received the frame still contain it."""
     with _lock:
         if _transforms.pop(frame_id, None) is not None:
             _publish()

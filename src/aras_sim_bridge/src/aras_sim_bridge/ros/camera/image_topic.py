@@ -12,10 +12,10 @@ from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
 
 class ImageTopic(NonBlockingPublisher):
-    """Image publisher; latched like Gazebo's image topics, for use from a single thread."""
+    """Latched image publisher, like those of Gazebo; all calls must come from the same thread."""
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
-        """Advertise; `on_change` is called from any thread when subscribers connect or leave."""
+        """Advertise; any thread may call `on_change` when subscribers connect or leave."""
         super().__init__(topic, Image, queue_size=2, latch=True, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, pixels: np.ndarray, encoding: str) -> None:
@@ -24,7 +24,7 @@ class ImageTopic(NonBlockingPublisher):
         Args:
             stamp: time of the exposure.
             frame_id: optical frame of the camera.
-            pixels: (H, W) or (H, W, 3).
+            pixels: image (H, W) or (H, W, 3).
             encoding: ROS encoding of the pixels.
         """
         pixels = np.ascontiguousarray(pixels)

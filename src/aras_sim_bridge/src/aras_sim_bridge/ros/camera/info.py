@@ -20,7 +20,7 @@ SENSOR_HEADER = """\
 """
 
 def to_camera_info(info: CameraIntrinsics) -> CameraInfo:
-    """Return the camera intrinsics as CameraInfo message without stamp and frame."""
+    """Return the camera intrinsics as a CameraInfo message without stamp and frame."""
     return CameraInfo(
         height=info.height,
         width=info.width,
@@ -50,7 +50,7 @@ def find_calibration_path(camera_name: str) -> Path:
     """Return the file in which camera_info_manager stores the calibration of a camera.
 
     Raises:
-        CameraError: the name yields no file name or leads out of the calibration folder.
+        CameraError: the camera's name is empty, or a part of it starts with a dot.
     """
     parts = [part for part in camera_name.split("/") if part]
     if not parts or any(part.startswith(".") for part in parts):
@@ -65,7 +65,7 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
     The sensor's parameters are written to NAME_sensor.yaml in the same folder.
 
     Raises:
-        CameraError: the name of the camera yields no valid file name.
+        CameraError: the name of the camera is not a valid file name.
         OSError: a file cannot be written.
     """
     path = find_calibration_path(camera_name)
@@ -81,7 +81,7 @@ def save_calibration(info: CameraInfo, camera_name: str, config: CameraConfig) -
 
 
 def format_sensor_yaml(config: CameraConfig) -> str:
-    """Return the sensor parameters that CameraInfo does not contain, as YAML of a camera preset."""
+    """Return the YAML text of a camera preset with the parameters that CameraInfo lacks."""
     return SENSOR_HEADER + yaml.safe_dump(config.sensor_settings(), sort_keys=False)
 
 

@@ -13,10 +13,10 @@ from aras_sim_bridge.world.labels import list_links_by_label
 
 
 class LabelTopic(NonBlockingPublisher):
-    """Latched topic with the YAML text `number: model::link`, updated when models change."""
+    """Latched topic whose text (YAML) maps the numbers in the images to `model::link`."""
 
     def __init__(self, topic: str, on_change: Callable[[], None]) -> None:
-        """Advertise; `on_change` is called from any thread when subscribers connect or leave."""
+        """Advertise; any thread may call `on_change` when subscribers connect or leave."""
         super().__init__(topic, String, queue_size=2, latch=True, on_change=on_change)
         self._labels: tuple[tuple[str, int], ...] | None = None
 

@@ -20,7 +20,7 @@ _FIELDS = [
 
 
 class PointsTopic(NonBlockingPublisher):
-    """Point cloud publisher for use from a single thread; points are in the optical frame."""
+    """Publisher of point clouds in the optical frame; all calls must come from one thread."""
 
     def __init__(
         self, topic: str, rays: np.ndarray, settings: DepthTopics, on_change: Callable[[], None]
@@ -29,7 +29,7 @@ class PointsTopic(NonBlockingPublisher):
 
         Args:
             topic: name of the topic.
-            rays: (H, W, 3), result of CameraSensor.compute_rays.
+            rays: (H, W, 3) result of CameraSensor.compute_rays.
             settings: settings of the depth topics.
             on_change: called from any thread when subscribers connect or leave.
         """
@@ -38,7 +38,7 @@ class PointsTopic(NonBlockingPublisher):
         super().__init__(topic, PointCloud2, queue_size=1, on_change=on_change)
 
     def send(self, stamp: Time, frame_id: str, frame: SensorFrame) -> None:
-        """Publish the point cloud of a frame with depth image."""
+        """Publish the point cloud of a frame that contains a depth image."""
         if not self.subscriber_count:
             return
         image = frame.image[..., ::-1] if frame.encoding.startswith("bgr") else frame.image

@@ -12,7 +12,8 @@ from aras_sim_bridge.errors import SimError
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_visual_servo_ros.parameters import get_parameter
 
-ADD_TIMEOUT = 60.0  # seconds of wall time: the first camera sets up the renderer
+# Seconds of wall time; long enough for the first camera, which sets up the renderer.
+ADD_TIMEOUT = 60.0
 _reported_names: set[str] = set()
 
 
@@ -26,7 +27,7 @@ def read_cameras() -> Mapping[str, object]:
 
 
 def mount_world_cameras(thread: SimulationThread) -> None:
-    """Add all cameras with `parent: world`; log an error for each one with invalid settings."""
+    """Add all cameras with `parent: world`; log an error for a camera with invalid settings."""
     for name, settings in mounting.find_world_cameras(read_cameras()):
         try:
             thread.call(lambda n=name, s=settings: thread.simulation.add_camera(n, s), ADD_TIMEOUT)
@@ -37,7 +38,7 @@ def mount_world_cameras(thread: SimulationThread) -> None:
 def check_unused_names(
     settings: Mapping[str, object], thread: SimulationThread, new: RobotDescription
 ) -> None:
-    """Log a warning for settings without a camera, once per name.
+    """Log a warning for settings whose camera does not exist, once for each name.
 
     `new` is the description of the model that has just been spawned.
     """

@@ -45,7 +45,8 @@ class CameraTopics:
     ) -> None:
         """Advertise the topics of the camera `mounted` and publish its frames.
 
-        before_frame: called in the simulation thread before a frame is published, or None.
+        before_frame: function that the simulation thread calls before a frame is published, or
+            None.
         """
         self._mounted = mounted
         self._thread = thread
@@ -113,7 +114,7 @@ class CameraTopics:
         self._sensor_settings = rospy.Publisher(topic, String, latch=True, queue_size=1)
         self._sensor_settings.publish(String(format_sensor_yaml(config)))
         self._services.append(ServiceTable(self.namespace, self._thread, self.set_camera_info))
-        if config.camera_name:  # like upstream, only for cameras with a name
+        if config.camera_name:  # like gazebo_ros, only for cameras with a name
             self._services.append(self._make_rate_server(self._thread.call(self._read_rate)))
         self._publishes_frame = frame_broadcaster.announce(
             self._mounted,
@@ -149,9 +150,9 @@ class CameraTopics:
         return self._mounted.sensor.rate
 
     def _make_rate_server(self, rate: float) -> ReconfigureServer:
-        """Serve the parameter imager_rate with upstream's limits of 1 to 50 Hz.
+        """Serve the parameter imager_rate with the limits of gazebo_ros, 1 and 50 Hz.
 
-        The limits are extended if the initial rate is outside of them.
+        If the initial rate is outside of the limits, they are extended.
         """
         text = "Frames per second of simulated time"
         field = Field("imager_rate", "double", 2.0, min(1.0, rate), max(50.0, rate), text, level=3)
@@ -217,9 +218,9 @@ class CameraTopics:
 
     @service_handler(SetCameraInfo, in_caller_thread=True)
     def set_camera_info(self, _thread: SimulationThread, request: SetCameraInfo) -> Fields:
-        """Publish the calibration of the request from now on, and save it to a file."""
+        """Publish the requested calibration from now on, and save it to a file."""
         # Like camera_info_manager, use the calibration even if the file cannot be written.
-        # Calibration tools leave the frame empty; subscribers need the frame of the image.
+        # Calibration tools leave frame_id empty; the published message has the frame of the image.
         info = request.camera_info
         info.header.frame_id = info.header.frame_id or self._frame_id
         self._info_message = info

@@ -1,4 +1,4 @@
-"""List, load and switch groups of controllers (parameter controller_groups)."""
+"""Program that lists, loads and switches the groups of the parameter controller_groups."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from aras_sim_bridge.ros.cli.controller_manager import (
 )
 from aras_visual_servo_ros.shutdown import init_node
 
-SERVICE_TIMEOUT = 5.0  # seconds of wall time for the controller manager
+SERVICE_TIMEOUT = 5.0  # seconds of wall time to wait for a service of the controller manager
 
 
 def read_groups() -> dict[str, list[str]]:
@@ -93,7 +93,8 @@ def main() -> int:
             return 0 if spawn(group) else 1
         others = {name for names in groups.values() for name in names} - set(group)
         switch(group, others)
-        return 0  # like upstream, even if the switch failed; scripts read the printed text
+        # Like the original program, even if the switch failed; scripts read the printed text.
+        return 0
     except rospy.ROSInterruptException:
         return 1
     except (rospy.ServiceException, rospy.ROSException) as error:

@@ -73,7 +73,7 @@ def stop_controller(name: str) -> bool:
 
 
 def list_controllers() -> bool:
-    """Print one line per controller: name, claimed hardware interfaces and state."""
+    """Print name, claimed hardware interfaces and state of each controller in one line."""
     controllers = call("list_controllers", ListControllers).controller
     if not controllers:
         print("No controllers are loaded in mechanism control")
@@ -94,8 +94,10 @@ def reload_libraries(force_kill: bool, restore: bool = False) -> bool:
     """Reload the controller classes; print and return whether it succeeded.
 
     Args:
-        force_kill: stop and unload all controllers first; loaded controllers prevent the reload.
-        restore: load these controllers again afterwards and start those that were running.
+        force_kill: whether to stop and unload all controllers first; without it, loaded controllers
+            prevent the reload.
+        restore: whether to load the same controllers again afterwards and start those that were
+            running.
     """
     print(f"Restore: {restore}")
     before = call("list_controllers", ListControllers).controller if restore else []

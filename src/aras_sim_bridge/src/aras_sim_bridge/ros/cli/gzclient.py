@@ -1,4 +1,4 @@
-"""Replacement of Gazebo's window gzclient: name the programs that display the world instead."""
+"""Replacement of gzclient, Gazebo's window; it names the programs that display the world."""
 
 from __future__ import annotations
 
@@ -8,7 +8,7 @@ from aras_visual_servo_ros.shutdown import init_node
 
 
 def main() -> int:
-    """Log a hint and wait for shutdown, because launch files may require the node.
+    """Log these names and wait for shutdown, because a launch file may require the node to run.
 
     Return the exit status.
     """

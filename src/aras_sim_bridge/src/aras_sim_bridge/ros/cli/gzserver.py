@@ -14,7 +14,7 @@ import rospy
 from aras_sim_bridge.errors import DescriptionError
 from aras_sim_bridge.ros.runtime import node
 
-# Accepted for compatibility but ignored: physics engines, server plug-ins and log files of Gazebo.
+# Options of Gazebo that are accepted but ignored: physics engines, server plug-ins and log files.
 _OPTIONS_WITH_VALUE = (
     ("-e", "--physics"), ("-o", "--profile"), ("-s", "--server-plugin"), ("-g", "--gui-plugin"),
     ("-p", "--play"), ("--iters",), ("--gui-client-plugin",), ("--initial_sim_time",),
@@ -26,8 +26,8 @@ _FLAGS = (("-r", "--record"), ("-q", "--quiet"), ("--lockstep",), ("--minimal_co
 def parse(argv: list[str]) -> argparse.Namespace:
     """Parse the command line.
 
-    The result has `world` ('' for ground plane and sun), `paused`, `verbose` and `seed` (None if
-    not given); its other attributes are ignored.
+    The result has the attributes `world` ('' means ground plane and sun), `paused`, `verbose` and
+    `seed` (None if not given). Its other attributes are not used.
     """
     parser = argparse.ArgumentParser(
         prog="gzserver", description=__doc__, allow_abbrev=False,
@@ -45,10 +45,10 @@ def parse(argv: list[str]) -> argparse.Namespace:
 
 
 def find_world(name: str) -> str:
-    """Return the path of a world file; '' for an empty name.
+    """Return the path of a world file, or '' if the name is empty.
 
-    The file is searched in the working directory, in the folders of GAZEBO_RESOURCE_PATH and in the
-    package gazebo_ros.
+    The function searches the working directory, the folders of GAZEBO_RESOURCE_PATH and the package
+    gazebo_ros.
 
     Raises:
         DescriptionError: the file does not exist in any of these folders.

@@ -1,4 +1,4 @@
-"""Spawn a model in the running simulation; the arguments are those of gazebo_ros's spawn_model."""
+"""Program that spawns a model, with the arguments of gazebo_ros's spawn_model."""
 
 from __future__ import annotations
 
@@ -74,13 +74,13 @@ def parse(argv: list[str]) -> argparse.Namespace:
 
 
 def read_xml(args: argparse.Namespace) -> str:
-    """Return the description of the model from the selected source.
+    """Return the XML text of the model from the source that the arguments select.
 
     Raises:
         UsageError: the source does not exist or is not supported.
     """
     if args.database:
-        raise UsageError("-database is not supported: there is no model database; use -file")
+        raise UsageError("-database is not supported (there is no model database); use -file")
     if args.file:
         try:
             return Path(args.file).read_text(encoding="utf-8")
@@ -111,7 +111,7 @@ def wait_for_model(namespace: str, name: str) -> None:
 
 @contextmanager
 def pause_time(namespace: str) -> Iterator[None]:
-    """Pause the simulation in a `with` block; it is resumed only if it was running before."""
+    """Pause the simulation in a `with` block; resume it afterwards if it was running before."""
     rospy.wait_for_service(f"{namespace}/get_physics_properties")
     physics = rospy.ServiceProxy(f"{namespace}/get_physics_properties", GetPhysicsProperties)
     is_running = not physics().pause
@@ -149,8 +149,8 @@ def spawn(args: argparse.Namespace) -> None:
     pose = Pose.from_rpy((args.x, args.y, args.z), (args.R, args.P, args.Y))
     rospy.loginfo("Waiting for service %s", service)
     rospy.wait_for_service(service)
-    # The robot must not move before its joints are at their initial positions, where its links do
-    # not collide with each other.
+    # Pause, so that the robot does not move before its joints are at their initial positions. At
+    # other positions its links may collide with each other.
     with pause_time(namespace) if joints else nullcontext():
         response = rospy.ServiceProxy(service, SpawnModel)(
             args.model, xml, robot_namespace, to_pose(pose), args.reference_frame
@@ -168,7 +168,8 @@ def spawn(args: argparse.Namespace) -> None:
 def set_joint_positions(model: str, joints: list[tuple[str, float]], namespace: str) -> None:
     """Set joint positions (rad or m) of a model.
 
-    The model exists as soon as its spawn call returns; the sleep of gazebo_ros is not needed.
+    The model exists when the call of the spawn service returns. gazebo_ros's spawn_model sleeps
+    here, which is not necessary.
 
     Raises:
         UsageError: the simulator rejects the positions.

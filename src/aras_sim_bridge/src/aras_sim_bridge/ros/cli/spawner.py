@@ -1,4 +1,4 @@
-"""Load and start controllers, and stop and unload them on exit, like ros_control's spawner."""
+"""Program that loads and starts controllers, and stops and unloads them on exit."""
 
 from __future__ import annotations
 
@@ -46,8 +46,8 @@ def parse(argv: list[str]) -> argparse.Namespace:
 def wait_for_service(name: str, timeout: float | None) -> bool:
     """Wait for a service and return whether it is available within `timeout`, s of wall time.
 
-    The wait has no limit if `timeout` is None, or while the simulator is still starting, i.e.
-    before the first message on /clock.
+    There is no time limit if `timeout` is None, or before the first message on /clock, because the
+    simulator is then still starting.
     """
     rospy.loginfo("Controller Spawner: Waiting for service %s", rospy.resolve_name(name))
     while not rospy.is_shutdown():
@@ -82,7 +82,7 @@ def wait_for_true(topic: str) -> None:
 
 
 def read_controller_names(arguments: list[str], namespace: str) -> list[str]:
-    """Return the controller names; YAML files are loaded to the parameter server."""
+    """Return the controller names; load arguments that are YAML files to the parameter server."""
     names = []
     for argument in arguments:
         if not Path(argument).is_file():
@@ -101,7 +101,7 @@ class Spawner:
     def __init__(self, namespace: str) -> None:
         """Create the service clients of the controller manager.
 
-        `namespace` ends with '/'; '' is the namespace of this node.
+        `namespace` ends with '/', or is '' for the namespace of this node.
         """
         self._names = {name: f"{namespace}controller_manager/{name}" for name, _ in SERVICES}
         self._proxies = {
@@ -110,11 +110,11 @@ class Spawner:
         self._loaded: list[str] = []
 
     def wait(self, timeout: float | None) -> bool:
-        """Wait for the three services; return whether each one is available within `timeout`."""
+        """Wait for the three services; return whether all are available within `timeout`, s."""
         return all(wait_for_service(name, timeout) for name in self._names.values())
 
     def load(self, names: list[str]) -> None:
-        """Load the controllers in the given order; failures are logged and skipped."""
+        """Load the controllers in the given order; log each failure and continue."""
         for name in names:
             rospy.loginfo("Loading controller: %s", name)
             if self._proxies["load_controller"](name).ok:
@@ -136,7 +136,7 @@ class Spawner:
         return False
 
     def unload(self) -> None:
-        """Stop the controllers and unload them in reverse order; ignore a simulator that ended."""
+        """Stop the controllers and unload them in reverse order, unless the simulator has ended."""
         if not self._loaded:
             return
         try:
@@ -146,7 +146,8 @@ class Spawner:
                 name for name in reversed(self._loaded)
                 if not self._proxies["unload_controller"](name).ok
             ]  # fmt: skip
-            if len(failed) < len(self._loaded):  # if all fail, the simulator is shutting down, too
+            # If all calls fail, the simulator is shutting down, too.
+            if len(failed) < len(self._loaded):
                 for name in failed:
                     rospy.logwarn("Failed to unload %s; the simulator's log says why", name)
         except (rospy.ServiceException, rospy.ROSException, OSError):
@@ -156,7 +157,7 @@ class Spawner:
 def main() -> int:
     """Run the spawner and return its exit status."""
     args = parse(rospy.myargv(sys.argv)[1:])
-    # The spawner waits in wall time. A subscription to /clock would use 3 % of a CPU core.
+    # The spawner waits in wall time, because a subscription to /clock would use 3 % of a CPU core.
     init_node("spawner", anonymous=True, disable_rostime=True)
     if args.shutdown_timeout is not None:
         rospy.logwarn("--shutdown-timeout has no effect; leave it out")
@@ -169,7 +170,7 @@ def main() -> int:
         if not rospy.is_shutdown():
             rospy.logwarn(
                 "Controller Spawner couldn't find the expected controller_manager ROS interface in "
-                "%s; is the robot spawned, and is its robotNamespace the same?",
+                "%s; spawn the robot first, and use its robotNamespace as --namespace",
                 rospy.resolve_name(namespace or "controller_manager"),
             )
         return 0

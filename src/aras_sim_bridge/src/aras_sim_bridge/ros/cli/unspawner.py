@@ -1,4 +1,4 @@
-"""Keep controllers stopped while the program runs, and start them again on exit."""
+"""Program that keeps controllers stopped while it runs, and starts them again on exit."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class _SimTimeActionServer(ActionServer):
-    """Server of actionlib with stamps of simulated time; its status timer uses wall time."""
+    """Server of actionlib whose messages have simulated time stamps; its timer uses wall time."""
 
     def __init__(self, *args: object, thread: SimulationThread) -> None:
         self._thread = thread
@@ -60,9 +60,9 @@ class _SimTimeActionServer(ActionServer):
 class ControllerAction(ABC):
     """Base class of the action server of one controller.
 
-    Goals and cancel requests are posted to the simulation thread without waiting. actionlib holds
-    its lock during callbacks, and the simulation thread needs this lock to publish feedback;
-    waiting would cause a deadlock.
+    The callbacks post goals and cancel requests to the simulation thread without waiting. Waiting
+    would cause a deadlock: actionlib locks the server during a callback, and the simulation thread
+    needs this lock to publish feedback.
     """
 
     action: ClassVar[type[Message]]
@@ -70,7 +70,7 @@ class ControllerAction(ABC):
 
     def __init__(self, controller: JointTrajectoryController | GripperActionController,
                  namespace: str, thread: SimulationThread) -> None:
-        """Serve the class's `action` for `controller` at the topic `namespace`/`topic`."""
+        """Serve the class's `action` for `controller` below the topic `namespace`/`topic`."""
         self._controller = controller
         self._goals: dict[str, GoalHandle] = {}  # used in the simulation thread only
         self._server = _SimTimeActionServer(
@@ -95,7 +95,7 @@ class ControllerAction(ABC):
         """Return the result message and status text of a finished goal."""
 
     def _make_feedback(self, state: object) -> Message:
-        """Return the feedback message of a controller state; for controllers with feedback."""
+        """Return the feedback message of a controller state, if the action has feedback."""
         raise NotImplementedError
 
     def _start_goal(self, goal: ServerGoalHandle) -> None:

@@ -1,9 +1,10 @@
 """Subscription to a command topic whose messages the simulation thread reads between two steps.
 
-rospy decodes every message in a separate thread per connection. A node of the original project that
-publishes in a loop without sleep sends 6 000 messages per second. Here rospy's thread passes its
-connection and the bytes that it has already read to the simulation thread, and then waits until the
-connection ends. See runtime/message_receiver.py for the processing of the messages.
+rospy has one thread for each connection, which decodes every message. This is too slow for a node
+of the original project that publishes in a loop without sleep, 6 000 messages per second. Here,
+rospy's thread passes its connection and the bytes that it has already read to the simulation
+thread, and then waits until the connection ends. See runtime/message_receiver.py for the processing
+of the messages.
 """
 
 from __future__ import annotations
@@ -25,7 +26,7 @@ COMPLAINT_PERIOD = 5.0  # s of wall time between two log lines of one topic
 CLOSED_PERIOD = 1.0  # s of wall time between two checks whether rospy has closed a connection
 _lock = threading.Lock()
 _subscriptions: dict[str, _SharedSubscription] = {}
-_thread_data = threading.local()  # .bodies: message bodies read by one of rospy's threads
+_thread_data = threading.local()  # `bodies`: message bodies that this thread of rospy has read
 
 
 class CommandTopic:
@@ -38,7 +39,7 @@ class CommandTopic:
         on_message: Callable[[Message], None],
         thread: SimulationThread,
     ) -> None:
-        """Subscribe; `on_message`, called in the simulation thread, may raise SimError."""
+        """Subscribe; the simulation thread calls `on_message`, which may raise SimError."""
         self._topic = topic
         self._on_message = on_message
         self._last_complaint = -COMPLAINT_PERIOD
@@ -109,8 +110,8 @@ class _SharedSubscription:
     def _adopt_connection(self, message: Message) -> None:
         """Pass a new connection to the simulation thread; rospy calls this in its own thread.
 
-        rospy calls it for each of the first messages of the connection. The call blocks until the
-        connection ends.
+        rospy calls this method for each message that it has read before the connection is passed
+        on. The first call blocks until the connection ends.
         """
         bodies, _thread_data.bodies = _thread_data.bodies, []
         if not bodies:  # an earlier call has already processed this message

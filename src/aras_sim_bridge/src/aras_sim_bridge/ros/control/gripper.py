@@ -8,7 +8,7 @@ from aras_sim_bridge.ros.control.actions import ControllerAction
 
 
 class GripperAction(ControllerAction):
-    """Action gripper_cmd of one gripper controller; like upstream's, it sends no feedback."""
+    """Action gripper_cmd of a gripper controller; as in ros_controllers, it has no feedback."""
 
     action, topic = GripperCommandAction, "gripper_cmd"
 

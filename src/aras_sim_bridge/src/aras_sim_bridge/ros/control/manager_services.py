@@ -36,8 +36,8 @@ from aras_visual_servo_base.names import resolve_name
 from aras_visual_servo_ros.parameters import get_namespace
 
 T = TypeVar("T")
-SWITCH_TIMEOUT = 10.0  # s of wall time, used if the request sets no limit (timeout 0)
-POLL_PERIOD = 0.1  # s of wall time between two checks whether simulated time has stopped
+SWITCH_TIMEOUT = 10.0  # s of wall time; used if the timeout of the request is 0
+POLL_PERIOD = 0.1  # s of wall time; interval of the checks whether simulated time has stopped
 
 
 class ManagerServices:
@@ -155,7 +155,10 @@ class ManagerServices:
 
         switch = thread.call(request_switch)
         limit = request.timeout + 1.0 if request.timeout > 0.0 else SWITCH_TIMEOUT
-        too_late = f"not carried out within {limit:g} s of wall time; is the machine busy?"
+        too_late = (
+            f"not carried out within {limit:g} s of wall time; try again when the processor is "
+            "less busy"
+        )
         deadline = time.monotonic() + limit
         while not done.wait(POLL_PERIOD):
             if thread.is_stopping:
@@ -168,7 +171,7 @@ class ManagerServices:
         self._spawn_record.set_controllers(self._namespace, thread.call(self._manager.list))
 
     def _switch_without_update(self) -> None:
-        """Carry out pending switches if time is stopped, because no control update will do so."""
+        """Carry out pending switches if time is stopped, because no control update does it."""
         if self._thread.is_time_stopped:
             now = self._thread.simulation.time_ns
             self._robot.hardware.read()

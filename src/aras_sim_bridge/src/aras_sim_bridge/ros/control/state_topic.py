@@ -12,13 +12,13 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 
 
 class StateSource(Protocol):
-    """Source of states, such as a controller, a PID or a sensor; it calls `on_state` if set."""
+    """Source of states, such as a controller, a PID or a sensor, which calls `on_state` if set."""
 
     on_state: Callable[[object], None] | None
 
 
 class StateTopic:
-    """Topic of the states of a source; without subscribers the source computes no states."""
+    """Topic with the states of a source, which computes states only if there are subscribers."""
 
     def __init__(
         self,
@@ -31,8 +31,8 @@ class StateTopic:
     ) -> None:
         """Advertise the topic.
 
-        `fill` writes a state to the message, which is reused for every publication. `on_state` of
-        the source is only changed in the simulation thread.
+        `fill` writes a state to a message; the same message is used for all publications. Only the
+        simulation thread changes `on_state` of the source.
         """
         self._source = source
         self._fill = fill

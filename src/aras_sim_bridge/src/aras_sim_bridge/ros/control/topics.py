@@ -1,6 +1,6 @@
-"""The topics of one controller, according to the kinds that its class declares (controllers.base).
+"""The topics of a controller, which depend on its command_kind, state_kind and action_kind.
 
-All accesses to the controller run in the simulation thread; rospy's threads only post jobs to it.
+Only the simulation thread accesses the controller; rospy's threads only post jobs to it.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ class PidTopics:
     """Reconfigurable gains and state topic of one PID."""
 
     def __init__(self, namespace: str, pid: Pid, thread: SimulationThread) -> None:
-        """Advertise the gains of `pid` and, if it is configured so, its state in `namespace`."""
+        """Advertise the gains of `pid` in `namespace`, and its state if `publish_state` is set."""
         self._pid = pid
         gains = pid.gains
         values = {
@@ -129,9 +129,9 @@ def fill_joint_states(message: JointState, states: base.JointStates) -> None:
 def _restamp(
     fill: Callable[[Message, object], None], thread: SimulationThread
 ) -> Callable[[Message, object], None]:
-    """Return `fill` with the current simulated time as stamp.
+    """Return a function that calls `fill` and sets the stamp to the current simulated time.
 
-    Controllers are updated before the physics step, so that this is the time of the measurement.
+    Controllers are updated before the physics step, so this is the time of the measurement.
     """
 
     def fill_and_stamp(message: Message, state: object) -> None:
@@ -146,19 +146,19 @@ def _copy_fields(message: Message, state: object, names: tuple[str, ...]) -> Non
         setattr(message, name, getattr(state, name))
 
 
-# command_kind -> message type, conversion of a message to the argument of set_command.
+# For each command_kind: message type, and function that returns the argument of set_command.
 COMMANDS = {
     "float64": (Float64, lambda message: message.data),
     "float64_array": (Float64MultiArray, lambda message: list(message.data)),
     "joint_trajectory": (JointTrajectory, from_trajectory),
 }
-# state_kind -> message type, queue size, function that writes a state to the message.
+# For each state_kind: message type, queue size, and function that writes a state to a message.
 STATES = {
     "joint_controller_state": (JointControllerState, 1, fill_controller_state),
     "joint_states": (JointState, 4, fill_joint_states),
     "joint_trajectory_state": (JointTrajectoryControllerState, 1, fill_state),
 }
-# action_kind -> class of the action server.
+# For each action_kind: class of the action server.
 ACTIONS = {"follow_joint_trajectory": TrajectoryAction, "gripper_command": GripperAction}
 _PID_FIELDS = tuple(name for name in PidState.__slots__ if name not in ("header", "timestep"))
 _CONTROLLER_FIELDS = tuple(name for name in JointControllerState.__slots__ if name != "header")

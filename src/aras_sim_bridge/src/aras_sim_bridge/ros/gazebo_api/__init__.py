@@ -33,9 +33,10 @@ class GazeboApi:
         Args:
             thread: simulation thread.
             graph_entities: ROS interfaces of the robots, cameras and sensors.
-            on_time_reset: called in the simulation thread after a reset of simulated time.
-            extra: whether to add interfaces that are not in gazebo_ros's list of its API.
-            link_attacher: whether to serve the plug-in gazebo_ros_link_attacher.
+            on_time_reset: function that the simulation thread calls after a reset of simulated
+                time.
+            extra: whether to add topics and services that are not part of gazebo_ros's API.
+            link_attacher: whether to offer the services of the plug-in gazebo_ros_link_attacher.
         """
         self.states = StateTopics(NAMESPACE, thread, extra)
         forces = AppliedForces(thread)

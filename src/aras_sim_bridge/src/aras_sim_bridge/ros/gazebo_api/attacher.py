@@ -13,7 +13,7 @@ NAMESPACE = "/link_attacher_node"
 
 @service_handler(Attach)
 def attach(simulation: Simulation, request: AttachRequest) -> Fields:
-    """Fix the second link at its current pose relative to the first one."""
+    """Fix the second link to the first link at its current relative pose."""
     simulation.world.attachments.attach(_read_links(request))
 
 

@@ -18,7 +18,7 @@ from aras_visual_servo_base import safe_xml
 
 
 def parse_root(text: str) -> Element:
-    """Return the root element of an XML text, or an element with an empty tag if it has none.
+    """Return the root element of an XML text, or an element with an empty tag for an empty text.
 
     Raises:
         DescriptionError: the text is not valid XML or contains unsafe constructs (see safe_xml).
@@ -63,7 +63,7 @@ def set_namespace(root: Element, requested: str) -> None:
 
 
 def find_namespace(description: RobotDescription, requested: str) -> str:
-    """Return the controllers' namespace: that of the control plug-in, else the requested one."""
+    """Return the namespace of the controllers: that of the control plug-in, or `requested`."""
     namespaces = [plugin.robot_namespace for plugin in description.control_plugins]
     name = next((namespace for namespace in namespaces if namespace), requested)
     return "/" + name.strip("/") if name.strip("/") else ""

@@ -1,7 +1,7 @@
 """Look-up of models, links and joints by the names that Gazebo's clients use.
 
-A link is named `model::link` or just `link`; the latter refers to the first link of this name in
-spawn order. The same holds for joints.
+A link is named `model::link` or only `link`. The name `link` refers to the link of this name whose
+model was spawned first. The same applies to joints.
 """
 
 from __future__ import annotations
@@ -38,12 +38,12 @@ def find_joint(simulation: Simulation, name: str) -> tuple[Model, str]:
         raise WorldError(f"joint '{name}' closes a kinematic loop and can only be read; use "
                          "another joint of the loop")
     if found is None:
-        raise WorldError(f"joint '{name}' does not exist; name it as model::joint or plainly")
+        raise WorldError(f"joint '{name}' does not exist; name it as model::joint or joint")
     return found
 
 
 def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint] | None:
-    """Return the model and the loop joint if the name is that of a joint that closes a loop."""
+    """Return the model and the loop joint called `name`, or None if there is none."""
     for candidate in simulation.world.models.values():
         for loop in candidate.description.loops:
             if name in (loop.joint.name, candidate.get_scoped_name(loop.joint.name)):
@@ -54,7 +54,7 @@ def find_loop_joint(simulation: Simulation, name: str) -> tuple[Model, LoopJoint
 def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str] | None:
     """Return the model and the plain name of the first link or joint that matches a name.
 
-    kind: attribute of the description, "links" or "joints".
+    kind: name of an attribute of RobotDescription: "links" or "joints".
     """
     model_name, scope, plain = name.rpartition("::")
     for candidate in simulation.world.models.values():
@@ -66,7 +66,7 @@ def _find_part(simulation: Simulation, name: str, kind: str) -> tuple[Model, str
 
 
 def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
-    """Return pose and twist, in the world, of the model or link that is the reference frame.
+    """Return pose and twist in the world of the model or link called `name`.
 
     Raises:
         WorldError: the reference frame does not exist.
@@ -75,7 +75,7 @@ def find_frame(simulation: Simulation, name: str) -> tuple[Pose, Twist]:
         entity = simulation.world.models[name]
         root = entity.description.root
         return entity.link_pose(root), entity.link_twist(root)
-    if name in WORLD_ALIASES:  # also where a robot's root link is called 'world', as in Gazebo
+    if name in WORLD_ALIASES:  # has priority over a link that is called 'world', as in Gazebo
         return IDENTITY, Twist()
     try:
         entity, plain = find_link(simulation, name)
@@ -91,7 +91,8 @@ def express_in_frame(
 ) -> tuple[Pose, Twist]:
     """Express pose and twist in a reference frame, as Gazebo does.
 
-    The twist of the frame is subtracted without the velocity due to the lever arm.
+    The twist of the frame's origin is subtracted; the velocity due to the frame's rotation at other
+    points is neglected, as in Gazebo.
     """
     inverse = conjugate(frame.quat)
     linear = rotate(inverse, subtract(twist.linear, frame_twist.linear))

@@ -19,10 +19,10 @@ from aras_visual_servo_base.poses import add, cross, rotate, subtract
 
 @dataclass(frozen=True)
 class _TimedForce:
-    """Force that acts on a model from `start_ns` to `end_ns`, ns of simulated time.
+    """Wrench or effort on a model from `start_ns` to `end_ns`, ns of simulated time.
 
-    With `end_ns` None it acts without limit. `target` is model::link of a wrench or the plain joint
-    name of an effort.
+    If `end_ns` is None, it acts until it is cleared. `target` is model::link for a wrench, and the
+    name of the joint, without the model, for an effort.
     """
 
     model: Model
@@ -38,7 +38,7 @@ class _Wrench(_TimedForce):
     torque: tuple[float, float, float]
 
     def apply(self) -> None:
-        """Apply force (at the centre of mass) and torque, in world axes, for one step."""
+        """Apply the force at the centre of mass and the torque for one step; axes of the world."""
         inertial = self.model.description.links[self.link].inertial
         centre = self.model.link_pose(self.link).apply(inertial.origin_xyz)
         self.model.apply_force(self.link, self.force, centre, self.torque)
@@ -49,12 +49,12 @@ class _Effort(_TimedForce):
     effort: float
 
     def apply(self) -> None:
-        """Add the effort to that of the controllers for one step."""
+        """Apply the effort for one step, in addition to that of the controllers."""
         self.model.apply_effort(self.target, self.effort)
 
 
 class AppliedForces:
-    """Currently applied wrenches and efforts, and the services that set and clear them."""
+    """Wrenches and efforts that currently act, and the services that set and clear them."""
 
     def __init__(self, thread: SimulationThread) -> None:
         """Create an empty set of forces."""
@@ -62,12 +62,12 @@ class AppliedForces:
         self._forces: list[_TimedForce] = []
 
     def forget(self, model: Model) -> None:
-        """Remove the forces on a model that is deleted; call in the simulation thread."""
+        """Remove the forces on a model that is deleted. Call this in the simulation thread."""
         self._filter_forces(lambda force: force.model.main_model is not model)
 
     @service_handler(ApplyBodyWrench)
     def apply_body_wrench(self, simulation: Simulation, request: ApplyBodyWrench) -> Fields:
-        """Apply a wrench to a link at a point of the reference frame for a period of time."""
+        """Apply a wrench to a link for a period of time, at a point given in a reference frame."""
         force = from_vector(request.wrench.force, "force")
         point = from_vector(request.reference_point, "reference_point")
         torque = add(from_vector(request.wrench.torque, "torque"), cross(point, force))
@@ -92,7 +92,9 @@ class AppliedForces:
         check_bounds((request.effort,), f"effort on '{request.joint_name}'")
         model, joint = entities.find_joint(simulation, request.joint_name)
         if joint not in model.joint_names:
-            raise WorldError(f"joint '{request.joint_name}' does not move")
+            raise WorldError(
+                f"joint '{request.joint_name}' does not move; give the name of a movable joint"
+            )
         start_end = _read_interval(simulation, request)
         self._set_forces([*self._forces, _Effort(model, joint, *start_end, request.effort)])
         return None
@@ -121,7 +123,7 @@ class AppliedForces:
         self._thread.before_step = self._apply_forces if forces else None
 
     def _apply_forces(self, time_ns: int) -> None:
-        """Apply the active forces for the step that ends at `time_ns`; called before this step."""
+        """Apply the active forces before the step that ends at `time_ns`."""
         has_expired = False
         for force in self._forces:
             if force.end_ns is not None and time_ns > force.end_ns:

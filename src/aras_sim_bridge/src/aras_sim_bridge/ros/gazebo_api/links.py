@@ -30,7 +30,8 @@ JOINT_TYPES = {
     "fixed": GetJointPropertiesResponse.FIXED,
 }
 INERTIA = ("ixx", "ixy", "ixz", "iyy", "iyz", "izz")
-# ODE's names -> names here. Both use a joint motor with desired velocity 0 as Coulomb friction.
+# ODE's name of a joint property -> name of this simulator. In both, a joint motor with a desired
+# velocity of 0 acts as Coulomb friction.
 JOINT_FIELDS = {"damping": "damping", "hiStop": "upper", "loStop": "lower", "fmax": "friction"}
 
 
@@ -127,7 +128,7 @@ def get_joint_properties(simulation: Simulation, request: GetJointProperties) ->
 
 @service_handler(SetJointProperties)
 def set_joint_properties(simulation: Simulation, request: SetJointProperties) -> Fields:
-    """Set the joint properties that have a counterpart here; the response lists the others."""
+    """Set the joint properties that this simulator has; the response lists the others."""
     config = request.ode_joint_config
     properties: dict[str, float] = {}
     for name in config.__slots__:

@@ -50,7 +50,8 @@ class Models:
         root = descriptions.parse_root(request.model_xml)
         if root.tag != "robot":
             raise SimError(
-                f"the model's root is {descriptions.describe_root(root)}, not <robot>; is it URDF?"
+                f"the model's root is {descriptions.describe_root(root)}, not <robot>; give a "
+                "URDF, or use spawn_sdf_model for SDF"
             )
         for package in descriptions.find_packages(root):
             packages.find_package(package)
@@ -83,7 +84,7 @@ class Models:
         pose = pose @ Pose.from_rpy(*description.initial_pose)
         for warning in description.warnings:
             rospy.logwarn("model '%s': %s", name, warning)
-        # In this thread, so that the simulation does not wait for the files.
+        # Read the files in this thread, so that the simulation does not wait for them.
         shapes.read_mesh_files(description, name)
         namespace = descriptions.find_namespace(description, request.robot_namespace)
         parameters = get_namespace(namespace or "/")

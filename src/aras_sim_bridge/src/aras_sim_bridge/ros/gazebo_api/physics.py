@@ -38,7 +38,7 @@ ODE_FIELDS = (
 
 
 class Physics:
-    """Physics properties, consistent between services and dynamic_reconfigure."""
+    """Physics properties, which services and dynamic_reconfigure read and set."""
 
     def __init__(self, namespace: str, thread: SimulationThread) -> None:
         """Start the dynamic_reconfigure server in `namespace`."""
@@ -60,7 +60,10 @@ class Physics:
         self._server = ReconfigureServer(namespace, PHYSICS_FIELDS, values, self._reconfigure)
 
     def _read_values(self) -> dict[str, Value]:
-        """Return the current values by reconfigure name; call in the simulation thread."""
+        """Return the current values by the names of dynamic_reconfigure.
+
+        Call this in the simulation thread.
+        """
         world = self._thread.simulation.world
         x, y, z = world.gravity
         return {
@@ -92,7 +95,8 @@ class Physics:
         """Set all physics properties."""
         gravity = from_vector(request.gravity, "gravity")
         ode = {name: getattr(request.ode_config, name) for name in ODE_FIELDS}
-        ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]  # upstream ignores it
+        # gazebo_ros does not set it, either.
+        ode["sor_pgs_rms_error_tol"] = self._ode["sor_pgs_rms_error_tol"]
         values = self._apply(request.time_step, request.max_update_rate, gravity, ode)
         self._server.set_values(values)
         warning = self._thread.call(lambda: _report_stability(self._thread.simulation))
@@ -110,7 +114,7 @@ class Physics:
     def _apply(
         self, time_step: float, rate: float, gravity: tuple[float, ...], ode: dict[str, Value]
     ) -> dict[str, Value]:
-        """Change the physics and return the resulting values by reconfigure name."""
+        """Change the physics; return the resulting values by the names of dynamic_reconfigure."""
         for name, value in {"max_update_rate": rate, **ode}.items():
             if not math.isfinite(value):
                 raise WorldError(f"{name} is {value}; give a finite number")

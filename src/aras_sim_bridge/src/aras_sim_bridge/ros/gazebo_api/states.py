@@ -26,11 +26,12 @@ from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.simulation import Simulation
 
 METRICS_PERIOD = 0.2  # s of wall time between two messages of performance_metrics
-FACTOR_PERIOD = 1.0  # s of wall time between two messages of real_time_factor, also while paused
+# s of wall time between two messages of real_time_factor; they continue while paused.
+FACTOR_PERIOD = 1.0
 
 
 class StateTopics:
-    """Publishers of model states, link states and performance; idle without subscribers."""
+    """Publishers of model states, link states and performance, for topics with subscribers."""
 
     def __init__(self, namespace: str, thread: SimulationThread, extra: bool) -> None:
         """Advertise model_states and link_states below `namespace`.
@@ -50,7 +51,7 @@ class StateTopics:
             rospy.Timer(rospy.Duration.from_sec(FACTOR_PERIOD), self._publish_factor)
 
     def _publish_factor(self, _event: rospy.timer.TimerEvent) -> None:
-        with contextlib.suppress(rospy.ROSException):  # closed topic at shutdown
+        with contextlib.suppress(rospy.ROSException):  # the topic is closed at shutdown
             self._factor.publish(self._thread.real_time_factor)
 
     def after_batch(self, simulation: Simulation) -> None:
@@ -117,9 +118,10 @@ def subscribe_states(namespace: str, thread: SimulationThread) -> None:
 def _make_ordered_callback(
     thread: SimulationThread, topic: str, apply: Callable[[Simulation, Message], None]
 ) -> Callable[[Message], None]:
-    """Return a callback that applies a message in the simulation thread and waits for it.
+    """Return a callback that passes a message to the simulation thread.
 
-    Waiting keeps the messages in order. Errors are logged.
+    The callback waits until the message has been applied, so that messages keep their order. Errors
+    are logged.
     """
 
     def on_message(message: Message) -> None:

@@ -1,4 +1,7 @@
-"""Service step_world, an extension of this bridge: make single steps while time is paused."""
+"""Service step_world, which makes single steps while simulated time is paused.
+
+gazebo_ros has no such service.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +11,7 @@ from aras_sim_bridge.ros.runtime.services import Fields, service_handler
 from aras_sim_bridge.ros.runtime.simulation_thread import SimulationThread
 from aras_sim_bridge.srv import StepWorld
 
-STEP_LIMIT = 1_000_000  # steps in one call of step_world
+STEP_LIMIT = 1_000_000  # largest number of steps in one call of step_world
 STEP_TIMEOUT = 600.0  # seconds of wall time for one call
 
 

@@ -1,1 +1,1 @@
-"""The simulator's process: node, simulation thread, clock, pacing, publishers and services."""
+"""Node, simulation thread, clock, pacing, publishers and services of the simulator."""

@@ -12,14 +12,14 @@ from rosgraph_msgs.msg import Clock
 
 from aras_sim_bridge.ros.runtime.publisher import NonBlockingPublisher
 
-_TIME = struct.Struct("<II")  # serialised Clock message: secs, nsecs
+_TIME = struct.Struct("<II")  # layout of a serialised Clock message: secs, nsecs
 
 
 class ClockPublisher:
     """Publisher of /clock at multiples of 1 / rate s of simulated time."""
 
     def __init__(self, rate: float) -> None:
-        """Advertise /clock; `rate` is in Hz of simulated time, 0 publishes every step."""
+        """Advertise /clock; `rate` is in Hz of simulated time; 0 means every step."""
         self._period_ns = round(1e9 / rate) if rate > 0 else 0
         self._next_ns = 0
         self._last_ns = -1
@@ -34,13 +34,13 @@ class ClockPublisher:
         self.publish(time_ns)
 
     def publish(self, time_ns: int) -> None:
-        """Publish `time_ns` regardless of the period, but never the same time twice."""
+        """Publish `time_ns` even within a period, but never the same time twice."""
         if time_ns == self._last_ns:
             return
         self._last_ns = time_ns
         self._publisher.publish_bytes(_TIME.pack(*divmod(time_ns, 1_000_000_000)))
 
     def restart(self) -> None:
-        """Publish again from the next step on, after simulated time was reset to zero."""
+        """Publish again from the next step on, because simulated time has been reset to zero."""
         self._next_ns = 0
         self._last_ns = -1

@@ -20,13 +20,13 @@ from aras_sim_bridge.simulation import ControlledModel
 
 log = logging.getLogger(__name__)
 
-SYNC_TIMEOUT = 60.0  # seconds of wall time; a spawn that is in progress can take long
+SYNC_TIMEOUT = 60.0  # seconds of wall time; `sync` may have to wait for a spawn that is in progress
 Entity = ControlledModel | MountedCamera | RateSensor
 EntityInterface = ManagerServices | CameraTopics | SensorTopic
 
 
 class GraphEntities:
-    """Table of the ROS interfaces: services per robot, topics per camera and sensor."""
+    """ROS interfaces: services of each robot, topics of each camera and sensor."""
 
     def __init__(
         self,
@@ -38,21 +38,21 @@ class GraphEntities:
 
         Args:
             thread: simulation thread.
-            before_frame: called before each camera frame is published, or None.
+            before_frame: function that is called before each camera frame is published, or None.
             spawn_record: record of the spawned models on the parameter server.
         """
         self._thread = thread
         self.spawn_record = spawn_record or SpawnRecord(False)
         self._before_frame = before_frame
         self._lock = threading.Lock()
-        # None: the interface could not be opened and is not tried again.
+        # The value is None if the interface could not be opened; opening it is not tried again.
         self._interfaces: dict[Entity, EntityInterface | None] = {}
 
     def sync(self) -> None:
-        """Open the interfaces of new entities and close those of removed ones.
+        """Open the interfaces of new robots, cameras and sensors and close those of removed ones.
 
-        An interface that cannot be opened is logged and left out. Do not call this in the
-        simulation thread, because registration with the ROS master is slow.
+        If an interface cannot be opened, an error is logged and the interface is left out. Do not
+        call this in the simulation thread, because registration with the ROS master is slow.
         """
 
         def list_entities() -> list[Entity]:
@@ -73,7 +73,7 @@ class GraphEntities:
                 interface.shutdown()
 
     def _open(self, entity: Entity) -> EntityInterface | None:
-        """Open the interface of an entity; log an error and return None if this fails."""
+        """Open the interface of a robot, camera or sensor; return None and log if this fails."""
         try:
             if isinstance(entity, ControlledModel):
                 return ManagerServices(entity, self._thread, self.spawn_record)

@@ -2,12 +2,13 @@
 
 A round starts just before a frame is published (or when a period of simulated time is over). The
 simulation then makes no step until a message has arrived on every selected topic. Therefore a
-command computed from a frame always acts from the step after that frame, however slow the node is.
-Messages of different topics arrive over different connections in any order. For this reason, select
-all topics that act on the simulation, not only the last one that a node publishes.
+command that is computed from a frame always takes effect in the step after that frame, however slow
+the node is. Messages of different topics use different connections and arrive in any order. For
+this reason, select all topics that act on the simulation, not only the one that a node publishes
+last.
 
 The simulation also waits while a subscriber has not received an image or a state yet, so that a
-recorder misses none.
+recorder receives all of them.
 """
 
 from __future__ import annotations
@@ -33,9 +34,9 @@ class Lockstep:
 
     `start_round` and `compute_remaining` may only be called in the simulation thread.
 
-    A subscriber to a command topic calls `claim` for it, and `note_message` after it has applied a
-    message. Thus only commands that act on the simulation count. Lockstep itself subscribes to the
-    topics that are not claimed.
+    A subscriber to a command topic calls `claim` for the topic, and `note_message` after it has
+    applied a message. Thus a message ends the wait only when it has been applied. Lockstep itself
+    subscribes to the topics that are not claimed.
     """
 
     def __init__(
@@ -52,10 +53,10 @@ class Lockstep:
         Args:
             topics: names of the topics.
             timeout: wall time after which a round is aborted, s.
-            wake: called from any thread when a round may be over.
+            wake: function that is called when a round may be over; any thread may call it.
             period: simulated time between two rounds, s; 0 starts a round with each camera frame.
-            clock: returns the wall time, s.
-            flusher: sends the messages that subscribers have not received yet.
+            clock: function that returns the wall time, s.
+            flusher: object that sends the messages that subscribers have not received yet.
 
         Raises:
             SimError: `topics` is empty or a number is out of range.
@@ -69,7 +70,7 @@ class Lockstep:
             raise SimError(f"lockstep_timeout is {timeout:g}; set a time above 0 s")
         if period < 0.0:
             raise SimError(
-                f"lockstep_period is {period:g}; set a time in s, or 0: a round per camera frame"
+                f"lockstep_period is {period:g}; set a time in s, or 0 to wait after each frame"
             )
         self.topics = tuple(dict.fromkeys(rospy.resolve_name(topic) for topic in topics))
         self._timeout = timeout
@@ -100,7 +101,7 @@ class Lockstep:
             listener.unregister()
 
     def release(self, topic: str) -> None:
-        """Undo `claim` for `topic`, after its subscriber has been closed."""
+        """Undo `claim` for `topic`; call this after its subscriber has been closed."""
         with self._lock:
             self._claimed_topics.discard(topic)
 
@@ -128,7 +129,7 @@ class Lockstep:
             self.start_round()
 
     def start_round(self) -> None:
-        """Start a round; earlier messages do not count."""
+        """Start a round, which ignores messages that arrived before."""
         for topic in self.topics:
             self._subscribe(topic)
         with self._lock:
@@ -136,17 +137,17 @@ class Lockstep:
             self._deadline = self._clock() + self._timeout
 
     def end_round(self) -> None:
-        """End the current round, after simulated time was reset."""
+        """End the current round, because simulated time has been reset."""
         with self._lock:
             self._missing_topics.clear()
             self._deadline = None
             self._next_ns = self._period_ns
 
     def compute_remaining(self) -> float | None:
-        """Return the wall time, s, left to wait for missing messages, or None to continue.
+        """Return how long to wait for missing messages, s of wall time, or None to continue.
 
-        After the timeout a warning is logged and the late topics are ignored until their next
-        message.
+        After the timeout a warning is logged, and topics without a message are ignored until their
+        next message.
         """
         with self._lock:
             behind = self._flusher.list_behind()
@@ -164,15 +165,15 @@ class Lockstep:
             self._silent_topics.update(late)
             for queue in behind:
                 queue.is_abandoned = True
-        # Looking up the publishers at the ROS master is slow, hence not in the simulation thread.
+        # The ROS master finds the publishers slowly, so do not ask it in the simulation thread.
         slow = sorted(queue.name for queue in behind)
         threading.Thread(target=self._warn_late, args=(late, slow), daemon=True).start()
         return None
 
     def _subscribe(self, topic: str) -> None:
         with self._lock:
-            # rospy allows only one message type per topic in a process; AnyMsg would conflict with
-            # the subscriber that claimed the topic.
+            # In one process, rospy allows only one message type for a topic, so AnyMsg would
+            # conflict with the subscriber that claimed the topic.
             if topic not in self._claimed_topics and topic not in self._listeners:
                 self._listeners[topic] = rospy.Subscriber(
                     topic, rospy.AnyMsg, lambda _message: self.note_message(topic), tcp_nodelay=True

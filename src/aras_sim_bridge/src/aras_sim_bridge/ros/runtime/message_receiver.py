@@ -1,9 +1,8 @@
-"""Command messages received by the simulation thread itself between two steps.
+"""Receiver of command messages, which the simulation thread reads itself between two steps.
 
 The thread reads the sockets of command topics just before a step, without blocking. A message that
-arrives before a step therefore acts in this step. At high message rates there is one read per step,
-and all but the newest messages are skipped without being decoded. All other requests wake the
-thread through an event.
+arrives before a step therefore takes effect in this step. At high message rates, all but the newest
+messages are skipped without being decoded. All other requests wake the thread through an event.
 """
 
 from __future__ import annotations
@@ -17,12 +16,13 @@ import struct
 from collections.abc import Callable, Iterable
 
 BUFFER_SIZE = 1 << 20  # bytes per read from a socket
-LARGEST_MESSAGE = 1 << 24  # bytes; a larger length field means that the stream is corrupt
+# Bytes; a message with a larger length field means that the data are corrupt.
+LARGEST_MESSAGE = 1 << 24
 _LENGTH = struct.Struct("<I")
 
 
 class MessageStream:
-    """Messages of one TCPROS connection: length (4 bytes, little-endian) and body."""
+    """Messages of one TCPROS connection; each consists of a length (4 bytes) and a body."""
 
     def __init__(
         self,
@@ -36,8 +36,8 @@ class MessageStream:
 
         Args:
             source: socket of the connection.
-            on_message: called with the body of each message that acts.
-            on_end: called when the connection has ended.
+            on_message: function that is called with the body of each message that is not skipped.
+            on_end: function that is called when the connection has ended.
             bodies: bodies of the messages that have already been read from `source`.
             remainder: bytes of an incomplete message that have already been read.
         """
@@ -48,7 +48,7 @@ class MessageStream:
         self._remainder = remainder
         self._bodies = collections.deque(bodies)
         self._delivered_ns = -1
-        self.skipped_count = 0  # messages replaced by newer ones before their step
+        self.skipped_count = 0  # number of messages that newer messages have replaced
 
     def read(self, buffer: bytearray) -> bool:
         """Read all available bytes from the socket; return False if the connection has ended.
@@ -78,11 +78,13 @@ class MessageStream:
         return True
 
     def deliver(self, time_ns: int, backlog: int) -> bool:
-        """Pass on the message that acts in the step from `time_ns`; return whether there was one.
+        """Pass on the message for the step that starts at `time_ns`.
 
-        Messages act in order, one per step. The newest `backlog` of the waiting messages are kept
-        for the following steps and older ones are skipped. With `backlog` 0 the newest message acts
-        at once, even if another one has already acted in this step.
+        Each step gets one message, in the order of arrival. The newest `backlog` waiting messages
+        remain for the following steps, and older messages are skipped. If `backlog` is 0, the
+        newest message is passed on immediately, even if this step already got another message.
+
+        Return whether a message was passed on.
         """
         bodies = self._bodies
         if not bodies or (backlog and self._delivered_ns == time_ns):
@@ -109,19 +111,19 @@ class MessageReceiver:
 
     def wake(self) -> None:
         """Wake the simulation thread so that it checks for work; may be called from any thread."""
-        with contextlib.suppress(OSError):  # closed: the thread has ended
+        with contextlib.suppress(OSError):  # the event is closed if the thread has ended
             os.eventfd_write(self._wake_event, 1)
 
     def clear_wake(self) -> None:
-        """Clear the wake-up event; call before checking for work, so that no event is lost."""
+        """Clear the wake-up event. Call this before checking for work, so that no event is lost."""
         with contextlib.suppress(BlockingIOError):
             os.eventfd_read(self._wake_event)
 
     def wait(self, seconds: float | None, commands: bool = True) -> bool:
         """Wait for a wake-up event, a command, or the timeout; return whether a command arrived.
 
-        `seconds` is the timeout in s of wall time (None: unlimited). Commands do not end the wait
-        if `commands` is False.
+        `seconds` is the timeout, s of wall time; None means no timeout. Commands end the wait only
+        if `commands` is True.
         """
         sources = (
             [self._wake_event, self._poll] if commands and self._streams else [self._wake_event]
@@ -131,7 +133,7 @@ class MessageReceiver:
 
     def add(self, stream: MessageStream) -> None:
         """Start to read `stream`."""
-        # The file descriptor of a closed socket may have been reused for this one.
+        # This socket may have the file descriptor of another socket that was closed.
         self._end(self._streams.pop(stream.descriptor, None))
         try:
             self._poll.register(stream.descriptor, select.EPOLLIN)
@@ -149,9 +151,9 @@ class MessageReceiver:
         self._end(stream)
 
     def deliver(self, time_ns: int, backlog: int) -> bool:
-        """Read all streams and pass on the commands for the step from `time_ns`.
+        """Read all streams and pass on the commands for the step that starts at `time_ns`.
 
-        Return whether there was a command; see MessageStream.deliver.
+        `backlog` is explained in MessageStream.deliver. Return whether there was a command.
         """
         if not self._streams:
             return False
@@ -159,7 +161,8 @@ class MessageReceiver:
         for descriptor, _ in self._poll.poll(0):
             stream = self._streams[descriptor]
             if not stream.read(self._buffer):
-                delivered = stream.deliver(time_ns, 0) or delivered  # the last message
+                # Deliver the last message of the ended connection.
+                delivered = stream.deliver(time_ns, 0) or delivered
                 self.remove(stream)
         for stream in self._streams.values():
             delivered = stream.deliver(time_ns, backlog) or delivered

@@ -35,8 +35,8 @@ from aras_visual_servo_ros.shutdown import init_node
 
 log = logging.getLogger(__name__)
 
-# Interpreter switch interval, s. With Python's default of 5 ms, the simulation thread would wait
-# for rospy's threads up to 5 ms in every step.
+# Time, s, after which Python switches threads. With the default of 5 ms, the simulation thread
+# would wait up to 5 ms for rospy's threads in every step.
 SWITCH_INTERVAL = 0.0005
 # Time at shutdown, s, in which rospy's threads send error responses to waiting clients.
 ERROR_REPLY_TIME = 0.3
@@ -48,7 +48,7 @@ class GazeboNode:
     def __init__(self, parameters: NodeParameters) -> None:
         """Build the simulation, advertise its ROS interface and start simulated time.
 
-        Simulated time stays at the start if the parameter `paused` is true.
+        If the parameter `paused` is true, simulated time does not start.
 
         Raises:
             SimError: the simulation cannot be built.
@@ -64,7 +64,7 @@ class GazeboNode:
             after_step=self._after_step,
             after_batch=self._after_batch,
             on_fault=self._on_fault,
-            paused=True,  # until everything is advertised
+            paused=True,  # until all topics and services are advertised
         )
         self.lockstep: Lockstep | None = None
         if parameters.speed_mode == "lockstep":
@@ -124,7 +124,7 @@ class GazeboNode:
 
 
 def _set_up_log(level: str) -> None:
-    """Send the log records of the ROS-free packages to rospy's outputs, console and /rosout."""
+    """Send log records of packages without ROS to the console and /rosout, as rospy does."""
     rosout = logging.getLogger("rosout")
     for name in ("aras_sim_bridge", "aras_visual_servo_base"):
         logger = logging.getLogger(name)
@@ -141,7 +141,7 @@ def _shut_down(reason: str) -> None:
 
 
 def make_pacer(parameters: NodeParameters, world: WorldFile) -> Pacer:
-    """Return the pacer of a speed mode; as in Gazebo, the rate of the world file is included."""
+    """Return the pacer for the parameter speed_mode and the update rate of the world file."""
     factor = parameters.real_time_factor * world.update_rate * world.time_step
     return Pacer(factor if parameters.speed_mode == "real_time" else 0.0)
 
@@ -181,14 +181,14 @@ def build_simulation(parameters: NodeParameters, world: WorldFile) -> Simulation
 
 
 class _ShutdownHandler:
-    """Handler that ends the node on shutdown, even if the request arrives during the start."""
+    """Handler that ends the node on shutdown, even if this is requested during the start."""
 
     def __init__(self) -> None:
         self.shutdown_event = threading.Event()
         self.node: GazeboNode | None = None
-        # rospy runs this before it closes the topics, so no step publishes into closed ones.
+        # rospy calls this function before it closes the topics, so no step uses a closed topic.
         rospy.on_shutdown(self._on_shutdown)
-        if rospy.core.is_shutdown_requested():  # before the registration above
+        if rospy.core.is_shutdown_requested():  # requested before the call above
             self.shutdown_event.set()
 
     def _on_shutdown(self) -> None:
@@ -202,7 +202,7 @@ class _ShutdownHandler:
 def main(defaults: Mapping[str, object] = MappingProxyType({})) -> int:
     """Run the node `gazebo` and return its exit status.
 
-    defaults: values of parameters that are not on the parameter server.
+    defaults: values of the parameters that are not on the parameter server.
     """
     sys.setswitchinterval(SWITCH_INTERVAL)
     compile_all()

@@ -1,4 +1,4 @@
-"""Private parameters of the simulator node, checked for unknown names and wrong types."""
+"""Private parameters of the simulator node; unknown names and wrong types are errors."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from aras_visual_servo_ros.parameters import InvalidParameterError
 
 LOG_LEVELS = ("debug", "info", "warn", "error")
 SPEED_MODES = ("real_time", "max", "lockstep")
-# Names in the same namespace that are not parameters of the node itself.
+# Other names in the namespace of the private parameters, which the node does not check.
 OTHER_PARAMETERS = {field.name for field in PHYSICS_FIELDS} | {"cameras", "robot_description"}
 
 
@@ -43,7 +43,7 @@ class NodeParameters:
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object], namespace: str) -> NodeParameters:
-        """Return the parameters from a mapping that was read from the parameter server.
+        """Return the parameters in a mapping that was read from the parameter server.
 
         Nested namespaces and the names in OTHER_PARAMETERS are ignored.
 

@@ -11,10 +11,11 @@ from collections.abc import Callable
 
 log = logging.getLogger(__name__)
 
-BATCH_NS = 4_000_000  # simulated time of a group of steps; one wake-up per group, i.e. 250 Hz
-LARGEST_LAG_NS = 200_000_000  # a larger lag behind real time is dropped instead of caught up
+# Simulated time of a group of steps; the thread wakes up once for each group, at 250 Hz.
+BATCH_NS = 4_000_000
+LARGEST_LAG_NS = 200_000_000  # simulated time does not catch up a larger lag behind real time
 WINDOW = 2.0  # seconds of wall time over which the real-time factor is measured
-WARN_BELOW = 0.95  # fraction of the desired real-time factor
+WARN_BELOW = 0.95  # a warning is logged below this fraction of the desired real-time factor
 WARN_PERIOD = 10.0  # seconds of wall time between two warnings
 
 
@@ -55,10 +56,10 @@ class FactorMeter:
 
 
 class Pacer:
-    """Pacer that advances simulated time `factor` times as fast as wall time; 0: without limit.
+    """Pacer that advances simulated time `factor` times as fast as wall time.
 
-    Due times are computed from the last restart, so that rounding errors and late wake-ups do not
-    accumulate.
+    A factor of 0 means as fast as possible. The times at which steps are due are computed from the
+    last restart, so that rounding errors and late wake-ups do not accumulate.
     """
 
     def __init__(self, factor: float = 1.0, clock: Callable[[], float] = time.monotonic) -> None:
@@ -70,7 +71,7 @@ class Pacer:
 
     @property
     def factor(self) -> float:
-        """Desired real-time factor; 0 for as fast as possible."""
+        """Desired real-time factor; 0 means as fast as possible."""
         return self._factor
 
     @property
@@ -96,9 +97,9 @@ class Pacer:
 
         Args:
             time_ns: simulated time reached so far, ns.
-            event_ns: time of an event, e.g. a camera exposure, that must not wait for the end of
-                its group of steps. The step that contains this time is due as soon as the time is
-                reached, so that simulated time may be ahead by less than one step.
+            event_ns: simulated time, ns, of an event that must not wait for the end of its group of
+                steps, such as a camera exposure. The step that contains this time is due as soon as
+                the time is reached. Simulated time may then be ahead by less than one step.
             group_ns: simulated time of a group of steps, ns.
         """
         self._meter.update(time_ns, self._factor)

@@ -1,8 +1,8 @@
-"""A publisher that writes to the sockets of its subscribers directly and without blocking.
+"""Publisher that writes to the sockets of its subscribers directly and without blocking.
 
-rospy uses one thread per connection, wakes it for every message and copies the message four times.
-With /clock at 250 Hz and a few subscribers, this causes most of the CPU load of an idle simulator,
-and for an image it takes milliseconds.
+rospy's publisher is slower: it has one thread for each connection, wakes it for every message and
+copies the message four times. With /clock at 250 Hz and a few subscribers, this causes most of the
+CPU load of an idle simulator, and for an image it takes milliseconds.
 """
 
 from __future__ import annotations
@@ -25,7 +25,7 @@ _LENGTH = struct.Struct("<I")
 class SubscriberWatch(rospy.SubscribeListener):
     """Listener that calls `on_change` when a subscriber connects to or leaves a topic.
 
-    rospy calls it from its own threads in any order. Hence `on_change` gets no arguments and has to
+    rospy's threads call the listener in any order. Hence `on_change` gets no arguments and has to
     read the current subscribers with `list_connections`.
     """
 
@@ -41,7 +41,7 @@ class SubscriberWatch(rospy.SubscribeListener):
 
 
 def list_connections(publisher: rospy.Publisher | None) -> list[TCPROSTransport]:
-    """Return the connections to the subscribers of a topic; none if it is not advertised.
+    """Return the connections of a topic to its subscribers; [] if it is not advertised.
 
     This does not acquire the lock of the topic, which rospy holds while it calls SubscriberWatch.
     """
@@ -50,7 +50,7 @@ def list_connections(publisher: rospy.Publisher | None) -> list[TCPROSTransport]
 
 
 class NonBlockingPublisher:
-    """Publisher for use from a single thread; subscribers connect as to any rospy.Publisher."""
+    """Publisher that does not block; all calls must come from the same thread."""
 
     def __init__(
         self,
@@ -67,8 +67,9 @@ class NonBlockingPublisher:
             message: message type.
             queue_size: number of messages that wait for a slow subscriber.
             latch: whether new subscribers get the last message.
-            on_change: called from any thread when subscribers connect or leave. It may be called
-                before the constructor returns, if a subscriber is already waiting for the topic.
+            on_change: function that any thread may call when subscribers connect or leave. It may
+                be called before the constructor returns, if a subscriber already waits for the
+                topic.
         """
         self._topic = topic
         self._queue_size = queue_size
@@ -77,7 +78,7 @@ class NonBlockingPublisher:
         self._queues: dict[TCPROSTransport, SendQueue] = {}
         self._latched_message: MessageParts | None = None
         self._sequence = 0
-        # rospy only announces the latch; _update_queues sends the latched message.
+        # rospy only announces that the topic is latched; _update_queues sends the last message.
         self._latch = latch
         self._publisher: rospy.Publisher | None = None
         self._publisher = rospy.Publisher(
@@ -88,7 +89,8 @@ class NonBlockingPublisher:
             tcp_nodelay=True,
             subscriber_listener=SubscriberWatch(self._update_queues),
         )
-        self._update_queues()  # rospy does not report subscribers that connected meanwhile
+        # rospy does not report subscribers that connected during the constructor.
+        self._update_queues()
 
     def publish(self, message: Message) -> None:
         """Send a message to all subscribers; its header gets the next sequence number."""
@@ -99,7 +101,7 @@ class NonBlockingPublisher:
         """Send a message with the bytes of `array` as its field `data`, without copying them.
 
         `message.data` must be empty, and the array must not change afterwards. `trailing_bytes` is
-        the size of the fields after `data`.
+        the serialised size of the fields after `data`.
         """
         body = self._serialise(message)
         end = len(body) - trailing_bytes
@@ -115,7 +117,10 @@ class NonBlockingPublisher:
         return buffer.getvalue()
 
     def publish_bytes(self, *body: bytes | memoryview) -> None:
-        """Send a serialised message given in parts, which must not change afterwards."""
+        """Send a message that is given as a sequence of bytes objects.
+
+        The objects must not change afterwards.
+        """
         if not self._is_needed():
             return
         parts = (_LENGTH.pack(sum(map(len, body))), *body)
@@ -153,7 +158,7 @@ class NonBlockingPublisher:
         return queue
 
     def _update_queues(self) -> None:
-        """Close the queues of subscribers that left; send new ones the latched message."""
+        """Close the queues of subscribers that left; send the latched message to new ones."""
         with self._lock:
             present = list_connections(self._publisher)
             for connection in self._queues.keys() - set(present):

@@ -1,4 +1,4 @@
-"""Dynamically reconfigurable parameters of gazebo_ros and control_toolbox."""
+"""Parameters of gazebo_ros and control_toolbox for dynamic_reconfigure."""
 
 from aras_visual_servo_ros.reconfigure import Field
 

@@ -1,8 +1,9 @@
-"""Non-blocking queues of messages for the sockets of subscribers.
+"""Queues of messages for the sockets of subscribers; sending does not block.
 
-Messages that a socket does not accept at once wait in a queue. One thread for all sockets sends
-them as soon as possible. If a subscriber does not read for long, the oldest messages are dropped,
-as in rospy. A caller that must not lose messages (lockstep) waits while a queue `is_behind`.
+A message that a socket does not accept immediately waits in a queue. One thread for all sockets
+sends waiting messages as soon as possible. If a subscriber does not read for a long time, the
+oldest messages are dropped, as in rospy. Lockstep, which must not lose messages, waits while a
+queue `is_behind`.
 """
 
 from __future__ import annotations
@@ -32,21 +33,22 @@ class SendQueue:
         Args:
             connection: socket of the subscriber.
             queue_size: largest number of waiting messages.
-            on_broken: called once when the connection is broken.
-            name: subscriber and topic, for log messages.
+            on_broken: function that is called once when the connection is broken.
+            name: name of the subscriber and the topic in log messages.
         """
         self.name = name
-        self.is_abandoned = False  # lockstep does not wait for it until the queue is empty again
+        # If True, lockstep does not wait for this queue until it is empty again.
+        self.is_abandoned = False
         self.socket = connection
         self.descriptor = connection.fileno()
         self._on_broken = on_broken
         self._lock = threading.Lock()
-        self._unsent_rest: MessageParts = ()  # unsent part of a partly sent message
+        self._unsent_rest: MessageParts = ()  # rest of a message that has been sent in part
         self._messages: collections.deque[MessageParts] = collections.deque(maxlen=queue_size)
         self._is_broken = False
 
     def close(self) -> None:
-        """Discard all waiting messages; the socket is closed."""
+        """Discard all waiting messages, because the socket is closed."""
         with self._lock:
             self._is_broken = True
             self._unsent_rest = ()
@@ -54,7 +56,7 @@ class SendQueue:
         QUEUE_FLUSHER.forget(self)
 
     def send(self, parts: MessageParts) -> None:
-        """Write the part of a message that the socket accepts; the rest is sent later."""
+        """Write as much of a message as the socket accepts; the rest is sent later."""
         with self._lock:
             if self._is_broken:
                 return
@@ -71,7 +73,7 @@ class SendQueue:
 
     @property
     def has_unsent(self) -> bool:
-        """Whether a message or a part of one has not been written yet."""
+        """Whether a message has not been written completely."""
         return bool(self._unsent_rest or self._messages)
 
     @property
@@ -91,7 +93,7 @@ class SendQueue:
     def _write(self, parts: MessageParts) -> MessageParts:
         """Write all data that the socket accepts and return the rest.
 
-        The rest is the object `parts` itself if nothing was written.
+        If nothing is written, the result is the object `parts` itself.
         """
         try:
             sent = self.socket.sendmsg(parts, (), socket.MSG_DONTWAIT)
@@ -117,7 +119,8 @@ class QueueFlusher:
         self._lock = threading.Lock()
         self._queues: dict[int, SendQueue] = {}
         self._poll: select.epoll | None = None
-        self.on_progress: Callable[[], None] = lambda: None  # called after each flush of a queue
+        # Called each time data of a queue have been sent.
+        self.on_progress: Callable[[], None] = lambda: None
 
     def list_unsent(self) -> list[SendQueue]:
         """Return the queues that have unsent data."""
@@ -128,7 +131,7 @@ class QueueFlusher:
         return [queue for queue in self.list_unsent() if queue.is_behind]
 
     def add(self, queue: SendQueue) -> None:
-        """Flush `queue` whenever its socket is writable, until the queue is empty."""
+        """Send the messages of `queue` when its socket is writable, until the queue is empty."""
         with self._lock:
             if self._poll is None:
                 self._poll = select.epoll()
@@ -140,9 +143,9 @@ class QueueFlusher:
                 self._poll.register(queue.descriptor, select.EPOLLOUT)
 
     def forget(self, queue: SendQueue) -> None:
-        """Stop flushing `queue`."""
+        """Stop sending the messages of `queue`."""
         with self._lock:
-            # A new connection may have reused the file descriptor of a closed one.
+            # The file descriptor of the closed connection may now belong to a new connection.
             if self._queues.get(queue.descriptor) is not queue:
                 return
             del self._queues[queue.descriptor]

@@ -1,10 +1,10 @@
-"""Services as plain functions: simulation and request in, fields of the response out.
+"""Services written as functions of the simulation and the request.
 
     @service_handler(GetLightProperties, "got properties")
     def get_light_properties(simulation: Simulation, request: GetLightProperties) -> Fields:
 
-defines the service `get_light_properties` in every ServiceTable that it is added to. Each error
-results in one response and one log line.
+defines the service `get_light_properties`. A handler returns the fields of the response. A
+ServiceTable advertises services; it answers an error with a response and logs it in one line.
 """
 
 from __future__ import annotations
@@ -24,7 +24,7 @@ from aras_visual_servo_base.names import USER_FAULTS
 
 log = logging.getLogger(__name__)
 
-Fields = dict[str, object] | None  # fields of a response that differ from their defaults
+Fields = dict[str, object] | None  # fields of a response by name; the others have their defaults
 Handler = Callable[[object, Message], Fields]
 
 
@@ -39,7 +39,7 @@ class ServicePolicy:
 
     @property
     def type_name(self) -> str:
-        """Name of the service type without its package; gazebo_ros's texts start with it."""
+        """Name of the service type without its package; status messages start with it."""
         return self.service._type.rpartition("/")[2]
 
     def make_response(self, fields: Fields) -> Message:
@@ -64,10 +64,10 @@ def service_handler(
     Args:
         service: service type.
         success_text: status message of a successful call, without the name of the service type.
-        in_caller_thread: call the handler with the SimulationThread instead of the simulation, in
-            rospy's thread, where it may block.
-        call_fails: report an error to the client as a failed call (ServiceException) instead of a
-            response with `success` false and the reason.
+        in_caller_thread: whether to call the handler in rospy's thread, where it may block. Its
+            first argument is then the SimulationThread instead of the simulation.
+        call_fails: whether to report an error as a failed call (ServiceException in the client)
+            instead of a response with `success` false and the reason.
     """
 
     def mark(handler: Handler) -> Handler:
@@ -95,7 +95,7 @@ class ServiceTable:
     ) -> None:
         """Advertise the services of `handlers` below `namespace`, an absolute name.
 
-        call_lock: lock that is held during a call, so that calls are served one at a time; None
+        call_lock: lock that is acquired for each call, so that calls are served one at a time; None
             allows concurrent calls.
         """
         self._namespace = namespace.rstrip("/")

@@ -1,4 +1,4 @@
-"""The thread that owns the simulation: it makes and paces the steps, and runs jobs between them.
+"""Thread of the simulation, which makes the steps at the right time and runs jobs between them.
 
 Services and topics run in rospy's threads and never access the simulation directly. They pass a
 function (a job) to `SimulationThread.call`, which runs it between two steps, also while paused, and
@@ -28,12 +28,14 @@ T = TypeVar("T")
 log = logging.getLogger(__name__)
 
 SHUTTING_DOWN = "the simulator is shutting down"
-JOBS_BUDGET = 0.002  # s of wall time for jobs between two groups of steps
-STREAM_NS = 5_000_000  # simulated time after a command in which each step is made when it is due
-FLOOD = 3  # skipped messages per step and connection from which steps are made in groups again
+JOBS_BUDGET = 0.002  # s of wall time that jobs may use between two groups of steps
+# Simulated time after a command in which steps are made one by one, when they are due.
+STREAM_NS = 5_000_000
+FLOOD = 3  # if so many messages per step and connection are skipped, steps are made in groups again
 PAUSED_PERIOD = 0.004  # s of wall time between two reads of commands while paused
-LOCKSTEP_BACKLOG = 8  # commands of one connection that may wait for their steps in lockstep mode
-STALL = 0.05  # s of wall time; simulated time does not catch up after a longer job, e.g. a spawn
+# Number of commands of one connection that may wait for their steps in lockstep mode.
+LOCKSTEP_BACKLOG = 8
+STALL = 0.05  # s of wall time; simulated time does not catch up after a longer job, such as a spawn
 
 
 class SimulationBusyError(SimError):
@@ -56,11 +58,12 @@ class SimulationThread:
         """Create the thread without starting it; see `start`.
 
         Args:
-            build: creates the simulation; called in the new thread.
-            pacer: determines which steps are due.
-            after_step: called with the simulated time, ns, after every step.
-            after_batch: called with the simulated time, ns, after each group of steps.
-            on_fault: called once with the exception that ended the thread.
+            build: function that creates the simulation; the new thread calls it.
+            pacer: object that determines which steps are due.
+            after_step: function that is called with the simulated time, ns, after every step.
+            after_batch: function that is called with the simulated time, ns, after each group of
+                steps.
+            on_fault: function that is called with the exception if one ends the thread.
             paused: whether simulated time is paused at the start.
             receiver: receiver of commands and wake-ups; tests replace it.
         """
@@ -81,7 +84,8 @@ class SimulationThread:
         self.simulation: Simulation | None = None  # None before `start`
         # Called with the end time, ns, of the next step; set it in the simulation thread only.
         self.before_step: Callable[[int], None] | None = None
-        # Gate that stops simulated time while closed; set it before `start`. step() ignores it.
+        # Lockstep stops simulated time while it `is_closed`, but step() ignores it. Set it before
+        # `start`.
         self.lockstep: Lockstep | None = None
 
     def start(self, timeout: float = 60.0) -> None:
@@ -100,7 +104,7 @@ class SimulationThread:
 
     @property
     def real_time_factor(self) -> float:
-        """Simulated time over wall time during the last seconds; 0 while paused."""
+        """Simulated time divided by wall time in the last seconds; 0 while paused."""
         return 0.0 if self._paused else self._pacer.real_time_factor
 
     @property
@@ -119,7 +123,7 @@ class SimulationThread:
 
     @property
     def receiver(self) -> MessageReceiver:
-        """Receiver of commands; may only be used in jobs."""
+        """Receiver of commands; only jobs may use it."""
         return self._receiver
 
     def now_ns(self) -> int:
@@ -132,7 +136,7 @@ class SimulationThread:
         return self._pacer
 
     def call(self, job: Callable[[], T], timeout: float = 10.0) -> T:
-        """Run `job` between two steps and return its result; its exceptions are raised here.
+        """Run `job` between two steps; return its result or raise its exception.
 
         Raises:
             SimulationBusyError: the job did not start within `timeout`, s of wall time.
@@ -149,7 +153,8 @@ class SimulationThread:
         except FutureTimeoutError:
             if future.cancel():
                 raise SimulationBusyError(
-                    f"the simulation did not answer within {timeout:g} s; is the machine busy?"
+                    f"the simulation did not answer within {timeout:g} s; try again when the "
+                    "processor is less busy"
                 ) from None
             return future.result()  # the job has just started; jobs are short
 
@@ -175,7 +180,8 @@ class SimulationThread:
             if self._paused:
                 self._paused = False
                 if self.lockstep is not None:
-                    self.lockstep.end_round()  # a round started by step() must not stop time now
+                    # A lockstep round that step() started must not stop time now.
+                    self.lockstep.end_round()
                 self._pacer.restart(self.simulation.time_ns)
 
         self.call(job)
@@ -184,13 +190,13 @@ class SimulationThread:
         """Advance a paused simulation by `count` steps and return the simulated time, ns.
 
         Raises:
-            SimulationBusyError: the steps are not finished within `timeout`, s of wall time; those
-                already made are not undone.
+            SimulationBusyError: the steps are not finished within `timeout`, s of wall time; the
+                steps that have been made are not undone.
         """
         deadline = time.monotonic() + timeout
         done = 0
         while done < count:
-            chunk = min(count - done, 100)  # short jobs, so that other jobs can run in between
+            chunk = min(count - done, 100)  # short jobs, so that other jobs can run between them
             self.call(lambda n=chunk: self._advance(n), max(deadline - time.monotonic(), 0.1))
             done += chunk
             if time.monotonic() > deadline and done < count:
@@ -226,7 +232,7 @@ class SimulationThread:
     def _deliver_commands(self, backlog: int) -> bool:
         """Apply the commands that have arrived and return whether there was one.
 
-        backlog: number of commands per connection that may wait for later steps.
+        backlog: number of commands of each connection that may wait for later steps.
         """
         time_ns = self.simulation.time_ns
         if not self._receiver.deliver(time_ns, backlog):
@@ -259,7 +265,7 @@ class SimulationThread:
         )  # fmt: skip
         while True:
             receiver.clear_wake()
-            if self._is_stopping:  # checked after clear_wake, so that no stop request is lost
+            if self._is_stopping:  # check this after clear_wake, so that no stop request is lost
                 return
             if jobs:
                 self._run_jobs()
@@ -286,13 +292,14 @@ class SimulationThread:
                 self._stream_until_ns = simulation.time_ns + STREAM_NS
 
     def _make_steps(self, end_ns: int) -> None:
-        """Make the steps up to `end_ns`; stop early for a job, a pause or a closed gate."""
+        """Make the steps up to `end_ns`; stop early for a job, a pause or lockstep."""
         simulation, gate, jobs = self.simulation, self.lockstep, self._jobs
         start_ns = simulation.time_ns
         while simulation.time_ns < end_ns and not (gate is not None and gate.is_closed):
             try:
                 self._step(self._compute_backlog(end_ns))
-            except SimError as error:  # e.g. the physics diverged; a client can reset it
+            # For example, the physics diverged; a client can reset the simulation.
+            except SimError as error:
                 self._paused = True
                 log.error("simulated time is paused: %s", error)
             if jobs or self._paused:
@@ -302,11 +309,11 @@ class SimulationThread:
         self._after_batch(simulation.time_ns)
 
     def _compute_backlog(self, end_ns: int) -> int:
-        """Return how many commands of a connection may wait for the steps after the next one.
+        """Return how many commands of a connection may wait for later steps than the next one.
 
-        In real-time mode this is the number of due steps, including the next one. Thus no command
-        is skipped if a client sends them at the rate of the steps and two arrive between two steps.
-        In the mode `max` it is 0, in lockstep mode LOCKSTEP_BACKLOG.
+        In real-time mode, this is the number of due steps, including the next one. If a client
+        sends one command for each step, no command is skipped even if two arrive between two steps.
+        In the mode `max` the result is 0, and in lockstep mode it is LOCKSTEP_BACKLOG.
         """
         if self._pacer.factor > 0.0:
             return -((self.simulation.time_ns - end_ns) // self.simulation.step_ns)
@@ -314,21 +321,21 @@ class SimulationThread:
 
     @property
     def _is_streaming(self) -> bool:
-        # A difference above STREAM_NS dates from before a reset of simulated time.
+        # If the difference exceeds STREAM_NS, simulated time has been reset since the command.
         return 0 < self._stream_until_ns - self.simulation.time_ns <= STREAM_NS
 
     def _compute_group_ns(self) -> int:
         """Return the simulated time, ns, of a group of steps that are made together.
 
-        Groups reduce the number of wake-ups. While commands arrive, each step is made when it is
-        due, so that no command waits; at very high rates this is not needed, because every step has
-        a newer command anyway.
+        Groups reduce the number of wake-ups. While commands arrive, the steps are made one by one
+        when they are due, so that no command waits. At very high command rates this is not
+        necessary, because a new command has arrived before every step anyway.
         """
         is_single = self._is_streaming and not self._is_flooded
         return self.simulation.step_ns if is_single else BATCH_NS
 
     def _run_jobs(self) -> None:
-        """Run pending jobs for JOBS_BUDGET; at least one, so that every job is run eventually."""
+        """Run pending jobs for JOBS_BUDGET, but at least one so that every job runs eventually."""
         jobs = self._jobs
         start = time.monotonic()
         while jobs and not self._is_stopping:
@@ -355,7 +362,7 @@ class SimulationThread:
         while True:
             try:
                 _, future = self._jobs.popleft()
-            except IndexError:  # empty, or another thread has taken the last job
+            except IndexError:  # the queue is empty; another thread may have taken the last job
                 return
             if future.set_running_or_notify_cancel():
                 future.set_exception(SimulationBusyError(SHUTTING_DOWN))

@@ -23,7 +23,7 @@ class SpawnRecord:
     """Spawned models and loaded controllers, in the order of spawning."""
 
     def __init__(self, enabled: bool) -> None:
-        """Read the record of a previous node; if not `enabled`, the record is never accessed."""
+        """Read the record of a previous node; without `enabled` the record is never used."""
         self._is_enabled = enabled
         self._previous = get_namespace(PARAMETER) if enabled else {}
         self._models: dict[str, dict[str, object]] = {}
@@ -49,12 +49,12 @@ class SpawnRecord:
         self._write()
 
     def set_controllers(self, namespace: str, controllers: Iterable[ControllerInfo]) -> None:
-        """Record the controllers of the robot in `namespace` and which of them run."""
+        """Record the controllers of the robot in `namespace`, and which of them are running."""
         self._controllers[namespace] = [(info.name, info.state == RUNNING) for info in controllers]
         self._write()
 
     def clear(self) -> None:
-        """Delete the record when the node ends normally, so that no model is restored later."""
+        """Delete the record if the node ends normally, so that no model is restored later."""
         if self._is_enabled and rospy.has_param(PARAMETER):
             rospy.delete_param(PARAMETER)
         self._is_enabled = False

@@ -22,10 +22,11 @@ import pytest
 
 from aras_visual_servo_bench.errors import ExperimentError, StudyError
 from aras_visual_servo_bench.metrics.metrics import metric
+from aras_visual_servo_bench.progress_bar import ProgressBar
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies import engine, replay, rows, study_folder, versions, work
 from aras_visual_servo_bench.studies.pools import InProcessPool
-from aras_visual_servo_bench.studies.progress import Progress, ProgressBar, format_duration
+from aras_visual_servo_bench.studies.progress import Progress, format_duration
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 

@@ -704,6 +704,27 @@ def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
     assert out.getvalue().count("\n") == 1 and out.getvalue().endswith("\n")
 
 
+def test_a_bar_is_not_drawn_more_often_than_it_is_seen():
+    now = [0.0]
+    out = io.StringIO()
+    out.isatty = lambda: True
+    shown = ProgressBar(out, clock=lambda: now[0])
+    for step in range(1001):
+        now[0] = 1e-3 * step
+        shown.show(step / 1000, "one")
+    assert 10 <= out.getvalue().count("\r") <= 12 and "100 %" in out.getvalue()
+
+
+def test_a_notebook_shows_a_bar_and_a_file_does_not():
+    stream = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+    for out, shown in ((stream(), True), (io.StringIO(), False)):
+        ProgressBar(out).show(0.5, "one")
+        assert out.getvalue().startswith("\r[####") is shown
+        progress = Progress(4, 0, out)
+        progress.add_runs(1, 0)
+        assert out.getvalue().endswith("\n") is not shown
+
+
 @pytest.mark.parametrize(("seconds", "told"), [
     (0.0, "0 s"), (89.4, "89 s"), (90.0, "2 min"), (5399.0, "90 min"), (5400.0, "1.5 h"),
     (172799.0, "48.0 h"), (172800.0, "2.0 days"), (1e6, "11.6 days"),

@@ -8,7 +8,7 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TextIO
 
-from ..metrics.formatting import format_number
+from ..metrics.formatting import format_count, format_number
 from ..progress_bar import can_overwrite, format_bar
 
 LINE_PERIOD = 10.0  # s between lines if the output is neither a terminal nor a notebook
@@ -91,11 +91,6 @@ class Progress:
         if can_overwrite(self._out):
             self._out.write("\n")
             self._out.flush()
-
-
-def format_count(number: int, what: str) -> str:
-    """Return a number with its noun, such as '1 run' or '2 runs'."""
-    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def format_duration(seconds: float) -> str:

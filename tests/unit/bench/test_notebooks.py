@@ -186,6 +186,16 @@ def test_a_run_and_its_text_load_neither_figures_nor_tables() -> None:
     assert found.stdout.splitlines() == ["5 False", "[]"]
 
 
+def test_figures_leave_the_users_backend_and_figures_alone() -> None:
+    code = ("import matplotlib\nmatplotlib.use('svg')\nimport matplotlib.pyplot as plt\n"
+            "mine = plt.figure()\nfrom aras_visual_servo_bench import run\n"
+            "done = run({'plant': 'free', 'duration': 0.1})\n"
+            "done.plot()._repr_png_(), done._repr_html_()\n"
+            "print(matplotlib.get_backend(), plt.get_fignums(), plt.gcf() is mine)")
+    found = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert found.stdout.splitlines() == ["svg [1] True"]
+
+
 def test_without_pandas_a_table_names_it(short: Run, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(sys.modules, "pandas", None)
     with pytest.raises(BenchError, match="pandas is not installed: run ./setup.sh"):

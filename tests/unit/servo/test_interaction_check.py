@@ -129,6 +129,21 @@ def test_the_worst_of_several_poses_is_reported() -> None:
             check_interaction_matrix(feature, world_T_camera=wrong)
 
 
+def test_entries_are_compared_in_units_of_the_depth() -> None:
+    """1 1/m at a depth of 0.3 m is less than 0.5."""
+
+    class Two(Wrong):
+        def measure(self, observation, goal):
+            found = super().measure(observation, goal)
+            L = found.L.copy()
+            L[1, 1] += 1.0
+            L[1, 3] += 0.5
+            return replace(found, L=L)
+
+    with pytest.raises(InteractionMatrixError, match="row 'c1' .* column wx"):
+        check_interaction_matrix(Two(0, 0, 1.0))
+
+
 def test_many_rows_are_not_all_printed() -> None:
     class Many(Wrong):
         def measure(self, observation, goal):

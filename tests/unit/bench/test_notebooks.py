@@ -57,6 +57,7 @@ def test_a_run_is_described_in_six_lines(short: Run, filmed: Run) -> None:
     lines = repr(filmed).splitlines()
     assert lines[0].startswith("run 'noisy': converged") and len(lines) == 4
     assert f", {len(filmed.stamp)} stored" in lines[2]
+    assert repr(replace(filmed, reason="noise", remedy="average")) == repr(filmed)
     assert repr(filmed.control_record) == (
         f"CameraRecord(320x240, {len(filmed.stamp)} exposures, {len(filmed.stamp)} images stored, "
         "0 frames of a film)"

@@ -101,7 +101,8 @@ class CameraRecord:
 class Run(RunPresentation):
     """Record of one run: measurements and commands of the loop, true camera poses, and the result.
 
-    It is made by `run`, by `load_run` from a bag, or by `Loop.make_run`. The loop has processed n
+    It is made by `run`, by `load_run` from a bag, or by `Loop.make_run`. `plot`, `report` and
+    `to_pandas` of its base class RunPresentation show it. The loop has processed n
     images with k features, and there are m joint states of j joints. Unknown values are None, NaN
     or empty. Poses are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 

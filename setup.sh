@@ -392,7 +392,7 @@ compile_loops() {
 # Compile the installed Python packages to bytecode on all cores; pip would use only one.
 [[ ! -e .venv/bytecode.due ]] || due+=(bytecode)
 bytecode() {
-    # Skip tests of packages, and packages that only training and tests import. These are two thirds of all files;
+    # Skip tests of packages, and packages that only training, tables and tests import. These are two thirds of all files;
     # Python compiles them when they are imported.
     local rare='/(tests?|pip|setuptools|pkg_resources|pybullet_envs|pandas|sklearn|fontTools|pygments|sphinx|docutils'
     rare+='|snowballstemmer|babel|mujoco|hypothesis)/'

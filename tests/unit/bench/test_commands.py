@@ -2,6 +2,7 @@
 
 import json
 import os
+import re
 import subprocess
 import sys
 
@@ -122,11 +123,16 @@ def test_the_workspaces_program_leaves_compiling_to_the_set_up(monkeypatch):
     assert main(["run", "duration=0.1"]) == 0
 
 
+def on_one_line(listed):
+    """The list of the commands, with the help of a long name on the line of its name."""
+    return re.sub(r"\n(    \w+)\n +", r"\n\1 ", listed)
+
+
 def test_each_command_shows_an_example_that_it_understands(capsys):
     made = make_parser()
     with pytest.raises(SystemExit):
         made.parse_args(["--help"])
-    listed = capsys.readouterr().out
+    listed = on_one_line(capsys.readouterr().out)
     for name, words in EXAMPLES.items():
         assert words.split()[0] == name and f"    {name} " in listed
         assert made.parse_args(words.split()).command == name
@@ -152,6 +158,7 @@ USAGES = {
             f"{WORKERS} study [key=value ...]",
     "analyze": "--out DIR [--formats png,svg,pdf] [--paper] [--names NAMES] RUN [RUN ...]",
     "convert": "[--out FILE] bag",
+    "check_interaction": "[--tolerance PART] [--step H] FEATURE",
 }
 
 
@@ -170,7 +177,7 @@ def test_each_word_of_a_command_is_named_and_explained(name, capsys):
 def test_the_commands_are_listed_with_what_they_do(capsys):
     with pytest.raises(SystemExit):
         make_parser().parse_args(["--help"])
-    out = capsys.readouterr().out
+    out = on_one_line(capsys.readouterr().out)
     assert "Simulated visual servoing" in out and "COMMAND" in out
     for name in USAGES:
         (line,) = [one for one in out.splitlines() if one.startswith(f"    {name} ")]
@@ -207,6 +214,45 @@ def test_how_a_command_ends(monkeypatch, capsys, fault, code, said):
     assert main(["diff", "a", "b"]) == code
     assert capsys.readouterr().err == said
     assert closed == ([1] if isinstance(fault, BrokenPipeError) else [])
+
+
+OWN_FEATURES = """
+import numpy as np
+from aras_visual_servo_controller import FEATURES, Points
+
+class Right(Points):
+    pass
+
+class Wrong(Points):
+    def measure(self, observation, goal):
+        found = super().measure(observation, goal)
+        found.L[2, 1] += 0.5
+        return found
+
+class Broken(Points):
+    def measure(self, observation, goal):
+        return 1 / 0
+"""
+
+
+@pytest.mark.parametrize(("words", "code", "said", "told"), [
+    (["my_features:Right"], 0, "my_features:Right: L is correct (tolerance 0.1 %, 3 poses)", ""),
+    (["points", "--step", "1e-3"], 0, "points: L is correct", ""),
+    (["my_features:Wrong"], 1, "largest error: row 'x1', column vy: L is 0.5, finite diff", ""),
+    (["my_features:Wrong", "--tolerance", "0.5"], 0, "Wrong: L is correct (tolerance 50 %", ""),
+    (["my_features:Broken"], 1, "", "bench: my_features:Broken raised ZeroDivisionError: div"),
+    (["my_features:Broke"], 1, "", "my_features has no Broke: did you mean 'Broken'?"),
+    (["luminance"], 1, "", "bench: luminance needs image: give observe"),
+    (["points", "--step", "0"], 1, "", "bench: --step is 0, must be above 0"),
+])  # fmt: skip
+def test_an_interaction_matrix_is_checked(words, code, said, told, tmp_path, monkeypatch, capsys):
+    (tmp_path / "my_features.py").write_text(OWN_FEATURES)
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "my_features", raising=False)
+    assert main(["check_interaction", *words]) == code
+    out, err = capsys.readouterr()
+    assert said in out and bool(said) is bool(out)
+    assert told in (err.splitlines() or [""])[-1] and bool(told) is bool(err)
 
 
 def test_a_missing_library_is_named_with_both_ways_to_install_it():

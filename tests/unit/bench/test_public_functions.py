@@ -2,9 +2,13 @@
 
 from __future__ import annotations
 
+import io
+import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
 from PIL import Image
 
@@ -60,6 +64,97 @@ def test_what_is_missing_of_a_study_is_run(folder: Path, tmp_path: Path) -> None
     assert np.array_equal(
         results.read_numbers("final_distance"), whole.read_numbers("final_distance")
     )
+
+
+def test_a_study_runs_itself(folder: Path, tmp_path: Path) -> None:
+    study = Study.from_mapping(STUDY)
+    stored, alone = study.run(folder), study.run(progress=False)
+    assert stored.name == "mine" and alone.name == "study"
+    assert stored.read_column("final_distance") == alone.read_column("final_distance")
+    parallel = study.run(tmp_path / "parallel", workers=2, progress=False)
+    assert parallel.read_column("final_distance") == alone.read_column("final_distance")
+    with pytest.raises(BenchError, match="stored in a folder: give path"):
+        Study.from_mapping({**STUDY, "traces": True}).run()
+
+
+def test_the_progress_of_a_study_is_shown_or_not(
+    tmp_path: Path, capsys: pytest.CaptureFixture
+) -> None:
+    study = Study.from_mapping(STUDY)
+    study.run(tmp_path / "mine", progress=False)
+    assert capsys.readouterr().err == ""
+    study.run()
+    assert "4/4 runs" in capsys.readouterr().err
+
+
+def test_the_progress_of_a_run_goes_from_0_to_1(capsys: pytest.CaptureFixture) -> None:
+    told: list[float] = []
+    watched = run(QUICK, told.append)
+    assert told == sorted(told) and told[0] < 0.2 and told[-1] == 1.0
+    assert len(told) >= len(watched.stamp)
+    assert np.array_equal(watched.error, run(QUICK).error, equal_nan=True)
+    assert capsys.readouterr().err == ""  # no terminal: no bar
+    told.clear()
+    early = run({"plant": "free", "duration": 60.0, "time_after_convergence": 0.1}, told.append)
+    assert early.end_stamp - early.start_stamp < 30.0 and told[-2] < 0.5 and told[-1] == 1.0
+
+
+def test_a_bar_is_drawn_where_it_can_be_overwritten(monkeypatch: pytest.MonkeyPatch) -> None:
+    out = io.StringIO()
+    out.isatty = lambda: True
+    monkeypatch.setattr(sys, "stderr", out)
+    run(QUICK, progress=True)
+    assert "% of 0.3 s" in out.getvalue() and out.getvalue().endswith("\r\x1b[K")
+
+
+def test_studies_and_their_results_are_described_in_few_lines(folder: Path) -> None:
+    assert repr(Study.from_mapping(STUDY)).splitlines() == [
+        "Study: 4 runs: 2 points, 2 of each", "  experiment: plant free, duration 0.3",
+        "  varies: gain (2 values)", "  metrics: final_distance",
+    ]  # fmt: skip
+    many = Study(vary={"gain": [float(n + 1) for n in range(1000)], "start.side":
+                       {"uniform": [0.0, 0.1]}}, repeats=10_000,
+                 cases=[{"scheme": "points"}, {"scheme": "moments"}])  # fmt: skip
+    lines = repr(many).splitlines()
+    assert "20000000 runs: 2000 points, 2 cases, 10000 of each" in lines[0]
+    assert "gain (1000 values), start.side (random)" in repr(many) and len(repr(many)) < 300
+    assert repr(Study()).splitlines() == ["Study: 1 run: 1 point, 1 of each"]
+    results = Study.from_mapping(STUDY).run(folder)
+    lines = repr(results).splitlines()
+    assert lines[:3] == ["Results of mine: 4 of 4 runs", "  ends: timed_out (4)",
+                         "  settings: gain"]  # fmt: skip
+    assert len(lines) == 4 and max(map(len, lines)) < 140
+    judged = Study.from_mapping({**STUDY, "metrics": ["success"]}).run(progress=False)
+    assert repr(judged).startswith("Results of study: 4 of 4 runs, 0 with success\n")
+    rows = 10_000
+    several = replace(results, table=pa.concat_tables([results.table] * (rows // 4)))
+    assert len(repr(several)) < 400 and f"{rows} of 4 runs" in repr(several)
+
+
+def test_results_become_tables_with_units(folder: Path) -> None:
+    results = Study.from_mapping(STUDY).run(folder)
+    frame = results.to_pandas()
+    assert list(frame["gain"]) == results.read_column("gain")
+    assert frame.attrs["units"] == {"gain": "1/s", "final_distance": "m"}
+
+
+def test_the_results_of_two_studies_are_compared(folder: Path) -> None:
+    base = {**STUDY, "repeats": 20, "seeds": "repeats"}
+    first = Study.from_mapping(base).run(progress=False)
+    longer = {**QUICK, "duration": 0.5}
+    second = Study.from_mapping({**base, "experiment": longer}).run(progress=False)
+    found = first.compare(second, metrics=["final_distance"])
+    lines = repr(found).splitlines()
+    assert len(lines) == 3 and lines[-1].startswith("2 of 4 differences are significant")
+    assert all(line.startswith("better  final_distance") for line in lines[:2])
+    frame = found.to_pandas()
+    assert len(frame) == 4 and set(frame["verdict"]) == {"better", "chance"}
+    renamed = replace(second, name="longer")
+    assert repr(first.compare(renamed, by=["gain"])).startswith("study -> longer\n")
+    long = replace(found, differences=found.differences * 100)
+    assert len(repr(long).splitlines()) == 22 and "… and 180 more" in repr(long)
+    with pytest.raises(BenchError, match="did you mean 'final_distance'"):
+        first.compare(second, metrics=["final_distanc"])
 
 
 def test_a_run_of_a_study_is_loaded_with_its_images(folder: Path) -> None:

@@ -264,7 +264,7 @@ def test_every_column_of_the_tables_is_of_the_records(runs, written):
             ]
     for i, axis in enumerate(axes):
         unit = "m/s" if i < 3 else "rad/s"
-        wanted[f"{axis} asked [{unit}]"] = [s.ik_solution.desired_twist[i] for s in run.states]
+        wanted[f"{axis} desired [{unit}]"] = [s.ik_solution.desired_twist[i] for s in run.states]
         wanted[f"{axis} achieved [{unit}]"] = [s.ik_solution.achieved_twist[i] for s in run.states]
     told = [s.ik_solution.recorded_singular_values for s in run.states]
     wanted |= {"condition of L": [max(L) / min(L) for L, _ in told],

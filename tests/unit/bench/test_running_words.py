@@ -1,7 +1,8 @@
 """`bench run`, `resume` and their workers: what is carried out, printed, and kept."""
 
 import argparse
-from contextlib import contextmanager
+import json
+import re
 from types import SimpleNamespace
 
 import pytest
@@ -99,123 +100,117 @@ def test_a_study_is_made_of_its_file_or_of_what_the_words_change(calls, study, t
     assert "there is no file paper_basn, and no shipped study: did you mean 'paper_basin'?" in said
 
 
-class Folder:
-    """A study's, of six runs, of which some are kept."""
-
-    def __init__(self, kept=2, **study):
-        self.kept, self.path, self.told = kept, "the/folder", []
-        self.study = SimpleNamespace(**{"run_count": 6, "pictures": "",
-                                        "has_image_rows": False, **study})  # fmt: skip
-
-    def check_code(self):
-        self.told.append("code")
-
-    def check_file(self):
-        self.told.append("file")
-
-    def finish(self):
-        self.told.append("finish")
-
-    def count_stored_runs(self):
-        return self.kept
-
-    @contextmanager
-    def lock(self):
-        self.told.append("lock")
-        yield
-        self.told.append("free")
-
-
-class Closed:
-    """A pool of workers, or a bar of progress."""
-
-    def __init__(self, told, *given):
-        self.told, self.given = told, given
-
-    def __enter__(self):
-        return self
-
-    def __exit__(self, *_):
-        self.told.append("ended")
-
-    def close(self):
-        self.told.append("closed")
+TINY = """experiment: {plant: free, duration: 0.1, lag: 0.0}
+vary: {gain: [1.0, 2.0]}
+repeats: 3
+chunk: 1
+metrics: [success]
+"""
 
 
 @pytest.fixture
-def carried(monkeypatch, calls):
-    """Carry a folder out: engine and pool are stubs, and what was done is told."""
-    told = []
+def tiny(tmp_path):
+    """Run a study of six short runs without success; further words are options."""
+    path, out = tmp_path / "tiny.yaml", tmp_path / "tiny"
+    path.write_text(TINY)
 
-    def carry_out(folder, answer, **changed):
-        told.clear()
-        calls.found.clear()
-        calls(run.engine, "carry_out", answer)
-        monkeypatch.setattr(run, "make_pool", lambda given: Closed(told))
-        monkeypatch.setattr(run, "Progress", lambda *given: Closed(told, *given))
-        monkeypatch.setattr(run, "format_duration", lambda seconds: f"<{seconds}>")
-        calls(run, "_write_report")
-        return run.carry_out(folder, options(**changed)), told
+    def carry_out(*words):
+        return main(["run", str(path), "--out", str(out), "--in-process", *words])
+
+    carry_out.path = out
     return carry_out
 
 
-DONE = {"runs": 6, "failed": 1, "seconds": 3.5, "stopped": None}
+def forget(folder, *chunks):
+    for chunk in chunks:
+        (folder / "parts" / f"{chunk:06d}.parquet").unlink()
 
 
-def test_what_is_missing_is_run_and_reported(carried, calls, capsys):
-    folder = Folder()
-    status, told = carried(folder, SimpleNamespace(**DONE), fail_fast=True)
-    (_, given, workers, progress, fast, mixed), report = calls.found
-    assert status == 0 and folder.told == ["code", "lock", "free"] and given is folder
-    assert progress.given == (6, 2) and (fast, mixed) == (True, False)
-    assert told == ["ended", "closed"] and report == ("_write_report", "the/folder")
-    assert capsys.readouterr().out == (
-        "6 of 6 runs in the/folder, 1 new runs failed, <3.5>\n")
-    folder = Folder(pictures="first")
-    carried(folder, SimpleNamespace(**DONE), mix=True, no_report=True)
-    assert folder.told == ["lock", "free"] and len(calls.found) == 1 and calls.found[0][5] is True
-    assert capsys.readouterr().out == "6 of 6 runs in the/folder, <3.5>\n"
+def test_what_is_missing_is_run_and_reported(tiny, capsys):
+    assert tiny("--no-report") == 0
+    said, shown = capsys.readouterr()
+    assert re.fullmatch(f"6 of 6 runs in {tiny.path}, 6 new runs failed, .* s\n", said)
+    assert "6/6 runs" in shown and not (tiny.path / "table.md").exists()
+    forget(tiny.path, 1, 4)
+    assert tiny() == 0
+    said, shown = capsys.readouterr()
+    assert said.startswith(f"6 of 6 runs in {tiny.path}, 2 new runs failed, ")
+    assert "6/6 runs, " in shown and "2 without success" in shown
+    assert f"{tiny.path / 'table.md'} has all metrics" in said
 
 
-def test_a_run_without_success_stops_it(carried, calls, capsys):
-    row = {"run": 4, "outcome": "timed_out", "reason": "late", "verdict": "goal_missed"}
-    status, _ = carried(Folder(), SimpleNamespace(**{**DONE, "stopped": row}))
-    assert status == 1 and [call[0] for call in calls.found] == ["carry_out"]
-    assert capsys.readouterr().out.endswith(
-        "stopped at run 4, timed_out: late; bench show the/folder 4\n")
-    carried(Folder(), SimpleNamespace(**{**DONE, "stopped": {**row, "reason": ""}}))
-    assert "stopped at run 4, timed_out: goal_missed; " in capsys.readouterr().out
+def test_a_study_of_first_pictures_reports_no_failures(tiny, capsys):
+    assert tiny("--no-report", "pictures=first", "features=images", "repeats=1") == 0
+    said = capsys.readouterr().out
+    assert said.startswith(f"2 of 2 runs in {tiny.path}, ") and "failed" not in said
+    assert "README.md describes the stored images and how to read them" in said
 
 
-def test_a_study_that_is_whole_is_finished(carried, calls, capsys, monkeypatch):
-    folder = Folder(kept=6, has_image_rows=True)
-    calls(run.card, "write_card", "README.md")
-    monkeypatch.setattr(run.card, "write_card", lambda given: f"card of {given.path}")
-    status, told = carried(folder, None)
-    assert status == 0 and folder.told == ["code", "lock", "finish", "free"] and not told
-    assert capsys.readouterr().out == (
-        "all 6 runs are in the/folder\n"
-        "card of the/folder describes the stored images and how to read them\n")
-    assert calls.found == [("_write_report", "the/folder")]
+def test_a_run_without_success_stops_it(tiny, capsys):
+    assert tiny("--fail-fast") == 1
+    last = capsys.readouterr().out.splitlines()[-1]
+    assert last.startswith("stopped at run 0, timed_out: not at the goal after 0.1 s; ")
+    assert last.endswith(f"; bench show {tiny.path} 0")
 
 
-@pytest.mark.parametrize(("fault", "said"), [
-    (StudyError("no worker"), "no worker"), (KeyboardInterrupt(), "interrupted")])
-def test_what_ends_it_early_says_how_to_go_on(carried, fault, said):
-    with pytest.raises(StudyError) as error:
-        carried(Folder(), fault)
-    assert str(error.value) == (
-        f"{said}; 2 of 6 runs are stored; continue with bench resume the/folder")
+def test_a_study_that_is_whole_is_finished(tiny, capsys):
+    tiny("--no-report")
+    whole = (tiny.path / "manifest.json").read_text()
+    capsys.readouterr()
+    assert tiny("--no-report") == 0
+    said, shown = capsys.readouterr()
+    assert said == f"all 6 runs are in {tiny.path}\n" and not shown
+    assert (tiny.path / "manifest.json").read_text() == whole
 
 
-def test_resuming_checks_the_study_s_file(calls, monkeypatch):
-    folder = Folder()
-    monkeypatch.setattr(run.StudyFolder, "open", lambda path: folder)
-    calls(run, "carry_out", 9)
-    assert main(["resume", "x", "--mix", "--fail-fast", "--no-report", "--renew", "3"]) == 9
-    given = calls.found[0][2]
-    assert folder.told == ["file"] and calls.found[0][1] is folder
-    assert (given.mix, given.fail_fast, given.no_report, given.renew) == (True, True, True, 3)
+INTERRUPTS = """
+from aras_visual_servo_bench import metric
+count = 0
+
+@metric(unit="", better="", source="this test")
+def third(run) -> float:
+    \"\"\"Interrupt the third run.\"\"\"
+    global count
+    count += 1
+    if count == 3:
+        raise KeyboardInterrupt
+    return 1.0
+"""
+
+
+def test_what_ends_it_early_says_how_to_go_on(tiny, tmp_path, monkeypatch, capsys):
+    (tmp_path / "interrupts.py").write_text(INTERRUPTS)
+    monkeypatch.syspath_prepend(tmp_path)
+    assert tiny("metrics=[success, 'interrupts:third']") == 1
+    more = f"2 of 6 runs are stored; continue with bench resume {tiny.path}"
+    assert capsys.readouterr().err.splitlines()[-1] == f"bench: interrupted; {more}"
+    assert main(["resume", str(tiny.path), "--workers", "-1"]) == 1
+    assert capsys.readouterr().err.splitlines()[-1].endswith(f"--renew 1 or more; {more}")
+    assert main(["resume", str(tiny.path), "--in-process", "--no-report"]) == 0
+    assert capsys.readouterr().out.startswith(f"6 of 6 runs in {tiny.path}, 4 new runs failed")
+
+
+def test_other_code_is_refused_or_mixed(tiny, capsys):
+    tiny("--no-report")
+    forget(tiny.path, 5)
+    manifest = tiny.path / "manifest.json"
+    told = json.loads(manifest.read_text())
+    told["versions"]["numpy"] = "0.1"
+    manifest.write_text(json.dumps(told))
+    capsys.readouterr()
+    for start in (lambda *words: tiny("--no-report", *words), lambda *words: main(
+            ["resume", str(tiny.path), "--in-process", "--no-report", *words])):  # fmt: skip
+        assert start() == 1
+        assert capsys.readouterr().err.endswith("run the study again in a new folder, or add "
+                                                "--mix\n")  # fmt: skip
+        assert start("--mix") == 0
+
+
+def test_resuming_checks_the_study_s_file(tiny, capsys):
+    tiny("--no-report")
+    (tiny.path / "study.yaml").write_text(TINY.replace("repeats: 3", "repeats: 4"))
+    assert main(["resume", str(tiny.path), "--in-process"]) == 1
+    assert "has another study: repeats was 3, is 4" in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("rows", "names", "shown"), [

@@ -22,10 +22,11 @@ import pytest
 
 from aras_visual_servo_bench.errors import ExperimentError, StudyError
 from aras_visual_servo_bench.metrics.metrics import metric
+from aras_visual_servo_bench.progress_bar import ProgressBar
 from aras_visual_servo_bench.runner.loop import run
 from aras_visual_servo_bench.studies import engine, replay, rows, study_folder, versions, work
 from aras_visual_servo_bench.studies.pools import InProcessPool
-from aras_visual_servo_bench.studies.progress import Progress, ProgressBar, format_duration
+from aras_visual_servo_bench.studies.progress import Progress, format_duration
 from aras_visual_servo_bench.studies.study import Study
 from aras_visual_servo_bench.studies.study_folder import StudyFolder
 
@@ -701,6 +702,27 @@ def test_on_a_terminal_a_line_is_drawn_over_itself_until_it_is_gone(terminal):
     progress.close()
     assert out.getvalue().count("\r") == 3 * terminal
     assert out.getvalue().count("\n") == 1 and out.getvalue().endswith("\n")
+
+
+def test_a_bar_is_not_drawn_more_often_than_it_is_seen():
+    now = [0.0]
+    out = io.StringIO()
+    out.isatty = lambda: True
+    shown = ProgressBar(out, clock=lambda: now[0])
+    for step in range(1001):
+        now[0] = 1e-3 * step
+        shown.show(step / 1000, "one")
+    assert 10 <= out.getvalue().count("\r") <= 12 and "100 %" in out.getvalue()
+
+
+def test_a_notebook_shows_a_bar_and_a_file_does_not():
+    stream = type("OutStream", (io.StringIO,), {"__module__": "ipykernel.iostream"})
+    for out, shown in ((stream(), True), (io.StringIO(), False)):
+        ProgressBar(out).show(0.5, "one")
+        assert out.getvalue().startswith("\r[####") is shown
+        progress = Progress(4, 0, out)
+        progress.add_runs(1, 0)
+        assert out.getvalue().endswith("\n") is not shown
 
 
 @pytest.mark.parametrize(("seconds", "told"), [

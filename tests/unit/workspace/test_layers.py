@@ -79,7 +79,7 @@ FLOORS = {
         {"ros"},
     ),
     "aras_visual_servo_bench": (
-        {"errors"},
+        {"errors", "progress_bar"},
         {"targets"},
         {"experiment"},
         {"plants"},
@@ -103,6 +103,8 @@ BRIDGE_FLOORS = FLOORS["aras_sim_bridge"]
 # the public interface.
 STARTERS = ("__init__.py", "cli/analyze.py", "cli/browse.py", "cli/show_tune.py",
             "ros/dashboard.py", "ros/demo.py")  # fmt: skip
+# Whose methods pass their object to a function of a floor above, by `import_later`.
+PASSING_UP = ("recording/run_presentation.py", "studies/results.py", "studies/study.py")
 # Pure maths in the rooms above: imports nothing of ours but the two lowest floors.
 PURE = ("control/pid.py", "camera/lens.py")
 
@@ -206,6 +208,28 @@ def test_only_what_starts_a_page_imports_pages_and_only_then() -> None:
             found = {one for one in imports(file) if f"{one}.".startswith(f"{web}.")}
             assert not found or name in STARTERS, f"{name} imports {found}"
             assert not found & imported_at_once(file), f"{name} imports {found} at its top"
+
+
+def test_only_methods_of_runs_and_studies_pass_upwards() -> None:
+    for package, library in LIBRARIES.items():
+        for file in library.rglob("*.py"):
+            name = file.relative_to(library).as_posix()
+            used = "aras_visual_servo_base.lazy.import_later" in imports(file)
+            assert not used or package == "aras_visual_servo_bench" and name in PASSING_UP, file
+            assert not used or "import_later" not in {one.rpartition(".")[2] for one in
+                                                      called_at_once(file)}, file  # fmt: skip
+
+
+def called_at_once(file: Path) -> set[str]:
+    """Names of the functions that a file calls when it is imported."""
+    calls, waiting = set(), list(ast.parse(file.read_text(), str(file)).body)
+    while waiting:
+        node = waiting.pop()
+        if isinstance(node, ast.Call):
+            calls.add(ast.unparse(node.func))
+        if not isinstance(node, (ast.FunctionDef, ast.Lambda)):
+            waiting += ast.iter_child_nodes(node)
+    return calls
 
 
 def test_there_is_one_class_a_name() -> None:

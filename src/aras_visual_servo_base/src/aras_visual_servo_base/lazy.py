@@ -6,6 +6,7 @@ import sys
 from collections.abc import Callable, Mapping
 from importlib import import_module
 from importlib.util import find_spec
+from typing import Any
 
 Getter = Callable[[str], object]
 Lister = Callable[[], list[str]]
@@ -47,3 +48,13 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
 def _is_module(name: str) -> bool:
     """Return whether a module of this full name exists; its package must be imported."""
     return name.rpartition(".")[2].isidentifier() and find_spec(name) is not None
+
+
+def import_later(place: str) -> Callable[..., Any]:
+    """Import the function 'package.module:name' of a higher layer for a method that offers it.
+
+    Imports go down from layer to layer. Methods of `Run`, `Study` and `Results` that draw, write or
+    compare are the only exception: each passes its object to one function of a higher layer.
+    """
+    module, _, name = place.partition(":")
+    return getattr(import_module(module), name)

@@ -47,5 +47,17 @@ class SchemeError(ServoError):
         self.trace = trace
 
 
+class InteractionMatrixError(SchemeError):
+    """An interaction matrix that differs from finite differences.
+
+    Attributes:
+        check: the InteractionCheck with all values.
+    """
+
+    def __init__(self, message: str, check: object) -> None:
+        super().__init__(message)
+        self.check = check
+
+
 class SchemeTimeoutError(SchemeError):
     """A scheme whose code did not return within its time limit."""

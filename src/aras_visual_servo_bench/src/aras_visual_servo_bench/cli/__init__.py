@@ -22,6 +22,7 @@ EXAMPLES = {
     "dataset": "dataset first features=images --views --out out/views",
     "tune": "tune first --over gain=0.5:4 --out out/tuned",
     "analyze": "analyze out/first:12 --out out/report",
+    "check_interaction": "check_interaction moments",
     "convert": "convert out/run.bag",
 }
 
@@ -48,7 +49,7 @@ def make_parser() -> argparse.ArgumentParser:
         BenchError: a library is missing, for example after a setup for the demo only.
     """
     try:
-        from . import analyze, browse, dataset, protocol, results, run, show_tune
+        from . import analyze, browse, check, dataset, protocol, results, run, show_tune
     except ModuleNotFoundError as error:
         raise make_missing_library_error(error.name) from None
     parser = argparse.ArgumentParser(prog=find_program_name(), description=__doc__.splitlines()[0])
@@ -61,6 +62,7 @@ def make_parser() -> argparse.ArgumentParser:
         browse.add_parser,
         show_tune.add_parsers,
         analyze.add_parser,
+        check.add_parser,
     ):
         add(commands)
     for name, one in commands.choices.items():

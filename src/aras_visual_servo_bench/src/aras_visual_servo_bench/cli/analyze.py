@@ -11,8 +11,8 @@ from typing import Any
 from ..errors import BenchError, check_formats
 from ..loading import load_run
 from ..metrics.formatting import make_printable
+from ..progress_bar import ProgressBar
 from ..recording.run import Run
-from ..studies.progress import ProgressBar
 
 
 def add_parser(commands: Any) -> None:

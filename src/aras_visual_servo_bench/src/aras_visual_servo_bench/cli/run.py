@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import argparse
 import os
+import sys
 from dataclasses import fields
 from pathlib import Path
 from typing import Any
@@ -18,10 +19,11 @@ from ..experiment import overrides
 from ..experiment.experiment import Experiment
 from ..experiment.experiment_keys import check_key
 from ..experiment.packages import PackagePath
+from ..metrics.formatting import format_count
 from ..runner import loop
 from ..studies import card, engine, images, tables
 from ..studies.pools import CHUNKS_BEFORE_RESTART, DaskPool, InProcessPool, Pool
-from ..studies.progress import Progress, format_count, format_duration
+from ..studies.progress import format_duration
 from ..studies.results import Results
 from ..studies.study import Study
 from ..studies.study_folder import StudyFolder, count_stored_runs
@@ -162,21 +164,16 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
     if not options.mix:
         folder.check_code()
     with folder.lock():
-        stored = folder.count_stored_runs()
-        if stored < folder.study.run_count:
-            progress = Progress(folder.study.run_count, stored)
-            try:
-                with make_pool(options) as workers:
-                    done = engine.carry_out(
-                        folder, workers, progress, options.fail_fast, options.mix
-                    )
-            except StudyError as error:
-                progress.close()
-                raise StudyError(f"{error}; {_describe_progress(folder)}") from error
-            except KeyboardInterrupt:
-                progress.close()
-                raise StudyError(f"interrupted; {_describe_progress(folder)}") from None
-            progress.close()
+        has_all_runs = folder.count_stored_runs() == folder.study.run_count
+        try:
+            done = engine.run_missing(
+                folder, lambda: make_pool(options), sys.stderr, options.fail_fast, options.mix
+            )
+        except StudyError as error:
+            raise StudyError(f"{error}; {_describe_progress(folder)}") from error
+        except KeyboardInterrupt:
+            raise StudyError(f"interrupted; {_describe_progress(folder)}") from None
+        if not has_all_runs:
             failed = "" if folder.study.pictures == "first" else (
                 f"{done.failed} new runs failed, ")
             print(
@@ -191,8 +188,7 @@ def carry_out(folder: StudyFolder, options: argparse.Namespace) -> int:
                       f"{find_program_name()} show {folder.path} {row['run']}")
                 return 1
         else:
-            folder.finish()
-            print(f"all {stored} runs are in {folder.path}")
+            print(f"all {done.runs} runs are in {folder.path}")
         if folder.study.has_image_rows:
             print(f"{card.write_card(folder)} describes the stored images and how to read them")
         if not options.no_report:

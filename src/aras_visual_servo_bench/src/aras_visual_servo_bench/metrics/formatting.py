@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable
+import textwrap
+from collections.abc import Callable, Iterable, Mapping
 
 NO_NUMBER = "–"  # text for NaN
 DIGITS = 3
+MAX_LINE = 120  # characters of a line of a description
 # Range of the largest number of a group that is printed without powers of ten.
 MIN_PLAIN, MAX_PLAIN = 1e-3, 1e5
 MIN_FIXED_POINT = 1e-5  # smallest number of such a group; below it there are too many zeros
@@ -73,3 +75,16 @@ def format_heading(name: str, unit: str) -> str:
 def format_quantity(value: object, unit: str) -> str:
     """Return a value with its unit."""
     return f"{value} {unit}" if unit else str(value)
+
+
+def format_count(number: int, what: str) -> str:
+    """Return a number with its noun, such as '1 run' or '2 runs'."""
+    return f"{number} {what}" + ("" if number == 1 else "s")
+
+
+def format_rows(rows: Mapping[str, str]) -> str:
+    """Return a line per title and text; long texts are shortened, and empty ones left out."""
+    return "\n".join(
+        f"{'  ' if i else ''}{title}: {textwrap.shorten(text, MAX_LINE, placeholder=' …')}"
+        for i, (title, text) in enumerate(rows.items()) if text
+    )  # fmt: skip

@@ -2,17 +2,17 @@
 
 from __future__ import annotations
 
+import io
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from typing import NamedTuple
 
 import matplotlib
-
-matplotlib.use("Agg")
 import matplotlib.pyplot as plt
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.legend import Legend
 from matplotlib.ticker import FuncFormatter, LogLocator, NullFormatter
@@ -94,6 +94,25 @@ def find_figure_width(is_wide: bool = False) -> float:
     return WIDE_FIGURE if is_wide and not is_paper() else plt.rcParams["figure.figsize"][0]
 
 
+class ReportFigure(Figure):
+    """Figure that is drawn without a window, and that notebooks show.
+
+    It is independent of pyplot, whose backend and open figures belong to the user.
+    """
+
+    def __init__(self, **options: object) -> None:
+        super().__init__(**options)
+        FigureCanvasAgg(self)
+
+    def make_png(self) -> bytes:
+        """Return the figure as PNG, in its size on the screen."""
+        stream = io.BytesIO()
+        self.savefig(stream, format="png", dpi=self.dpi)
+        return stream.getvalue()
+
+    _repr_png_ = make_png  # of notebooks
+
+
 class Margins(NamedTuple):
     """Margins around and between axes, inches, for the screen; those of a paper are smaller."""
 
@@ -135,14 +154,14 @@ def make_axes(
     rows, part = -(-count // columns), 0.66 if is_paper() else 1.0
     if width is not None:
         size = (width * columns, panel_height * rows)
-        figure = plt.figure(figsize=size, layout="constrained")
+        figure = ReportFigure(figsize=size, layout="constrained")
     else:
         scaled = Margins(*(part * inches for inches in margins))
         panel_height *= part
         long = find_figure_width(is_wide)
         across = (long - scaled.left - scaled.right - (columns - 1) * scaled.column_gap) / columns
         high = scaled.top + scaled.bottom + rows * panel_height + (rows - 1) * scaled.row_gap
-        figure = plt.figure(figsize=(long, high))
+        figure = ReportFigure(figsize=(long, high))
         options["gridspec_kw"] = {
             "left": scaled.left / long, "right": 1.0 - scaled.right / long,
             "top": 1.0 - scaled.top / high, "bottom": scaled.bottom / high,
@@ -173,7 +192,7 @@ def equalize_heights(figures: Sequence[Figure]) -> None:
         gap = grid.hspace * (old_height - top - bottom) / (rows + (rows - 1) * grid.hspace)
         row_height = (height - top - bottom - (rows - 1) * gap) / rows
         figure.set_figheight(height)
-        grid.update(top=1.0 - top / height, bottom=bottom / height, hspace=gap / row_height)
+        _set_margins(figure, 1.0 - top / height, bottom / height, gap / row_height)
 
 
 def escape_math(text: str) -> str:
@@ -285,4 +304,16 @@ def _grow_margins(figure: Figure, above: float = 0.0, below: float = 0.0) -> Non
     top, bottom = (1.0 - grid.top) * old_height + above, grid.bottom * old_height + below
     height = old_height + above + below
     figure.set_figheight(height)
-    grid.update(top=1.0 - top / height, bottom=bottom / height)
+    _set_margins(figure, 1.0 - top / height, bottom / height)
+
+
+def _set_margins(figure: Figure, top: float, bottom: float, gap: float | None = None) -> None:
+    """Set the edges of the rows of axes and the gap between rows, as GridSpec.update does.
+
+    GridSpec.update itself moves only the axes of figures that pyplot manages.
+    """
+    grid = figure.axes[0].get_gridspec()
+    grid.update(top=top, bottom=bottom, **({} if gap is None else {"hspace": gap}))
+    for axis in figure.axes:
+        if axis.get_subplotspec() is not None:
+            axis.set_position(axis.get_subplotspec().get_position(figure))

@@ -19,6 +19,7 @@ MAX_FRAMES = 600  # of a film; a minute at 10 Hz
 MAX_BYTES = 8_000_000  # of all frames of a film; on a page they need a third more (base64)
 # Longest side (pixels) and JPEG quality, in the order in which they are tried until a film fits.
 SIZES_AND_QUALITIES = ((640, 85), (480, 75), (400, 65), (320, 50), (240, 40), (160, 30))
+SMALL_SIZE_AND_QUALITY = (320, 65)
 
 
 def select_frames(
@@ -56,6 +57,16 @@ def encode_film(images: Iterable[tuple[float, np.ndarray]], count: int) -> Film:
 def encode_frame(image: np.ndarray) -> bytes:
     """Encode one image (rows, columns, 3), rgb, as JPEG."""
     return _encode_jpeg(image, *SIZES_AND_QUALITIES[0])
+
+
+def encode_small_frame(image: np.ndarray) -> bytes:
+    """Encode one image (rows, columns, 3), rgb, as a JPEG of at most 320 pixels and about 10 kB."""
+    return _encode_jpeg(image, *SMALL_SIZE_AND_QUALITY)
+
+
+def decode_frame(frame: bytes) -> np.ndarray:
+    """Decode a JPEG to an image (rows, columns, 3), rgb."""
+    return cv2.imdecode(np.frombuffer(frame, np.uint8), cv2.IMREAD_COLOR)[..., ::-1]
 
 
 def shot(reading: Frame, model: CameraModel) -> bytes:

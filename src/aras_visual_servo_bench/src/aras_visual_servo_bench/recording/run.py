@@ -19,6 +19,7 @@ from aras_visual_servo_controller.records.state import CONVERGED, ServoState
 
 from ..experiment.experiment import Experiment
 from ..targets.geometry import PlacedTarget
+from .run_presentation import RunPresentation
 
 Film = tuple[tuple[float, bytes], ...]  # stamp, s, and JPEG
 
@@ -84,6 +85,11 @@ class CameraRecord:
     images: tuple[tuple[float, np.ndarray], ...] = ()
     film: Film = ()
 
+    def __repr__(self) -> str:
+        size = "unknown camera" if self.model is None else f"{self.model.width}x{self.model.height}"
+        return (f"CameraRecord({size}, {len(self.stamp)} exposures, {len(self.images)} images "
+                f"stored, {len(self.film)} frames of a film)")  # fmt: skip
+
     def find_nearest_image(self, stamp: float) -> np.ndarray | None:
         """Return the image nearest to a stamp (s); None without images."""
         if not self.images:
@@ -91,11 +97,12 @@ class CameraRecord:
         return min(self.images, key=lambda one: abs(one[0] - stamp))[1]
 
 
-@dataclass(eq=False)
-class Run:
+@dataclass(eq=False, repr=False)
+class Run(RunPresentation):
     """Record of one run: measurements and commands of the loop, true camera poses, and the result.
 
-    It is made by `run`, by `load_run` from a bag, or by `Loop.make_run`. The loop has processed n
+    It is made by `run`, by `load_run` from a bag, or by `Loop.make_run`. `plot`, `report` and
+    `to_pandas` of its base class RunPresentation show it. The loop has processed n
     images with k features, and there are m joint states of j joints. Unknown values are None, NaN
     or empty. Poses are world_T_camera (4, 4); lengths are in m, angles in rad, times in s.
 

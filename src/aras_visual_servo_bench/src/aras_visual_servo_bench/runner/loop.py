@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import heapq
 import logging
+import sys
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import replace
 from functools import partial
@@ -23,6 +24,7 @@ from aras_visual_servo_controller.runner.loop_runner import LoopRunner
 from ..errors import log_once
 from ..experiment.experiment import Experiment
 from ..plants import JointReading
+from ..progress_bar import ProgressBar
 from ..recording.run import Run, Verdict
 from ..recording.run_recorder import RunRecorder
 from ..setup.assembly import Assembly, assemble
@@ -45,7 +47,10 @@ VIBRATION_NOTE = "camera '{}' shakes {}; verdict and camera path are without thi
 log = logging.getLogger(__name__)
 
 
-def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -> Run:
+def run(
+    experiment: Experiment | Mapping[str, Any] | str | Path | None = None,
+    progress: bool | Callable[[float], None] = False,
+) -> Run:
     """Run an experiment from its start to its end.
 
     Time is simulated: the same experiment and seed give bit-identical results on every run.
@@ -53,6 +58,8 @@ def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -
     Args:
         experiment: an Experiment, a mapping of its keys, or the path of its YAML file; None: the
             default experiment.
+        progress: True shows a progress bar on the standard error; a function is called after each
+            image with the finished fraction of the experiment's duration, 0 to 1.
 
     Returns:
         The run: its time series, the `outcome` of the loop, and the `verdict` from the true poses.
@@ -61,16 +68,23 @@ def run(experiment: Experiment | Mapping[str, Any] | str | Path | None = None) -
         ExperimentError: the experiment cannot be run; the message names the wrong key and the
             remedy. Failures during the run are outcomes, not errors.
     """
-    result = _run_once(Experiment.load(experiment))
+    experiment = Experiment.load(experiment)
+    if progress is True:
+        bar, task = ProgressBar(sys.stderr), f"of {experiment.duration:g} s"
+        try:
+            return run(experiment, lambda fraction: bar.show(fraction, task))
+        finally:
+            bar.close()
+    result = _run_once(experiment, progress or None)
     release_freed_memory()
     return result
 
 
-def _run_once(experiment: Experiment) -> Run:
+def _run_once(experiment: Experiment, progress: Callable[[float], None] | None) -> Run:
     """Run an experiment in a function of its own, so that loop and plant are freed at its end."""
     loop = Loop(experiment, assemble(experiment), records_films=experiment.has_images)
     try:
-        loop.run_to_end()
+        loop.run_to_end(progress)
         return loop.make_run()
     finally:
         loop.close()
@@ -186,10 +200,16 @@ class Loop:
             return last_ns
         return min(last_ns, np.nextafter(self._convergence_ns + time_after_convergence * NS, 0.0))
 
-    def run_to_end(self) -> None:
-        """Continue to the end of the run."""
+    def run_to_end(self, progress: Callable[[float], None] | None = None) -> None:
+        """Continue to the end of the run.
+
+        progress: called after each image with the finished fraction of the duration, 0 to 1.
+        """
         while not self.is_over:
             self.run_to_image()
+            if progress is not None:
+                fraction = min(self.servo_time / self.experiment.duration, 1.0)
+                progress(1.0 if self.is_over else fraction)
 
     def run_to_image(self) -> ServoState | None:
         """Continue until the loop has processed an image.

@@ -8,9 +8,9 @@ import pyarrow as pa
 import yaml
 
 from ..errors import catch_write_errors, find_program_name
+from ..metrics.formatting import format_count
 from ..setup.assembly import assemble
 from . import images
-from .progress import format_count
 from .study_folder import PARTS, TRACES, StudyFolder
 
 CARD_FILE = "README.md"

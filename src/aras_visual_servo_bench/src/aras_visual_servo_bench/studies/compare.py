@@ -4,16 +4,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from ..errors import StudyError
 from ..metrics.formatting import make_number_format
 from ..metrics.metrics import GREATER, SMALLER
+from ..metrics.run_tables import import_pandas
 from ..metrics.statistics import Comparison, compare_rates, compare_values, holm
 from .results import REAL_TIME_MULTIPLE, Results
 
+if TYPE_CHECKING:
+    import pandas
+
 SIGNIFICANCE_LEVEL = 0.05
+MAX_SHOWN = 20  # differences that a printed comparison lists
 # Verdict about the second study. DIFFERS: the metric has no better direction, or the medians are
 # equal although the distributions differ.
 BETTER, WORSE, DIFFERS, CHANCE = "better", "WORSE", "differs", "chance"
@@ -32,6 +38,46 @@ class Difference:
     comparison: Comparison
     p: float
     verdict: str
+
+
+@dataclass(frozen=True, repr=False)
+class StudyComparison:
+    """Differences between the results of two studies; printed, it lists the significant ones.
+
+    first, second: names of the studies.
+    differences: one per group of settings and metric.
+    """
+
+    first: str
+    second: str
+    differences: tuple[Difference, ...]
+
+    def __repr__(self) -> str:
+        """List the most significant differences."""
+        *lines, last = describe_differences(self.differences, is_verbose=False).splitlines()
+        if len(lines) > MAX_SHOWN:
+            lines[MAX_SHOWN:] = [f"… and {len(lines) - MAX_SHOWN} more"]
+        names = [f"{self.first} -> {self.second}"] if self.first != self.second else []
+        return "\n".join([*names, *lines, last])
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return a table with one row per difference.
+
+        Raises:
+            BenchError: pandas is not installed.
+        """
+        names = ("group", "metric", "verdict", "before", "after", "p", "count", "paired")
+        rows = [(d.group, d.metric, d.verdict, d.comparison.before, d.comparison.after, d.p,
+                 d.comparison.count, d.comparison.paired) for d in self.differences]  # fmt: skip
+        return import_pandas().DataFrame(rows, columns=list(names))
+
+
+def compare_studies(
+    first: Results, second: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
+) -> StudyComparison:
+    """Compare two studies; see `Results.compare`."""
+    differences = tuple(find_differences(first, second, by, metrics))
+    return StudyComparison(first.name, second.name, differences)
 
 
 def find_differences(

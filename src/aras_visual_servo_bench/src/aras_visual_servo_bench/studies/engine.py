@@ -2,18 +2,21 @@
 
 from __future__ import annotations
 
+import io
 import json
 import time
 from collections import deque
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TextIO
 
 from ..errors import ExperimentError, StudyError
+from ..metrics.formatting import format_count
 from ..metrics.metrics import success
 from ..setup.assembly import check
 from . import images, rows
 from .pools import Pool
-from .progress import Progress, format_count, format_duration
+from .progress import Progress, format_duration
 from .study import Study
 from .study_folder import StudyFolder
 from .work import StudyTask
@@ -60,6 +63,34 @@ def is_success(values: dict[str, object], judged: str = success.name) -> bool:
     return values.get(judged, 1.0) == 1.0 and values["outcome"] not in (
         rows.REFUSED, rows.FAULT, rows.DIED, rows.LATE,
     )  # fmt: skip
+
+
+def run_missing(
+    folder: StudyFolder,
+    make_pool: Callable[[], Pool],
+    out: TextIO | None,
+    fail_fast: bool = False,
+    can_mix_code: bool = False,
+) -> StudySummary:
+    """Run the missing runs of a study with a progress bar; the caller holds the folder's lock.
+
+    Args:
+        make_pool: makes the workers, if a run is missing.
+        out: stream of the progress bar; None: no bar.
+
+    Raises:
+        StudyError: the workers are lost, or results cannot be written.
+    """
+    stored = folder.count_stored_runs()
+    if stored == folder.study.run_count:
+        folder.finish()
+        return StudySummary(stored, 0, None, 0.0)
+    progress = Progress(folder.study.run_count, stored, out or io.StringIO())
+    try:
+        with make_pool() as pool:
+            return carry_out(folder, pool, progress, fail_fast, can_mix_code)
+    finally:
+        progress.close()
 
 
 def carry_out(

@@ -23,10 +23,10 @@ from aras_visual_servo_controller.observation.image_reader import ImageReader
 from aras_visual_servo_controller.observation.observation import CAMERA
 
 from ..errors import StudyError
+from ..metrics.formatting import format_count
 from ..recording.run import Run
 from ..runner.loop import NS, Loop
 from ..setup.assembly import assemble
-from .progress import format_count
 from .study import Study
 
 DEPTH_STEP = 1e-4  # m

@@ -8,14 +8,14 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any, TextIO
 
-from ..metrics.formatting import format_number
+from ..metrics.formatting import format_count, format_number
+from ..progress_bar import can_overwrite, format_bar
 
-LINE_PERIOD = 10.0  # s between lines if the output is no terminal
-WIDTH = 24  # characters of the progress bar
+LINE_PERIOD = 10.0  # s between lines if the output is neither a terminal nor a notebook
 
 
 class Progress:
-    """Progress of a study: a bar on a terminal, else a line every LINE_PERIOD seconds.
+    """Progress of a study: a bar on a terminal and in notebooks, else a line every LINE_PERIOD s.
 
     Attributes:
         failed: number of runs without success.
@@ -55,10 +55,11 @@ class Progress:
             self._warm_workers.add(row["worker"])
         now = self._clock()
         self._first = self._first or (now, self._finished)
-        terminal = self._out.isatty()
-        if terminal or now - self._print_time >= LINE_PERIOD or self._finished == self._total:
+        overwrites = can_overwrite(self._out)
+        if overwrites or now - self._print_time >= LINE_PERIOD or self._finished == self._total:
             self._print_time = now
-            self._out.write(f"\r{self.make_line()}\x1b[K" if terminal else f"{self.make_line()}\n")
+            line = self.make_line()
+            self._out.write(f"\r{line}\x1b[K" if overwrites else f"{line}\n")
             self._out.flush()
 
     def make_line(self) -> str:
@@ -86,15 +87,10 @@ class Progress:
         return max(self._wall_time / self._timed_runs / self._workers, by_clock)
 
     def close(self) -> None:
-        """End the line on a terminal."""
-        if self._out.isatty():
+        """End the line on a terminal or in a notebook."""
+        if can_overwrite(self._out):
             self._out.write("\n")
             self._out.flush()
-
-
-def format_count(number: int, what: str) -> str:
-    """Return a number with its noun, such as '1 run' or '2 runs'."""
-    return f"{number} {what}" + ("" if number == 1 else "s")
 
 
 def format_duration(seconds: float) -> str:
@@ -108,29 +104,3 @@ def format_duration(seconds: float) -> str:
     if seconds < 172800.0:
         return f"{seconds / 3600.0:.1f} h"
     return f"{seconds / 86400.0:.1f} days"
-
-
-def format_bar(fraction: float) -> str:
-    """Return a bar such as [####....] for a fraction from 0 to 1."""
-    filled = int(fraction * WIDTH)
-    return f"[{'#' * filled}{'.' * (WIDTH - filled)}]"
-
-
-class ProgressBar:
-    """Progress bar on a terminal; without a terminal it prints nothing."""
-
-    def __init__(self, out: TextIO) -> None:
-        self._out, self._line = out, out.isatty()
-
-    def show(self, fraction: float, task: str) -> None:
-        """Show the finished fraction, 0 to 1, and the name of the current task."""
-        if self._line:
-            self._out.write(
-                f"\r{format_bar(fraction)} {100.0 * fraction:3.0f} % {task[-48:]}\x1b[K"
-            )
-            self._out.flush()
-
-    def close(self) -> None:
-        """Erase the bar."""
-        if self._line:
-            self._out.write("\r\x1b[K")

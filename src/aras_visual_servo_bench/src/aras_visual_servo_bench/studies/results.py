@@ -5,23 +5,31 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pyarrow as pa
 import pyarrow.compute as pc
 from pyarrow.csv import write_csv
 
+from aras_visual_servo_base.lazy import import_later
 from aras_visual_servo_base.names import suggest
 
 from ..errors import StudyError, catch_write_errors
+from ..experiment.experiment_keys import find_unit
 from ..metrics import metrics
+from ..metrics.formatting import format_count, format_rows
 from ..metrics.metrics import Metric
+from ..metrics.run_tables import import_pandas
 from . import rows
 from . import study_folder as folders
 from .study import Study
 from .study_folder import StudyFolder
 
+if TYPE_CHECKING:
+    import pandas
+
+SHOWN_ENDS = 4  # in the description
 REAL_TIME_MULTIPLE = Metric(
     "real_time_multiple", "", metrics.GREATER,
     "wall time of the worker, stored in a separate file",
@@ -100,6 +108,59 @@ class Results:
         table = table.append_column(REAL_TIME_MULTIPLE.name, pa.array(multiple, pa.float64()))
         table = _add_published(folder.study, table)
         return cls(folder.path.resolve().name, folder.study, table)
+
+    def __repr__(self) -> str:
+        """Describe the results in at most four lines."""
+        count = self.table.num_rows
+        ends = pc.value_counts(self.make_end_column()).to_pylist()
+        ends.sort(key=lambda end: -end["counts"])
+        is_judged = self.study.judged in self.table.column_names
+        success = f", {self.compute_successes().sum():.0f} with success" if is_judged else ""
+        shown = [f"{end['values']} ({end['counts']})" for end in ends[:SHOWN_ENDS]]
+        if len(ends) > SHOWN_ENDS:
+            shown.append(f"{len(ends) - SHOWN_ENDS} others")
+        return format_rows({
+            f"Results of {self.name}": f"{count} of {format_count(self.study.run_count, 'run')}"
+                                       + success,
+            "ends": "; ".join(shown),
+            "settings": ", ".join(self.study.keys),
+            "metrics": ", ".join(m.name for m in self.metrics),
+        })  # fmt: skip
+
+    def to_pandas(self) -> pandas.DataFrame:
+        """Return the table with one row per run; `attrs["units"]` has the units of its columns.
+
+        Raises:
+            BenchError: pandas is not installed.
+        """
+        import_pandas()
+        frame = self.table.to_pandas()
+        units = {key: find_unit(key) for key in self.study.keys}
+        units |= {metric.name: metric.unit for metric in self.metrics}
+        frame.attrs["units"] = {name: unit for name, unit in units.items() if unit}
+        return frame
+
+    def compare(
+        self, other: Results, by: Sequence[str] = (), metrics: Sequence[str] = ()
+    ) -> Any:
+        """Test the differences between these results and those of another study for significance.
+
+        Runs are paired if their settings and seeds are equal; p-values are corrected for the number
+        of comparisons by Holm's method.
+
+        Args:
+            other: results of the study that is compared with this one.
+            by: keys that define the groups; empty: those of the grid and the cases.
+            metrics: names; empty: all.
+
+        Returns:
+            A StudyComparison, which prints the significant differences.
+
+        Raises:
+            StudyError: the studies have no settings in common, or a metric is unknown.
+        """
+        compare = import_later("aras_visual_servo_bench.studies.compare:compare_studies")
+        return compare(self, other, by, metrics)
 
     def write_csv(self, path: Path) -> int:
         """Write one row per run, without columns of constant labels; return the number of rows."""

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import sys
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -11,15 +12,15 @@ import yaml
 
 from . import engine
 from .pools import DaskPool, InProcessPool
-from .progress import Progress
 from .results import Results
 from .study import Study
 from .study_folder import StudyFolder
 
 
 def run_study(
-    study: Study | Mapping[str, Any] | str | Path, folder: str | Path, workers: int = 1
-) -> Results:
+    study: Study | Mapping[str, Any] | str | Path, folder: str | Path, workers: int = 1,
+    progress: bool = True,
+) -> Results:  # fmt: skip
     """Run the missing runs of a study, and return the results of all runs.
 
     The results do not depend on the number of workers. An interrupted study is continued by the
@@ -29,6 +30,7 @@ def run_study(
         study: a Study, a mapping of its keys, or the path of its YAML file.
         folder: folder of the results; new, or of the same study.
         workers: number of processes on this machine; 1: this process; 0: one per core.
+        progress: show a progress bar on the standard error.
 
     Returns:
         One row per run, with its settings, outcome, verdict and metrics.
@@ -44,16 +46,11 @@ def run_study(
     text = yaml.safe_dump(study.to_mapping(), sort_keys=False)
     study_folder = StudyFolder.create(Path(folder), study, text)
     study_folder.check_code()
+    workers = workers or os.cpu_count() or 1
     with study_folder.lock():
-        finished = study_folder.count_stored_runs()
-        if finished < study.run_count:
-            progress = Progress(study.run_count, finished)
-            workers = workers or os.cpu_count() or 1
-            try:
-                with InProcessPool() if workers == 1 else DaskPool(workers) as pool:
-                    engine.carry_out(study_folder, pool, progress)
-            finally:
-                progress.close()
-        else:
-            study_folder.finish()
+        engine.run_missing(
+            study_folder,
+            lambda: InProcessPool() if workers == 1 else DaskPool(workers),
+            sys.stderr if progress else None,
+        )
     return Results.from_folder(study_folder)

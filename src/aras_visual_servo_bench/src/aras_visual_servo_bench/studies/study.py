@@ -9,6 +9,7 @@ import dataclasses
 import hashlib
 import json
 import math
+import tempfile
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from functools import cached_property
@@ -17,6 +18,7 @@ from typing import Any
 
 import numpy as np
 
+from aras_visual_servo_base.lazy import import_later
 from aras_visual_servo_base.names import suggest
 from aras_visual_servo_base.settings import KeywordSettings, build, check, convert, parameter
 from aras_visual_servo_base.yaml_files import read_yaml
@@ -26,6 +28,7 @@ from ..experiment.experiment import RENAMED_KEYS, Experiment
 from ..experiment.experiment_keys import check_key
 from ..experiment.overrides import with_override, with_overrides
 from ..metrics import metrics as known_metrics
+from ..metrics.formatting import format_count, format_rows
 from .variations import Axis, RandomVariation, draw_values, parse_variation
 
 MAX_RUNS = 100_000_000  # 1e6 chunks of 100 runs; a scheduler cannot handle more
@@ -71,9 +74,9 @@ class Combination:
 class Study(KeywordSettings):
     """Settings of a study: a base experiment, variations of its settings, repetitions and a seed.
 
-    `run_study(study, folder)` runs it and returns its `Results`. The results are bit-identical,
-    also after interruptions, and on one machine or several. A wrong key or value raises a
-    StudyError before the first run.
+    `run` runs it and returns its `Results`. The results are bit-identical, also after
+    interruptions, and on one machine or several. A wrong key or value raises a StudyError before
+    the first run.
 
     experiment: keys of the base experiment, an Experiment, or the path of its YAML file.
     vary: by dotted key, a list or grid of values, or a distribution; see variations.py.
@@ -152,6 +155,19 @@ class Study(KeywordSettings):
             raise StudyError(f"judged is '{self.judged}', which is not among the study's metrics: "
                              f"{suggest(self.judged, self.metric_names)}")  # fmt: skip
 
+    def __repr__(self) -> str:
+        """Describe the study in at most four lines; `to_mapping` returns all settings."""
+        keys = {axis.key: format_count(len(axis.values), "value") for axis in self.axes}
+        keys |= {one.key: "random" for one in self.random_variations}
+        cases = "" if not self.cases else f", {format_count(len(self.combinations), 'case')}"
+        return format_rows({
+            "Study": f"{format_count(self.run_count, 'run')}: "
+                     f"{format_count(self.point_count, 'point')}{cases}, {self.repeats} of each",
+            "experiment": ", ".join(f"{key} {value}" for key, value in self.experiment.items()),
+            "varies": ", ".join(f"{key} ({text})" for key, text in keys.items()),
+            "metrics": ", ".join(self.metrics),
+        })  # fmt: skip
+
     # -- reading ---------------------------------------------------------------------------
 
     @classmethod
@@ -199,6 +215,34 @@ class Study(KeywordSettings):
         return hashlib.sha256(text.encode()).hexdigest()
 
     # -- runs ------------------------------------------------------------------------------
+
+    def run(
+        self, path: str | Path | None = None, progress: bool = True, workers: int = 1
+    ) -> Any:
+        """Run the missing runs of the study, and return the results of all runs.
+
+        An interrupted study is continued by the same call, with the same results.
+
+        Args:
+            path: folder of the results; new, or of this study. None: the results are returned
+                without being stored.
+            progress: show a progress bar on the standard error.
+            workers: number of processes on this machine; 1: this process; 0: one per core.
+
+        Returns:
+            One row per run, with its settings, outcome, verdict and metrics.
+
+        Raises:
+            StudyError: the study is wrong or needs a folder, or the folder contains another study
+                or one that was started with other code.
+        """
+        run_study = import_later("aras_visual_servo_bench.studies.run_study:run_study")
+        if path is not None:
+            return run_study(self, path, workers, progress)
+        if self.has_image_rows:
+            raise StudyError("traces and pictures are stored in a folder: give path")
+        with tempfile.TemporaryDirectory(prefix="study_") as folder:
+            return dataclasses.replace(run_study(self, folder, workers, progress), name="study")
 
     @cached_property
     def _variations(self) -> tuple[Axis | RandomVariation, ...]:

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import replace
+from dataclasses import dataclass, replace
+from functools import cached_property
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -12,35 +13,126 @@ from aras_visual_servo_base.poses import Pose
 from aras_visual_servo_camera.interaction import Plane
 from aras_visual_servo_camera.undistortion import CameraModel
 
-from ..errors import ConfigurationError, SchemeError
+from ..errors import ConfigurationError, InteractionMatrixError, SchemeError
 from ..goals.goal import Goal
 from ..kinematics.task import DIRECTIONS
 from ..observation.feature_observer import FeatureObserver
 from ..observation.observation import Need, Observation
-from .base import Feature, FeatureMeasurement
+from .base import FEATURES, Feature, FeatureMeasurement
 
 Observe = Callable[[np.ndarray], Observation]
 
 # A hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
-# world_T_camera at the goal (0.3 m above the hexagon) and at the checked view (tilted, turned).
+# world_T_camera at the goal, 0.3 m above the hexagon.
 GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
-TEST_POSE = Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix()
+# The checked views: tilted by 14 degrees to different sides, turned, and 5 to 9 cm from the goal.
+# At a single view, a wrong sign may be hidden by a coordinate that is close to 0 there.
+TEST_POSES = np.array([
+    Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix(),
+    Pose.from_rpy((-0.03, 0.04, 0.33), (np.pi + 0.2, -0.15, -0.3)).matrix(),
+    Pose.from_rpy((-0.05, -0.035, 0.36), (np.pi - 0.15, -0.2, 0.9)).matrix(),
+])  # fmt: skip
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
 EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # available without images
 STEP = 1e-4  # of the depth, and rad; the differences are then exact to about 1e-7
 TOLERANCE = 1e-3
+MAX_ROWS = 12  # rows that a printed check lists
+
+
+@dataclass(frozen=True, eq=False, repr=False)
+class InteractionCheck:
+    """Comparison of an interaction matrix L with finite differences; printed, it is a table.
+
+    The feature has k components and was checked at p poses.
+
+    Attributes:
+        feature: name of the feature, as given. names: (k,) of its components.
+        poses: (p, 4, 4) world_T_camera.
+        L, differences: (p, k, 6) interaction matrices, and finite differences of the error.
+        units: (6,) units of the motions: depth at the goal (m) three times, and 1 rad three times.
+        tolerance: largest relative error of a correct row.
+    """
+
+    feature: str
+    names: tuple[str, ...]
+    poses: np.ndarray
+    L: np.ndarray
+    differences: np.ndarray
+    units: np.ndarray
+    tolerance: float
+
+    @cached_property
+    def _relative(self) -> np.ndarray:
+        """Relative errors (p, k) of the rows at the poses; inf for values that are not finite."""
+        L, differences = self.L * self.units, self.differences * self.units
+        off = np.linalg.norm(L - differences, axis=2)
+        size = np.maximum(np.linalg.norm(L, axis=2), np.linalg.norm(differences, axis=2))
+        relative = np.divide(off, size, out=np.zeros(off.shape), where=size != 0.0)
+        return np.nan_to_num(relative, nan=np.inf)
+
+    @property
+    def errors(self) -> np.ndarray:
+        """Relative error (k,) of each row, at the pose where it is largest."""
+        return self._relative.max(axis=0)
+
+    @property
+    def is_correct(self) -> bool:
+        """True if no row differs by more than the tolerance."""
+        return bool((self.errors <= self.tolerance).all())
+
+    def find_worst_entry(self, row: int | None = None) -> tuple[int, int, int]:
+        """Return pose, row and column of the entry that contributes most to the error of a row.
+
+        row: the row; None: the one with the largest relative error.
+        """
+        if row is None:
+            row = int(np.argmax(self.errors))
+        pose = int(np.argmax(self._relative[:, row]))
+        off = np.abs((self.L - self.differences)[pose, row] * self.units)
+        return pose, row, int(np.argmax(np.nan_to_num(off, nan=np.inf)))
+
+    def describe_entry(self, pose: int, row: int, column: int) -> str:
+        """Describe an entry: names of row and column, both values, and the pose of the camera."""
+        found = Pose.from_matrix(self.poses[pose])
+        xyz, rpy = (", ".join(f"{value:.3g}" for value in part) for part in (found.xyz, found.rpy))
+        return (
+            f"row '{self.names[row]}', column {DIRECTIONS[column]}: L is "
+            f"{self.L[pose, row, column]:.4g}, finite differences "
+            f"{self.differences[pose, row, column]:.4g}, with the camera at xyz ({xyz}) m, "
+            f"rpy ({rpy}) rad in the world"
+        )
+
+    def __repr__(self) -> str:
+        """Describe the worst entry, and list the rows with the largest errors."""
+        order = np.argsort(-self.errors, kind="stable")
+        width = max(len(self.names[row]) for row in order[:MAX_ROWS])
+        lines = [
+            f"  {self.names[row]:<{width}}  {_format_percent(self.errors[row]):>8} %  "
+            f"{'ok' if self.errors[row] <= self.tolerance else 'WRONG'}"
+            for row in order[:MAX_ROWS]
+        ]
+        if len(order) > MAX_ROWS:
+            lines.append(f"  and {len(order) - MAX_ROWS} rows with smaller errors")
+        count = int((self.errors > self.tolerance).sum())
+        wrong = f"L is wrong in {count} of {len(order)} rows"
+        verdict = "L is correct" if self.is_correct else wrong
+        return "\n".join([
+            f"{self.feature}: {verdict} (tolerance {_format_percent(self.tolerance)} %, "
+            f"{len(self.poses)} pose{'s' if len(self.poses) > 1 else ''})", *lines,
+            f"  largest error: {self.describe_entry(*self.find_worst_entry())}",
+        ])  # fmt: skip
 
 
 def check_interaction_matrix(
-    feature: Feature,
+    feature: Feature | type[Feature] | str,
     observe: Observe | None = None,
     world_T_camera: np.ndarray | None = None,
     goal: Goal | None = None,
     step: float = STEP,
     tolerance: float = TOLERANCE,
-) -> np.ndarray:
+) -> InteractionCheck:
     """Compare the interaction matrix L of a feature with finite differences of its own error.
 
     The target is at rest, so de/dt = L v. For each of the six directions j of the camera, in its
@@ -52,52 +144,110 @@ def check_interaction_matrix(
     the norm of its difference, in these units, is at most `tolerance` times the norm of the row.
 
     Args:
-        feature: the feature. Its L is checked in all six columns, also in those of directions that
-            it does not control, because the camera moves in them, too.
+        feature: the feature, its class, 'package.module:Class', or the name of a built-in feature.
+            Its L is checked in all six columns, also in those of directions that it does not
+            control, because the camera moves in them, too.
         observe: function that returns the observation of a camera at world_T_camera (4, 4). The
-            default is a pinhole camera 0.28 m above a hexagon of 7 cm, with exact moments, contour,
-            corners and plane. A feature that needs images or several cameras needs its own
-            function.
-        world_T_camera: (4, 4) optical frame at which L is checked, in the world. The default is
-            tilted by 14 degrees, 5 cm from the goal, and turned by 17 degrees about the axis.
+            default is a pinhole camera about 0.3 m above a hexagon of 7 cm, with exact moments,
+            contour, corners and plane. A feature that needs images or several cameras needs its
+            own function.
+        world_T_camera: (4, 4) or (p, 4, 4), optical frame at which L is checked, in the world. The
+            default is three views, tilted by 14 degrees, 5 to 9 cm from the goal, and turned.
         goal: goal. By default it is taught 0.3 m above the hexagon.
         step: half the distance between the two views, in depths and rad.
         tolerance: largest relative error of a row. Finite differences of exact observations are
             correct to about 1e-6; differences of images need a larger `step` and `tolerance`.
 
     Returns:
-        (k,) relative error of each row.
+        The check: the relative `errors` of the rows, and all values of both matrices. Printed, it
+        lists the rows and the worst entry.
 
     Raises:
-        SchemeError: a row is wrong; the message names the row and the column, with both values.
-        ConfigurationError: the default target does not offer what the feature needs, or the feature
-            refuses the goal.
+        InteractionMatrixError: a row is wrong; the message names the row, the column, both values
+            and the pose, and `check` of the error has all values.
+        SchemeError: L has a wrong shape.
+        ConfigurationError: there is no such feature, the default target does not offer what the
+            feature needs, or the feature refuses the goal.
         MeasurementError: the feature cannot be measured in one of the views.
     """
+    label = ""
+    if isinstance(feature, str):
+        label, feature = feature, FEATURES.create(feature)
+    elif isinstance(feature, type):
+        label, feature = feature.__name__, feature()
+    label = label or feature.name
     if observe is None:
         observe = _make_exact_observer(feature)
-    pose = TEST_POSE if world_T_camera is None else np.array(world_T_camera, float)
+    poses = np.array(TEST_POSES if world_T_camera is None else world_T_camera, float)
     if goal is None:
         observation = observe(GOAL_POSE)
         goal = replace(
             Goal.teach(None, observation), features={feature.name: feature.teach(observation)}
         )
     feature.check(goal)
-    here = feature.measure(observe(pose), goal)
-    L = np.asarray(here.L, float)
     units = np.array([goal.distance] * 3 + [1.0] * 3)
+    poses = poses.reshape(-1, 4, 4)
+    pairs = [_compute_both(feature, observe, pose, goal, step * units, step) for pose in poses]
+    count = {len(L) for L, _ in pairs}
+    if len(count) > 1:
+        raise ConfigurationError(
+            f"{feature.name} has {' or '.join(map(str, sorted(count)))} components at different "
+            "poses: check one pose at a time, by world_T_camera"
+        )
+    L, differences = (np.array(matrices) for matrices in zip(*pairs, strict=True))
+    check = InteractionCheck(
+        label, _name_rows(feature, L.shape[1]), poses, L, differences / units, units,
+        tolerance,
+    )  # fmt: skip
+    if check.is_correct:
+        return check
+    pose, row, column = check.find_worst_entry()
+    raise InteractionMatrixError(
+        f"{label}: row '{check.names[row]}' of L is off by "
+        f"{_format_percent(check.errors[row])} % (tolerance {_format_percent(tolerance)} %), most "
+        f"in {check.describe_entry(pose, row, column)}",
+        check,
+    )
+
+
+def _compute_both(
+    feature: Feature, observe: Observe, pose: np.ndarray, goal: Goal, motions: np.ndarray,
+    step: float,
+) -> tuple[np.ndarray, np.ndarray]:  # fmt: skip
+    """Compute L (k, 6) at a pose and the finite differences (k, 6), the latter per unit of motion.
+
+    motions: (6,) half the distance between the two views, m and rad.
+    """
+    here = feature.measure(observe(pose), goal)
     columns = []
     for axis in range(6):
         ahead, behind = (
-            feature.measure(observe(pose @ _make_motion(axis, h * units[axis])), goal)
-            for h in (step, -step)
+            feature.measure(observe(pose @ _make_motion(axis, h)), goal)
+            for h in (motions[axis], -motions[axis])
         )
         columns.append(
             (_compute_error(feature, ahead, here) - _compute_error(feature, behind, here))
             / (2 * step)
         )
-    differences = np.stack(columns, axis=1)
-    return _compare_rows(feature, L * units, differences, units, tolerance)
+    L, differences = np.asarray(here.L, float), np.stack(columns, axis=1)
+    if not len(differences):
+        raise ConfigurationError(f"{feature.name} has no components: give it names and an error")
+    if L.shape != differences.shape:
+        raise SchemeError(
+            f"{feature.name}: L has shape {L.shape}, and its {len(differences)} components need "
+            f"{differences.shape}"
+        )
+    return L, differences
+
+
+def _name_rows(feature: Feature, count: int) -> tuple[str, ...]:
+    """Return the names of the rows of L; a row without its own name has its number."""
+    names = (feature.names,) if isinstance(feature.names, str) else tuple(feature.names)
+    return names if len(names) == count else tuple(map(str, range(count)))
+
+
+def _format_percent(part: float) -> str:
+    return f"{100.0 * part:.2g}"
 
 
 def _make_exact_observer(feature: Feature) -> Observe:
@@ -141,28 +291,3 @@ def _compute_error(
             f"{np.size(measured.error)} in the next: L cannot be checked by differences"
         )
     return np.asarray(measured.error, float)
-
-
-def _compare_rows(
-    feature: Feature, L: np.ndarray, differences: np.ndarray, units: np.ndarray, tolerance: float
-) -> np.ndarray:
-    """Compute the relative errors (k,) of the rows; SchemeError if a row exceeds the tolerance."""
-    if L.shape != differences.shape:
-        raise SchemeError(
-            f"{feature.name}: L has shape {L.shape}, and its {len(differences)} components need "
-            f"{differences.shape}"
-        )
-    off = np.linalg.norm(L - differences, axis=1)
-    size = np.maximum(np.linalg.norm(L, axis=1), np.linalg.norm(differences, axis=1))
-    relative = np.divide(off, size, out=np.zeros(len(off)), where=size != 0.0)
-    if not (relative <= tolerance).all():
-        row = int(np.argmax(np.nan_to_num(relative, nan=np.inf)))
-        column = int(np.argmax(np.abs(np.nan_to_num(L - differences, nan=np.inf)[row])))
-        actual, found = L[row, column] / units[column], differences[row, column] / units[column]
-        name = feature.names[row] if row < len(feature.names) else str(row)
-        raise SchemeError(
-            f"{feature.name}: row '{name}' of L is off by {100.0 * relative[row]:.2g} % (tolerance "
-            f"{100.0 * tolerance:.2g} %), most in column {DIRECTIONS[column]}: L is "
-            f"{actual:.4g}, finite differences {found:.4g}"
-        )
-    return relative

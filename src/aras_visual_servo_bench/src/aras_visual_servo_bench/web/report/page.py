@@ -72,7 +72,7 @@ def make_page(
         film=_describe_tracks(tracks) if tracks else "", scene=contents["scene"],
         runs=[_render_run(run, quantities) for run, quantities in
               zip(runs, summaries, strict=True)],
-        tiles=_render_tiles(summaries[0]) if len(runs) == 1 else [],
+        tiles=render_tiles(summaries[0]) if len(runs) == 1 else [],
         comparison=_render_comparison(runs, summaries) if len(runs) > 1 else [],
         groups=[{"key": key, "title": title, "text": text, "count": len(found)}
                 for key, title, text, found in groups],
@@ -107,7 +107,8 @@ def _render_run(run: Run, quantities: Sequence[Quantity]) -> Mapping[str, object
     }  # fmt: skip
 
 
-def _render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
+def render_tiles(quantities: Sequence[Quantity]) -> list[Mapping[str, str]]:
+    """Return value and text of the tiles of one run, without those whose value is unknown."""
     values = {q.key: q.value for q in quantities}
     found = []
     for key, factor, unit, text in TILES:

@@ -10,7 +10,7 @@ import math
 import multiprocessing
 import os
 import threading
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass
@@ -18,14 +18,13 @@ from datetime import datetime
 from pathlib import Path
 
 import matplotlib.pyplot as plt
-import numpy as np
 from matplotlib.figure import Figure
 
-from aras_visual_servo_base.names import suggest
+from aras_visual_servo_base.names import describe_unknown
 
 from ...errors import BenchError, catch_write_errors, check_formats
 from ...metrics.formatting import make_printable
-from ...metrics.metrics import condition_number
+from ...metrics.run_tables import TableColumn, make_image_columns, make_joint_columns
 from ...metrics.summary import Quantity, make_mapping, summarise
 from ...plots import panels, style, time_plots, views
 from ...plots.panels import Panel
@@ -48,6 +47,7 @@ class Chapter:
         draw: function that draws the figure, if it is not a time plot.
         panels: function that returns the panels of the time plots.
         heading, layout: heading and layout of the figure with these panels.
+        needs: data without which there is no figure.
     """
 
     name: str
@@ -57,6 +57,7 @@ class Chapter:
     panels: Callable[[Sequence[Run]], list[Panel]] = lambda runs: []
     heading: str = ""
     layout: Layout = Layout()
+    needs: str = ""
 
     def draw_figure(self, runs: Sequence[Run]) -> Figure | None:
         """Draw the figure; return None if the runs have no data for it."""
@@ -65,34 +66,40 @@ class Chapter:
         return time_plots.draw_panels(self.panels(runs), runs, self.heading, self.layout)
 
 
+MEASURED, POSES = "images that the scheme has measured", "true camera poses while servoing"
+
 # Each row of figures is drawn side by side with equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
     (Chapter("filmstrip", "Filmstrip", "Camera images while the error decreases. Green: the "
-             "desired outline.", views.draw_filmstrip),),
+             "desired outline.", views.draw_filmstrip,
+             needs="stored images, as run_with_images and load_run store them"),),
     (Chapter("feature_errors", "Errors", "Feature errors by unit, and the norm of the errors, "
              "each divided by its maximum.", None, panels.make_error_panels,
-             "Feature errors s − s*", Layout(1.75, legend_columns=6)),
+             "Feature errors s − s*", Layout(1.75, legend_columns=6), MEASURED),
      Chapter("pose_errors", "Pose", "Errors of the true camera pose.",
-             None, panels.make_pose_panels, "Distance of the camera from its goal", Layout(1.9))),
+             None, panels.make_pose_panels, "Distance of the camera from its goal", Layout(1.9),
+             POSES)),
     (Chapter("features", "Features", "Measured features, and desired features (dashed).", None,
-             panels.make_feature_panels, "Features s", Layout(2.0, legend_columns=6)),
+             panels.make_feature_panels, "Features s", Layout(2.0, legend_columns=6),
+             "a single run with images that the scheme has measured"),
      Chapter("camera_twist", "Twist", "In the optical frame of the camera: x right, y down, z "
              "forward. Dashed: desired twist.", None, panels.make_twist_panels,
-             "Twist of the camera", Layout(2.1))),
+             "Twist of the camera", Layout(2.1), MEASURED)),
     (Chapter("image_trajectory", "Image plane", "Image trajectories over the last image.",
-             views.draw_image_trajectory),
+             views.draw_image_trajectory, needs=MEASURED),
      Chapter("camera_path", "Path", "In the world frame. Frusta open along the optical axis.",
-             views.draw_camera_path)),
+             views.draw_camera_path, needs=POSES)),
     (Chapter("joint_positions", "Joints", "Red: limits of the robot description.", None,
         panels.make_joint_panels,
-             "Positions", Layout(1.25, columns=2, second_column="Speeds")),),
+             "Positions", Layout(1.25, columns=2, second_column="Speeds"),
+             "joints that move the camera"),),
     (Chapter("conditioning", "Conditioning", "Condition number of L in its modelled directions, "
              "and of L J, which the controller inverts. Scale: velocity scaling by limits.", None,
-             panels.make_conditioning_panels, "Conditioning", Layout(1.5)),
+             panels.make_conditioning_panels, "Conditioning", Layout(1.5), MEASURED),
      Chapter("timing", "Timing", "In simulated time. The simulator reports the real-time factor. "
              "A negative delay means that the image arrived before the clock message with its "
              "time.", None, panels.make_timing_panels, "Time between images",
-             Layout(1.5))),
+             Layout(1.5), "at least three images")),
 )  # fmt: skip
 DRAWING_PROCESSES = 2  # more do not help: the slowest row determines the time
 CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
@@ -129,7 +136,27 @@ def write_report(
         return _ReportWriter(runs, out, kinds, paper, progress).write()
 
 
-def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
+def draw_figure(runs: Sequence[Run], name: str) -> Figure:
+    """Draw one figure of a report.
+
+    Args:
+        runs: one run, or several runs to compare.
+        name: name of the figure, equal to that of its file in the folder `figures` of a report.
+
+    Raises:
+        BenchError: the figure is unknown, or the runs have no data for it.
+    """
+    chapters = {chapter.name: chapter for row in CHAPTERS for chapter in row}
+    if name not in chapters:
+        raise BenchError(describe_unknown("figure", name, chapters))
+    with style.apply_style():
+        figure = chapters[name].draw_figure(runs)
+    if figure is None:
+        raise BenchError(f"no data for the figure '{name}': it needs {chapters[name].needs}")
+    return figure
+
+
+def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> Figure:
     """Draw one figure of a report into a file.
 
     Args:
@@ -137,17 +164,16 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
         name: name of the figure, equal to that of its file in the folder `figures` of a report.
         path: path of the file; its suffix, such as .png, .svg or .pdf, selects the format.
 
+    Returns:
+        The figure.
+
     Raises:
         BenchError: the figure is unknown, the runs have no data for it, or it cannot be written.
     """
-    chapters = {chapter.name: chapter for row in CHAPTERS for chapter in row}
-    if name not in chapters:
-        raise BenchError(f"no figure '{name}': {suggest(name, chapters)}")
+    figure = draw_figure(runs, name)
     with style.apply_style(), catch_write_errors(path, BenchError):
-        figure = chapters[name].draw_figure(runs)
-        if figure is None:
-            raise BenchError(f"the runs have no data for the figure '{name}'")
         figure.savefig(path)
+    return figure
 
 
 class _ReportWriter:
@@ -266,50 +292,21 @@ def _encode_figure(figure: Figure, kind: str) -> bytes:
 
 def make_tables(run: Run) -> dict[str, str]:
     """Return two CSV texts: `images` with a row per processed image, `joints` per joint state."""
-    images: dict[str, np.ndarray] = {"time [s]": run.time, "stamp [s]": run.stamp}
-    for i, name in enumerate(run.names):
-        unit = f" [{run.units[i]}]" if run.units[i] else ""
-        images[f"{name}{unit}"] = run.features[:, i]
-        images[f"{name} desired{unit}"] = run.desired_features[:, i]
-        images[f"{name} error{unit}"] = run.error[:, i]
-        if run.filtered_error.shape == run.error.shape:
-            images[f"{name} filtered error{unit}"] = run.filtered_error[:, i]
-    for word, twist in (("asked", run.desired_twist), ("achieved", run.achieved_twist)):
-        for i, axis in enumerate(("vx", "vy", "vz", "wx", "wy", "wz")):
-            images[f"{axis} {word} [{'m/s' if i < 3 else 'rad/s'}]"] = twist[:, i]
-    images["condition of L"] = condition_number(run.singular_L)
-    images["condition of L J"] = condition_number(run.singular_LJ)
-    images["manipulability"], images["scale"] = run.manipulability, run.scale
-    images["computing [s]"] = run.computation_time
-    for i, axis in enumerate("xyz"):
-        images[f"camera {axis} [m]"] = run.pose[:, i, 3]
-    joints: dict[str, np.ndarray] = {
-        "time [s]": run.joint_time, "stamp [s]": run.joint_stamp,
-    }  # fmt: skip
-    units = dict(zip(run.joint_names, run.joint_units, strict=False))
-    for i, name in enumerate(run.joint_names):
-        unit = units.get(name, "rad")
-        joints[f"{name} [{unit}]"] = run.measured_positions[:, i]
-        joints[f"{name} speed [{unit}/s]"] = run.measured_velocities[:, i]
-        joints[f"{name} command [{unit}]"] = run.joint_commands[:, i]
-    for i, axis in enumerate("xyz"):
-        joints[f"camera {axis} [m]"] = run.true_pose[:, i, 3]
-    return {
-        "images": _format_csv(images, [("phase", run.phases), ("outcome", run.outcomes),
-                                ("reason", run.reasons)]),
-        "joints": _format_csv(joints, []),
-    }  # fmt: skip
+    return {"images": _format_csv(make_image_columns(run)),
+            "joints": _format_csv(make_joint_columns(run))}  # fmt: skip
 
 
-def _format_csv(
-    columns: dict[str, np.ndarray], text_columns: Sequence[tuple[str, Sequence[str]]]
-) -> str:
+def _format_csv(columns: Mapping[str, TableColumn]) -> str:
     """Format columns as CSV with nine digits; NaN becomes an empty cell."""
     stream = io.StringIO()
     rows = csv.writer(stream, lineterminator="\n")
-    rows.writerow([*columns, *(name for name, _ in text_columns)])
-    numbers = np.column_stack(list(columns.values())) if columns else np.zeros((0, 0))
-    for i, row in enumerate(numbers.tolist()):
-        numbers_text = ["" if math.isnan(value) else f"{value:.9g}" for value in row]
-        rows.writerow([*numbers_text, *(texts[i] for _, texts in text_columns)])
+    rows.writerow(f"{name} [{one.unit}]" if one.unit else name for name, one in columns.items())
+    texts = [map(_format_cell, one.values.tolist()) for one in columns.values()]
+    rows.writerows(zip(*texts, strict=True))
     return stream.getvalue()
+
+
+def _format_cell(value: float | str) -> str:
+    if isinstance(value, str):
+        return value
+    return "" if math.isnan(value) else f"{value:.9g}"

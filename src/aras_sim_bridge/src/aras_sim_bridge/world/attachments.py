@@ -20,7 +20,7 @@ _LARGEST_FORCE = 1e6
 
 
 class AttachedLinks(NamedTuple):
-    """Two links that a fixed joint connects, and the names of their models."""
+    """Two links that are connected by a fixed joint, and the names of their models."""
 
     model: str
     link: str
@@ -74,7 +74,10 @@ class Attachments:
         self._on_change()
 
     def detach(self, ends: AttachedLinks) -> None:
-        """Remove the joint between two links; WorldError if they are not attached."""
+        """Remove the joint between two links.
+
+        Raises:
+            WorldError: the links are not attached."""
         if ends not in self._frames:
             attached = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"
@@ -90,7 +93,7 @@ class Attachments:
         self._update_models()
 
     def clear(self) -> None:
-        """Forget all joints, after Bullet was reset."""
+        """Forget all joints; called after Bullet was reset."""
         self._without_contacts.clear()
         self._frames.clear()
         self._constraints.clear()

@@ -83,8 +83,7 @@ class Body:
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
     def set_asleep(self, asleep: bool) -> None:
-        """Put the body to sleep, or wake it. After being woken, it moves from the second step
-        on."""
+        """Put the body to sleep, or wake it. It starts to move in the second step after that."""
         self.is_asleep = asleep
         states = ((pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
                    pybullet.ACTIVATION_STATE_DISABLE_WAKEUP, pybullet.ACTIVATION_STATE_SLEEP)

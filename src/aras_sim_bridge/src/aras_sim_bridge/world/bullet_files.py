@@ -89,8 +89,7 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
 
 @lru_cache(maxsize=1024)  # cached, because it is called three times for each link
 def find_principal_frame(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
-    """Return link_T_principal, the pose of the principal axes, and the principal moments (kg
-    m²)."""
+    """Return link_T_principal, the pose of the principal axes, and the moments (kg m²)."""
     moments, axes = principal_axes(inertial.inertia)
     pose = inertial.pose @ Pose((0.0, 0.0, 0.0), quaternion_from_matrix(axes))
     return pose, tuple(float(m) for m in moments)

@@ -71,7 +71,7 @@ class DeepContacts:
         self.is_active, self._steps_since_move = True, 0
 
     def clear(self) -> None:
-        """Forget all depths and reports, after Bullet was reset."""
+        """Forget all depths and reports; called after Bullet was reset."""
         self._reported_links.clear()
         self._largest_depth, self._parameters = 0.0, (_DEFAULT_ERP, 0.0)
 

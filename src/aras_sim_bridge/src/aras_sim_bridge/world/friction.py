@@ -34,8 +34,7 @@ class ContactFriction:
         self.is_active = False
 
     def set_models(self, models: Iterable[Model]) -> None:
-        """Read the coefficients of all models; called after models were spawned, deleted or
-        reloaded."""
+        """Read the coefficients of all models; called after spawns, deletions and reloads."""
         self._coefficients, fixed = {}, set()
         for model in models:
             for name, index in model.link_indices.items():
@@ -58,8 +57,7 @@ class ContactFriction:
         self.is_active = any(v > 1.0 for v in values) or sum(v != 1.0 for v in values) > 1
 
     def before_step(self) -> None:
-        """Update the coefficients if the contacts changed; call this in each step while
-        `is_active`."""
+        """Update the coefficients if contacts changed; call this in each step while `is_active`."""
         self._countdown -= 1
         if self._countdown:
             return

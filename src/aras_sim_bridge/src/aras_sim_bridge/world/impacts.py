@@ -62,7 +62,7 @@ class Impacts:
         self._bouncing: list[_LinkId] = []
 
     def set_models(self, models: Collection[Model]) -> None:
-        """Read the shapes of all models; called after models were spawned, deleted or reloaded."""
+        """Read the shapes of all models; called after spawns, deletions and reloads."""
         self._links, self._planes, self._bounce, self._bouncing = {}, set(), {}, []
         self._jointed = {model.body_id for model in models if model.joint_names}
         for model in models:
@@ -80,7 +80,7 @@ class Impacts:
         self.check_all()
 
     def check_all(self) -> None:
-        """Check all bodies in the next step, after one was pushed or moved."""
+        """Check all bodies in the next step; called after one of them was pushed or moved."""
         self._steps_without_check = dict.fromkeys(self._links, 0)
 
     def restore_restitution(self) -> None:
@@ -179,7 +179,7 @@ class Impacts:
         return add(linear, cross(angular, subtract(point, centre)))
 
     def _advance(self, body: int, time: float, drift: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Move a body along its twist for `time` s, less the displacement of a frame with velocity
+        """Move a body along its twist for `time` s, relative to a frame with the velocity
         `drift`."""
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         linear, angular = pybullet.getBaseVelocity(body, self._client)

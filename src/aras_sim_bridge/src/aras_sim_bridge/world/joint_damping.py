@@ -64,8 +64,7 @@ class JointDamping:
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Choose the method at the next step again, because joints, inertia or time step
-        changed."""
+        """Choose the method again at the next step: positions, inertia or time step changed."""
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:

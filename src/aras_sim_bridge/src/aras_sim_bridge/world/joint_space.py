@@ -89,8 +89,7 @@ class JointSpace:
         return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
-        """Drive a joint at `velocity` with at most `force`. A velocity of 0 gives Coulomb
-        friction."""
+        """Drive a joint at `velocity` with at most `force`; `velocity=0` is Coulomb friction."""
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 
@@ -120,8 +119,7 @@ class JointSpace:
         return joint_dynamics.advance(*self.arrays, dt)
 
     def compute_reactions(self, dt: float) -> list[float]:
-        """Return the efforts of damping, springs and stops in a step of `dt` s that Bullet
-        makes."""
+        """Return the efforts of damping, springs and stops in Bullet's next step of `dt` s."""
         joint_dynamics.compute_reactions(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 

@@ -10,8 +10,7 @@ if TYPE_CHECKING:
 
 
 def make_label(body: int, index: int) -> int:
-    """Return the label of a link from Bullet's body id and link index; the index of a root is
-    -1."""
+    """Return the label of a link from Bullet's body id and link index (-1 for a root)."""
     return body + ((index + 1) << 24)
 
 

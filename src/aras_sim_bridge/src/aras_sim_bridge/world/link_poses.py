@@ -53,8 +53,7 @@ class LinkPoses:
         return _compute_poses(self._tree, self._offsets, self._axes, positions)
 
     def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
-        """Return the rows of these links. The result is cached until it is called with other
-        links."""
+        """Return the rows of these links. The result is cached until other links are given."""
         if names != self._cached_rows[0]:
             self._cached_rows = names, np.array([self.row[name] for name in names], np.int64)
         return self._cached_rows[1]

@@ -77,7 +77,8 @@ class Attachments:
         """Remove the joint between two links.
 
         Raises:
-            WorldError: the links are not attached."""
+            WorldError: the links are not attached.
+        """
         if ends not in self._frames:
             attached = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"

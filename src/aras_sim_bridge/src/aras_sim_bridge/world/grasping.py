@@ -65,7 +65,8 @@ class GraspedLink:
     Attributes:
         link: model and link of the object.
         ends: links that the fixed joint connects: the palm and the object.
-        finger_contacts: contacts of the arm's fingers when the object was attached, by finger."""
+        finger_contacts: contacts of the arm's fingers when the object was attached, by finger.
+    """
 
     link: LinkId
     ends: AttachedLinks

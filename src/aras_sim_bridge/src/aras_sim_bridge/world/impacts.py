@@ -92,7 +92,8 @@ class Impacts:
     def place_at_impact(self, body: int, linear: Vector3, angular: Vector3, dt: float) -> None:
         """Move a free body to its next point of impact if it hits another body within `dt` s.
 
-        `linear` and `angular` are the body's velocity, m/s and rad/s."""
+        `linear` and `angular` are the body's velocity, m/s and rad/s.
+        """
         if self._steps_without_check[body] > 0 or not self._links[body]:
             self._steps_without_check[body] -= 1
             return
@@ -179,8 +180,7 @@ class Impacts:
         return add(linear, cross(angular, subtract(point, centre)))
 
     def _advance(self, body: int, time: float, drift: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Move a body along its twist for `time` s, relative to a frame with the velocity
-        `drift`."""
+        """Move a body along its twist for `time` s, relative to a frame with velocity `drift`."""
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         linear, angular = pybullet.getBaseVelocity(body, self._client)
         orientation = normalise(multiply((*scale(angular, 0.5 * time), 1.0), quat))

@@ -169,6 +169,7 @@ def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], spee
            dt: float) -> float:
     """Return after how many steps of `dt` s boxes and solids that approach at `speed` may touch.
 
-    The unit of `speed` is m/s."""
+    The unit of `speed` is m/s.
+    """
     gap = min((other.gap(one) for one in boxes for other in solids), default=_FAR)
     return (gap - _CONTACT_DISTANCE) / ((speed + _SPEED_MARGIN) * dt)

@@ -207,8 +207,7 @@ class Model:
         return _compute_frame_state(com, linear, angular, inertial)
 
     def link_states(self) -> dict[str, tuple[Pose, Twist]]:
-        """Return the `link_state` of every link in the description's order, with one Bullet
-        call."""
+        """Return the `link_state` of every link in the description's order; calls Bullet once."""
         names = [n for n in self.link_names if self.body.links[n] >= 0]
         indices = [self.body.links[n] for n in names]
         states = (pybullet.getLinkStates(self.body_id, indices, True, True, self.client) if names

@@ -41,7 +41,8 @@ class Box(NamedTuple):
     def gap(self, other: "Box") -> float:
         """Return the largest of the distances between two boxes along the axes, m.
 
-        The result is negative if the boxes overlap."""
+        The result is negative if the boxes overlap.
+        """
         return max(max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True))
 
 
@@ -94,7 +95,8 @@ def _disable_own_contacts(part: Model) -> None:
 def find_solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
     """Return a box for the collision shapes of each link, or half-spaces for planes.
 
-    `links` are Bullet's link indices."""
+    `links` are Bullet's link indices.
+    """
     found: list[Box | HalfSpace] = []
     body = model.body_id
     for name, index in model.link_indices.items():

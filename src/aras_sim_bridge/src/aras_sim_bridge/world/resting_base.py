@@ -414,7 +414,8 @@ def _is_at_rest(before: Pose, now: Pose) -> bool:
 def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
     """Return the mass (kg) and the centre of mass (m, root frame) of the base.
 
-    The base consists of the root and the links that are fixed to it."""
+    The base consists of the root and the links that are fixed to it.
+    """
     mass, moment = 0.0, np.zeros(3)
     base = model.list_base_links()
     for name, index in model.link_indices.items():

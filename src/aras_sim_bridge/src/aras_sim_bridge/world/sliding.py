@@ -72,7 +72,8 @@ class SlidingFriction:
               corrected_bodies: set[int]) -> None:
         """Correct the friction at the contacts of a free body.
 
-        Contacts with `corrected_bodies` are skipped, because they are already corrected."""
+        Contacts with `corrected_bodies` are skipped, because they are already corrected.
+        """
         body = model.body_id
         contacts = [
             one for one in find_contacts(body, self._client) if one[1] not in corrected_bodies

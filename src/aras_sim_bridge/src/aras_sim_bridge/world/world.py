@@ -274,7 +274,8 @@ class World:
         """Return the model called `name`.
 
         Raises:
-            WorldError: there is no such model; the message lists all models."""
+            WorldError: there is no such model; the message lists all models.
+        """
         model = self.models.get(name)
         if model is None or model.main_model is not model:
             raise UnknownModelError(name, self.main_models)

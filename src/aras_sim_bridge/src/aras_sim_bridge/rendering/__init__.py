@@ -5,14 +5,14 @@ An image is rendered in these steps:
 1. The image is divided into tiles of 8 x 8 px. Each tile has its own pinhole model (tiles.py). For
    a pinhole camera this is exact; for a lens the tiles are divided until the error is small enough.
 2. The triangles of the scene are grouped into clusters (triangles.py). Links and clusters that are
-   out of view, hidden or turned away from the camera are skipped without looking at their triangles.
+   out of view, hidden or turned away from the camera are skipped without a test of their triangles.
    The other triangles are sorted into the tiles that they touch (binning.py).
 3. In tiles with several triangles, the nearest triangle at each pixel corner is found
    (sampling.py).
 4. A pixel contains an edge if its corners show different surfaces, or if a surface of another
    colour reaches into it (edge_detection.py). The colour of such a pixel is computed from the exact
-   areas that its triangles cover (edges.py, areas.py, dense_coverage.py). All other pixels are shaded
-   at a corner (shading.py).
+   areas that its triangles cover (edges.py, areas.py, dense_coverage.py). All other pixels are
+   shaded at a corner (shading.py).
 5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
 The renderer runs on the CPU. It needs no graphics driver, so it does not depend on the limits and

@@ -37,7 +37,7 @@ OFF, OFF_FAR = 2e-5, 2e-6
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Light (red, green, blue) on pixels and fragments, in units of 1/255.
+    """Light (red, green, blue) on pixels and fragments; 1 lights a white surface to level 255.
 
     Both arrays are empty if there is only the sun; VisibleTriangles.light is then used instead.
 
@@ -102,7 +102,7 @@ class Illumination:
             edges: bit masks of the pixels with edges, from edge_detection.find_edges.
             optical_T_link: (rows, 4, 4) poses of the links in the optical frame.
             lamps: lights, as returned by lamps.pack_lights.
-            ambient: (3,) ambient light, in units of 1/255.
+            ambient: (3,) ambient light, in the same unit as Irradiance.
         """
         t, g, f, c = tiles, self._triangles, fragments, self._triangles.clusters
         turn = optical_T_link[g.row[visible.triangle], :3, :3]
@@ -148,8 +148,7 @@ class Illumination:
 
 @jit_inline
 def _make_basis(d, e):
-    """Complete the unit vector d to an orthonormal basis: write two vectors to the rows of e (2,
-    3).
+    """Write two unit vectors perpendicular to d, and to each other, to the rows of e (2, 3).
     """
     k = 0 if abs(d[0]) < 0.6 else 1
     squared = 1.0 - d[k] * d[k]
@@ -333,8 +332,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     for n in range(len(f_pixel)):
         longest = max(longest, f_start[n + 1] - f_start[n])
     room = TILE * TILE * (1 + longest)
-    # For each point of a tile: its triangle (members), its cell, its x and y in the cell (at), and
-    # its position, normal and light in space.
+    # For each point of a tile: its triangle (`members`), its cell, x and y in the cell (`at`), its
+    # position, its normals, and its light.
     members, cell, place = (
         np.empty(room, np.int64),
         np.empty(room, np.int64),

@@ -2,14 +2,14 @@
 
 Bullet applies the damping d of a URDF joint explicitly: tau = -d v, with the joint velocity v
 before the step. With the inertia I and the time step dt, the velocity oscillates if d dt / I > 1
-and diverges if d dt / I > 2. Therefore the method depends on r, the largest eigenvalue of dt D^1/2
-M^-1 D^1/2, where M is the mass matrix and D the diagonal matrix of the joints' damping:
+and diverges if d dt / I > 2. Therefore the method depends on r, the largest eigenvalue of
+dt D^1/2 M^-1 D^1/2, where M is the mass matrix and D the diagonal matrix of the joints' damping:
 
 - r <= EXPLICIT_BOUND: Bullet's explicit damping is used, which takes no time. Terminal velocities
   are exact; the decay rate has a relative error of r/2.
-- r > EXPLICIT_BOUND: each stiff joint i gets a velocity motor, which removes the fraction r_i / (1
-  + r_i) of its velocity in each step, with r_i = d_i dt (M^-1)_ii. This is the implicit Euler method
-  for each joint. The motor replaces the joint's Coulomb friction.
+- r > EXPLICIT_BOUND: each stiff joint i gets a velocity motor, which removes the fraction
+  r_i / (1 + r_i) of its velocity in each step, with r_i = d_i dt (M^-1)_ii. This is the implicit
+  Euler method for each joint. The motor replaces the joint's Coulomb friction.
 
 For models with a fixed base, joint_dynamics.py computes the damping.
 """

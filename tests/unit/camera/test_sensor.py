@@ -144,7 +144,7 @@ def test_reset_and_rate_change():
         sensor.set_rate(2000.0, 0, MS)
     assert sensor.rate == 20.0
     blurred = camera(update_rate=10.0, effects={"exposure_time": 0.02})
-    with pytest.raises(CameraError, match="exposure_time 0.02 s: .* 0.0166667 s; .* shorten it"):
+    with pytest.raises(CameraError, match="exposure_time 0.02 s: .* 0.0166667 s; .* this time"):
         blurred.set_rate(60.0, 0, MS)
 
 
@@ -265,7 +265,7 @@ def test_a_triggered_picture_is_read_before_the_next_one_begins():
 
 @pytest.mark.parametrize(("effects", "told"), [
     ({"row_time": 0.005}, "row_time 0.005 s of 8 rows, 0.04 s in all: .* period of 0.0333333 s"),
-    ({"exposure_time": 0.04}, "exposure_time 0.04 s: has to be shorter than the period"),
+    ({"exposure_time": 0.04}, "exposure_time 0.04 s: must be shorter than the period"),
     ({"exposure_time": 0.02, "row_time": 0.002}, "exposure_time and row_time .*, 0.036 s together"),
     ({"row_time": -1e-5}, "row_time is -1e-05, must be >= 0"),
     ({"auto_exposure": {"target": 300}}, "auto_exposure.target is 300"),

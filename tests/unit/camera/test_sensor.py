@@ -154,7 +154,7 @@ def test_with_steps_longer_than_the_period_only_the_newest_picture_is_taken(capl
     assert [f.stamp_ns // MS for _, f in got] == [100, 200, 300, 400]
     told = [r.getMessage() for r in caplog.records if "drops frames" in r.getMessage()]
     assert len(told) == 1
-    assert "30 Hz are above the physics rate" in told[0]
+    assert "30 Hz is above the physics rate" in told[0]
     # also where a step ends with a picture's instant, to the nanosecond
     assert [f.stamp_ns for _, f in frames(camera(update_rate=30.0), 1, step=133_333_333)] == [
         133_333_333]  # fmt: skip

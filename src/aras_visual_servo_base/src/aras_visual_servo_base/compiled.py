@@ -85,8 +85,7 @@ class CompiledFunction:
         return self.compile()(*arguments)
 
     def compile(self) -> Dispatcher:
-        """Return Numba's compiled function; compile or load it first if necessary.
-        """
+        """Return Numba's compiled function; compile or load it first if necessary."""
         with _compile_lock:
             if self._dispatcher is None:
                 self._dispatcher = self._call = _compile(

@@ -20,9 +20,7 @@ LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # m, by the name of the unit 
 
 
 class Twist(NamedTuple):
-    """Twist of a frame in world axes: linear velocity of its origin (m/s), angular velocity
-    (rad/s).
-    """
+    """Twist of a frame in world axes: velocity of its origin (m/s), angular velocity (rad/s)."""
 
     linear: Vector3 = (0.0, 0.0, 0.0)
     angular: Vector3 = (0.0, 0.0, 0.0)
@@ -294,9 +292,9 @@ def xyz_rpy_from_matrix(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
 
 
 def optical_pose(a_T_link: np.ndarray) -> np.ndarray:
-    """Return `a_T_optical` (4, 4) for the pose a_T_camera (4, 4) of Gazebo's camera link.
+    """Return the pose a_T_optical (4, 4) of the optical frame of a camera link, as in Gazebo.
 
-    In this link, x is forward and z up.
+        In the link, whose pose is a_T_link (4, 4), x is forward and z up.
     """
     a_T_optical = np.array(a_T_link, float)
     a_T_optical[:3, :3] = a_T_link[:3, :3] @ LINK_R_OPTICAL

@@ -164,10 +164,10 @@ def parse_numbers(text: str | None, count: int, where: str,
 
 
 def parse_pose(text: str | None, where: str) -> Pose:
-    """Parse a pose in SDF: six numbers, which are position (m) and fixed-axis roll, pitch, yaw
-    (rad).
+    """Parse a pose of SDF: position (m) and fixed-axis roll, pitch, yaw (rad).
 
-    If the text is missing or empty, the pose is the identity. Errors are those of `parse_number`.
+        If the text is missing or empty, the pose is the identity. Errors are those of
+    `parse_number`.
     """
     if not text:
         return Pose()

@@ -1,5 +1,4 @@
-"""Depth images with a limited range, and point clouds, as a camera delivers them.
-"""
+"""Depth images with a limited range, and point clouds, as a camera delivers them."""
 
 from __future__ import annotations
 

@@ -323,8 +323,7 @@ class CameraSensor:
         self._pending_frames.append((stamp + self._latency_ns, frame))
 
     def _make_row_camera(self, first: int, last: int) -> tuple[int, np.ndarray, Tiles | None]:
-        """Return number, camera matrix (3, 3) and lens of the rows first ... last - 1.
-        """
+        """Return number, camera matrix (3, 3) and lens of the rows first ... last - 1."""
         model, width = self.config.projection, self.config.width
         K = model.K - [[0, 0, 0], [0, 0, first], [0, 0, 0]]
         if model.is_pinhole:

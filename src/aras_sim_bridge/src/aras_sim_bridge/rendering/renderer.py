@@ -83,8 +83,7 @@ class Renderer:
         self._closed = False
 
     def snapshot(self) -> None:
-        """Store the present poses; with `blend` < 1, later images use poses closer to these.
-        """
+        """Store the present poses; with `blend` < 1, later images use poses closer to these."""
         self.scene.snapshot()
 
     def close(self) -> None:

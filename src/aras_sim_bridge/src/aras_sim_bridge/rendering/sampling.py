@@ -109,8 +109,7 @@ class PixelSampler:
 @jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], b1[::1], i8")
 def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
-    """Remove hidden triangles; return tile, most, start, member, full (see PixelSamples).
-    """
+    """Remove hidden triangles; return tile, most, start, member, full (see PixelSamples)."""
     tiles = len(whole)
     out = np.empty(tiles, np.int64)
     most_left = len(member) + tiles

@@ -148,8 +148,7 @@ class Illumination:
 
 @jit_inline
 def _make_basis(d, e):
-    """Write two unit vectors perpendicular to d, and to each other, to the rows of e (2, 3).
-    """
+    """Write two unit vectors perpendicular to d, and to each other, to the rows of e (2, 3)."""
     k = 0 if abs(d[0]) < 0.6 else 1
     squared = 1.0 - d[k] * d[k]
     length = np.sqrt(squared)

@@ -1,5 +1,4 @@
-"""Colours of a clear sky, and of haze below the horizon.
-"""
+"""Colours of a clear sky, and of haze below the horizon."""
 
 from __future__ import annotations
 

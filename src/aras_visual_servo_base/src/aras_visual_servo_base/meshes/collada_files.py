@@ -1,5 +1,4 @@
-"""Reader of COLLADA files (.dae), which uses pycollada and reports errors that it ignores.
-"""
+"""Reader of COLLADA files (.dae), which uses pycollada and reports errors that it ignores."""
 
 from __future__ import annotations
 

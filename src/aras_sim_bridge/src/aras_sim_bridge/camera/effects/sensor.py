@@ -89,8 +89,7 @@ class AutoExposure:
             )
 
     def compute_factor(self, factor: float, mean: float) -> float:
-        """Return the next image's factor from the factor and the mean grey level of this image.
-        """
+        """Return the next image's factor from the factor and the mean grey level of this image."""
         missing = self.target / max(mean, 1.0)
         return float(np.clip(factor * missing**self.speed, self.least, self.most))
 

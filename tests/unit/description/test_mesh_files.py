@@ -137,7 +137,7 @@ DAMAGED = [
     ("web.dae", dae('url="#g"', 'url="http://a.org/b.dae#g"'), "does not start with #"),
     ("away.dae", dae('url="#g"', 'url="#h"'), "contains a geometry that does not exist: '#h'"),
     ("scene.dae", dae('instance_visual_scene url="#scene"', "instance_visual_scene"), "url ''"),
-    ("count.dae", dae('count="12"', 'count="2000000000"'), "of 2000000000 has 12 numbers"),
+    ("count.dae", dae('count="12"', 'count="2000000000"'), "count 2000000000, but 12 numbers"),
     ("more.dae", dae('triangles count="4"', 'triangles count="3"'), "<p> has 12 indices"),
     ("few.dae", dae('triangles count="4"', 'triangles count="5"'), "<p> has 12 indices"),
     ("nan.dae", dae(">0 0 0 0.1", ">nan 0 0 0.1"), "not finite"),

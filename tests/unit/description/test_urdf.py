@@ -204,7 +204,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
     (AB + JOINT.replace("fixed", "revolute"), "a revolute joint needs <limit lower="),
     (AB + "<joint type='fixed'/>", "a joint has no name"),
     (AB + "<joint name='j' type='fixed'><parent link='a'/></joint>", "has no <child link=…>"),
-    (AB + JOINT.replace("<child link='b'/>", "<child link='b'/><mimic/>"), "<mimic> names no joi"),
+    (AB + JOINT.replace("<child link='b'/>", "<child link='b'/><mimic/>"), "<mimic> has no at"),
     (AB + JOINT.replace("<child", "<dynamics damping='-1'/><child"), "damping -1.0 and friction"),
     (AB + JOINT.replace("fixed", "revolute").replace(
         "<child", "<limit lower='2' upper='1' effort='1' velocity='1'/><child"),

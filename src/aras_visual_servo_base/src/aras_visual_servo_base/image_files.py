@@ -11,7 +11,7 @@ LARGEST_IMAGE = 64_000_000  # largest number of pixels of an image
 
 
 def read_image_size(path: str | Path) -> tuple[int, int] | None:
-    """Return the width and the height (px) from the header of a file; None if it is no image.
+    """Return width and height (px) from the header of a file; None if it is not an image.
 
     Raises:
         DescriptionError: the image has more than LARGEST_IMAGE pixels.

@@ -241,7 +241,8 @@ def resolve_fragments(
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                # The triangle must be in front in the whole pixel, or in front as a whole.
+                # Either the part of the triangle in this pixel or the whole triangle must be in
+                # front.
                 if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
                     corner, side, m, member[first + best]
                 ):

@@ -183,7 +183,7 @@ class Model:
         """Return world_T_link, the pose of the link's URDF frame. It unpacks as (xyz, quat xyzw).
 
         Raises:
-            WorldError: unknown link.
+            WorldError: the model has no link of this name.
         """
         index = self.link_index(name)
         if self.joints.has_own_dynamics:

@@ -174,7 +174,7 @@ class ModelJoints:
         """Add `effort` (N m or N) to the effort on `joint` in the next step.
 
         Raises:
-            WorldError: unknown joint.
+            WorldError: the model has no joint of this name.
         """
         slot = self._slot.get(joint)
         self.pending_efforts[self._find_slot(joint) if slot is None else slot] += effort
@@ -269,7 +269,7 @@ class ModelJoints:
         Returns:
             The position, limited to the range between the stops.
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing has changed then.
+            WorldError: the joint is unknown or a number is not finite; nothing is changed.
         """
         self._set_positions({joint: position})
         return self._clamp_to_stops(self._slot[joint], position)
@@ -281,7 +281,7 @@ class ModelJoints:
         joints follow, unless they are set themselves. Other joints do not move.
 
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing has changed then.
+            WorldError: the joint is unknown or a number is not finite; nothing is changed.
         """
         self._set_positions(positions)
         if self.damping is not None:

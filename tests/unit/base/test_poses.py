@@ -169,7 +169,7 @@ def test_poses_are_checked():
     assert pose == Pose((1.0, 2.0, 3.0), (0.0, 0.0, 1.0, 0.0))
     nothing = (1, 2, 3), (0, 0, 0, 0)
     assert check_pose(nothing, "model 'a'", VectorError, zero_is_identity=True) == Pose((1, 2, 3))
-    for wrong, words in ((nothing, r"no unit quaternion; use \(0, 0, 0, 1\) for none"),
+    for wrong, words in ((nothing, r"not a unit quaternion; use \(0, 0, 0, 1\) for no"),
                          (((1, 2), (0, 0, 0, 1)), "position: needs 3 numbers"), (7, "is not")):
         with pytest.raises(VectorError, match=f"model 'a'.*{words}"):
             check_pose(wrong, "model 'a'", VectorError)

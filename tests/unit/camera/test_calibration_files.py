@@ -162,7 +162,7 @@ CHAIN, STORE, VISP = kalibr(RADTAN, "plumb_bob"), opencv(".xml")(RADTAN, ""), vi
     ("a.yaml", ROS.replace("612.5", "0.0"), "focal lengths"),
     ("a.yaml", ROS.replace("612.5", ".nan"), "camera_matrix.data"),
     ("a.yaml", ROS.replace("612.5", "6.125"), "fx = 6.125 and fy = 610"),
-    ("a.yaml", ROS.replace("  - -0.02\n", ""), "1 rows and 5 cols, and its data hold 4"),
+    ("a.yaml", ROS.replace("  - -0.02\n", ""), "1 rows and 5 cols, but its data have 4"),
     ("a.yaml", ROS.replace("rows: 3", "rows: 4", 1), "camera_matrix has 4 rows"),
     ("a.yaml", CHAIN.replace("radtan", "fov"), "cam0: distortion_model 'fov'"),
     ("a.yaml", CHAIN.replace("pinhole", "omni"), "camera_model 'omni' is not supported"),

@@ -79,7 +79,7 @@ def test_sensor_tags_are_rendered(caplog):
     CameraConfig.from_description(replace(tags, distortion_center=(0.5, 0.4)))
     assert "the distortion's center (0.5, 0.4) is ignored" in caplog.text
     assert config.distortion_coefficients == (-0.1, 0.02, 0.001, -0.002, 0.0)
-    with pytest.raises(CameraError, match="'plumb_bob' does not go with lens 'equidistant'"):
+    with pytest.raises(CameraError, match="'plumb_bob' does not fit lens 'equidistant'"):
         CameraConfig.from_description(replace(tags, kind="wideanglecamera"))
     assert config.effects.noise_stddev == pytest.approx(2.55)
     assert config.effects.noise_mean == pytest.approx(5.1)
@@ -117,15 +117,15 @@ def test_every_shipped_preset_is_valid(preset):
 
 
 @pytest.mark.parametrize("bad, says", [
-    ({"horizontal_fov": 0.0}, "horizontal_fov 0.0"),
-    ({"horizontal_fov": 3.2}, "take a fisheye lens"),
-    ({"lens": "equidistant", "horizontal_fov": 4.0}, "needs a value above 0 and below 3.84"),
+    ({"horizontal_fov": 0.0}, "horizontal_fov is 0.0 rad"),
+    ({"horizontal_fov": 3.2}, "use a fisheye lens"),
+    ({"lens": "equidistant", "horizontal_fov": 4.0}, "must be above 0 and below 3.84"),
     ({"width": 0}, "width is 0, must be >= 1 px"),
     ({"height": 2.5}, "height is 2.5, must be a whole number"),
     ({"format": "RGB888"}, "format 'RGB888' is not known; the nearest is 'R8G8B8'"),
     ({"lens": "fishy"}, "lens is 'fishy': known are pinhole"),
     ({"distortion_model": "brown"}, "distortion_model is 'brown': known are"),
-    ({"distortion_coefficients": [1.0, 2.0]}, "takes 4 or 5"),
+    ({"distortion_coefficients": [1.0, 2.0]}, "needs 4 or 5"),
     ({"distortion_coefficients": [-0.8, 0.0, 0.0, 0.0, 0.0]}, "fold the projection over"),
     ({"distortion_model": "equidistant", "distortion_coefficients": [-0.5, 0, 0, 0],
       "horizontal_fov": 3.0}, "fold the projection over at"),
@@ -143,15 +143,15 @@ def test_every_shipped_preset_is_valid(preset):
     ({"effects": {"exposure_time": 0.1}}, "shorter than the period"),
     ({"update_rate": "fast"}, "update_rate is 'fast', must be a finite number"),
     ({"latency": -1e-3}, "latency is -0.001, must be >= 0 s"),
-    ({"width": 16384, "height": 2049}, "make width and height smaller"),
+    ({"width": 16384, "height": 2049}, "reduce width and height"),
     ({"width": 16385, "height": 1}, "width is 16385, must be <= 16384 px"),
     ({"hack_baseline": float("nan")}, "hack_baseline is nan, must be a finite number"),
     ({"cutoff_angle": 0.5}, "cutoff_angle is for wide-angle lenses"),
-    ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle 0.0 rad"),
+    ({"lens": "equidistant", "cutoff_angle": 0.0}, "cutoff_angle is 0.0 rad"),
     ({"xyz": [0.0, float("nan"), 0.0]}, "xyz[1] is nan, must be a finite number"),
     ({"camera_name": "my camera"}, "camera_name 'my camera' is not a valid ROS name"),
     ({"image_topic": ""}, "image_topic ''"),
-    ({"image_topic": "camera_info"}, "two different names"),
+    ({"image_topic": "camera_info"}, "must be different names"),
     ({"effects": {"noise_stddev": True}}, "noise_stddev is True, must be a finite number"),
     ({"effects": {"exposure_samples": True}}, "exposure_samples is True, must be a whole number"),
     ({"effects": {"drop_probability": 1.0}}, "no frame would ever come"),
@@ -235,11 +235,11 @@ def test_a_picture_may_reach_up_to_what_its_lens_sees(lens, reach):
     """Degrees from the axis."""
     widest = 2.0 * np.radians(reach) - (1e-9 if lens == "pinhole" else 0.0)
     CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest})
-    with pytest.raises(CameraError, match=f"lens {lens} needs a value above 0 and below"):
+    with pytest.raises(CameraError, match=f"lens {lens} it must be above 0 and below"):
         CameraConfig.from_mapping({"lens": lens, "horizontal_fov": widest + 1e-6})
     if lens != "pinhole":
         CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0})
-        with pytest.raises(CameraError, match=f"lens {lens} needs a value above 0 and up to"):
+        with pytest.raises(CameraError, match=f"lens {lens} it must be above 0 and at most"):
             CameraConfig.from_mapping({"lens": lens, "cutoff_angle": widest / 2.0 + 1e-6})
 
 

@@ -127,7 +127,7 @@ DAMAGED = [
     ("offset.dae", dae(' offset="0"'), "<input>: offset is missing"),
     ("wide.dae", dae('offset="0"', 'offset="999999999"'), "an invalid offset"),
     ("far.dae", dae("<p>0 ", "<p>99999999 "), "(maxindex=99999999) for source 's' (len=4)"),
-    ("back.dae", dae("<p>0 ", "<p>-1 "), "a face names position -1 of 4"),
+    ("back.dae", dae("<p>0 ", "<p>-1 "), "a face refers to position -1 of 4"),
     ("list.dae", polygons(dae("<p>0 ", "<p>99999999 "), b"3 3 3 3"), "(maxindex=99999999)"),
     ("large.dae", polygons(dae(), b"3 3 3 2000000000"), "<polylist> of 4: <p> has 12 indices"),
     ("two.dae", polygons(dae(), b"2 4 3 3"), "each polygon needs at least three corners"),
@@ -137,7 +137,7 @@ DAMAGED = [
     ("web.dae", dae('url="#g"', 'url="http://a.org/b.dae#g"'), "does not start with #"),
     ("away.dae", dae('url="#g"', 'url="#h"'), "contains a geometry that does not exist: '#h'"),
     ("scene.dae", dae('instance_visual_scene url="#scene"', "instance_visual_scene"), "url ''"),
-    ("count.dae", dae('count="12"', 'count="2000000000"'), "of 2000000000 has 12 numbers"),
+    ("count.dae", dae('count="12"', 'count="2000000000"'), "count 2000000000, but 12 numbers"),
     ("more.dae", dae('triangles count="4"', 'triangles count="3"'), "<p> has 12 indices"),
     ("few.dae", dae('triangles count="4"', 'triangles count="5"'), "<p> has 12 indices"),
     ("nan.dae", dae(">0 0 0 0.1", ">nan 0 0 0.1"), "not finite"),
@@ -301,8 +301,8 @@ def test_pipes_devices_and_folders_are_refused_and_do_not_hang(tmp_path):
     folder = tmp_path / "folder.stl"
     folder.mkdir()
     (tmp_path / "zero.stl").symlink_to("/dev/zero")
-    for name, reason in (("pipe.stl", "it is no regular file"), ("folder.stl", "Is a dir"),
-                         ("zero.stl", "it is no regular file"), ("gone.stl", "No such")):
+    for name, reason in (("pipe.stl", "it is not a regular file"), ("folder.stl", "Is a dir"),
+                         ("zero.stl", "it is not a regular file"), ("gone.stl", "No such")):
         with pytest.raises(DescriptionError, match=reason) as refused:
             read(str(tmp_path / name))
         assert refused.value.path == str(tmp_path / name) and name in str(refused.value)

@@ -87,7 +87,7 @@ def test_a_mimic_follows_a_joint_that_moves():
     for more in ("", fixed):
         with pytest.raises(DescriptionError, match="mimics 'x', which is not a moving joint"):
             robot(text.format("x", "") + more)
-    with pytest.raises(DescriptionError, match="joint 'k': its mimics form a loop"):
+    with pytest.raises(DescriptionError, match="joint 'k': the <mimic> elements form a loop"):
         robot(text.format("k", ""))
 
 
@@ -191,10 +191,10 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
     ("<link/>", "a link has no name"),
     (f"<link name='{'a' * 256}'/><link name='{'b' * 257}'/>", "a link name has 257 characters"),
     (A + A, "two links are named 'a'"),
-    (AB, "needs exactly one root link, found 'a', 'b'"),
+    (AB, "exactly one link without a parent, found 'a', 'b'"),
     (AB + JOINT + JOINT, "two joints are named 'j'"),
     (A + JOINT, "robot 'r', joint 'j': link 'b' does not exist"),
-    (AB + JOINT + JOINT.replace("'j'", "'k'"), "link 'b' has a parent already"),
+    (AB + JOINT + JOINT.replace("'j'", "'k'"), "link 'b' already has a parent"),
     (AB + JOINT + "<joint name='k' type='fixed'><parent link='b'/><child link='a'/></joint>",
      "found none"),
     (AB + "<link name='c'/>" + JOINT.replace("'a'", "'c'")
@@ -204,7 +204,7 @@ JOINT = "<joint name='j' type='fixed'><parent link='a'/><child link='b'/></joint
     (AB + JOINT.replace("fixed", "revolute"), "a revolute joint needs <limit lower="),
     (AB + "<joint type='fixed'/>", "a joint has no name"),
     (AB + "<joint name='j' type='fixed'><parent link='a'/></joint>", "has no <child link=…>"),
-    (AB + JOINT.replace("<child link='b'/>", "<child link='b'/><mimic/>"), "<mimic> names no joi"),
+    (AB + JOINT.replace("<child link='b'/>", "<child link='b'/><mimic/>"), "<mimic> has no at"),
     (AB + JOINT.replace("<child", "<dynamics damping='-1'/><child"), "damping -1.0 and friction"),
     (AB + JOINT.replace("fixed", "revolute").replace(
         "<child", "<limit lower='2' upper='1' effort='1' velocity='1'/><child"),

@@ -120,7 +120,7 @@ def test_a_place_just_within_all_sense_is_taken(world, make):
 
 @pytest.mark.parametrize("quat", [(1e300, 0, 0, 1e300), (1e-9, 0, 0, 0), (1e7, 0, 0, 0)])
 def test_an_orientation_that_is_none_is_refused(world, make, quat):
-    with pytest.raises(WorldError, match="model 'm': orientation .* is no unit quaternion"):
+    with pytest.raises(WorldError, match="model 'm': orientation .* is not a unit quaternion"):
         world.spawn(box(make), "m", Pose((0, 0, 0), quat))
     assert not world.models
 

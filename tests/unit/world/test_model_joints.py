@@ -73,7 +73,7 @@ def test_what_is_no_number_or_no_joint_changes_nothing(model, bad):
         with pytest.raises(WorldError):
             model.set_position(*list(positions.items())[1])
     for velocity, effort in ((bad, 1.0), (1.0, -1e-9), (1.0, math.nan)):
-        with pytest.raises(WorldError, match="'turn': velocity .* must be finite and non-negative"):
+        with pytest.raises(WorldError, match="'turn': velocity .* must be finite, and max_effort"):
             model.set_velocity_motor("turn", velocity, effort)
     assert values(model) == before
     model.apply_effort("turn", bad)

@@ -1,4 +1,4 @@
-"""Mounting of a camera in a robot description at the pose from a hand-eye calibration."""
+"""Mounting of a camera in a robot description at the pose of a hand-eye calibration."""
 
 from __future__ import annotations
 
@@ -14,7 +14,7 @@ from .urdf import LINK, OPTICAL, parse_tree
 
 
 def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "") -> str:
-    """Return the link that carries the camera: `link`, or by default the link that the file names.
+    """Return the link that carries the camera: `link`, or, if it is '', the one in the file.
 
     Raises:
         HandEyeError: neither names a link, or the description has no link of that name.
@@ -24,34 +24,39 @@ def find_camera_link(urdf: str, calibration: HandEyeCalibration, link: str = "")
         raise HandEyeError("the file does not name the link that carries the camera: set "
                            "hand_eye.link (launch: hand_eye_link), for example tool0")  # fmt: skip
     if name not in links:
-        raise HandEyeError(f"the description has no link '{name}' that could carry the camera: "
-                           f"{suggest(name, links)}: set hand_eye.link")  # fmt: skip
+        raise HandEyeError(f"the description has no link '{name}' that could carry the camera "
+                           f"({suggest(name, links)}): set hand_eye.link")  # fmt: skip
     return name
 
 
 def check_optical(calibration: HandEyeCalibration) -> None:
-    """Check that the calibrated frame may be the optical frame. Raises HandEyeError otherwise."""
+    """Check that the frame of a calibration may be an optical frame, judging by its name.
+
+    Raises:
+        HandEyeError: the name does not contain "optical".
+    """
     if calibration.frame and "optical" not in calibration.frame:
         raise HandEyeError(
             f"the hand-eye file contains the pose of the frame '{calibration.frame}', which is not "
-            "in the description. It may not be the optical frame (z forward); if it is, rename it "
-            f"to {calibration.frame}_optical_frame"
+            "in the description. Check whether this is the optical frame (z forward); if so, "
+            f"rename it to {calibration.frame}_optical_frame"
         )
 
 
 def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_frame: str) -> str:
     """Return a description whose camera has the pose from a hand-eye calibration.
 
-    The camera's link (`camera_link` for the frame `camera_optical_frame`) is moved with all links
-    that are fixed to it. It is added if the description has no such link. The optical frame is
-    added, too, if it is missing and the link has no camera sensor that defines it.
+    The link of the camera is moved, together with all links that are fixed to it. For the frame
+    `camera_optical_frame`, it is the link `camera_link`. If there is no such link, it is added. The
+    optical frame is added, too, unless it exists or a camera sensor of the link defines it.
 
     Args:
         link: link that carries the camera; '' for the link that the file names.
         camera_frame: optical frame of the camera.
 
     Raises:
-        HandEyeError: a link does not exist, or the camera can move relative to its carrying link.
+        HandEyeError: a link does not exist, or the camera can move relative to the link that
+            carries it.
     """
     tree, robot = parse_tree(urdf), ElementTree.fromstring(urdf)
     carrier = find_camera_link(urdf, calibration, link)
@@ -101,7 +106,7 @@ def mount_camera(urdf: str, calibration: HandEyeCalibration, link: str, camera_f
 
 
 def _set_joint_pose(joint: ElementTree.Element, parent: str, parent_T_child: np.ndarray) -> None:
-    """Attach the joint's child to the link `parent` with this relative pose (4, 4)."""
+    """Attach the joint's child to the link `parent` at the pose parent_T_child (4, 4)."""
     for old in (*joint.findall("parent"), *joint.findall("origin")):
         joint.remove(old)
     xyz, rpy = (

@@ -2,8 +2,9 @@
 
     python -m aras_visual_servo_base.compile_packages [--from FOLDER] [--processes N] PACKAGE...
 
-Set-up calls this for the source packages, and installation for the installed copies. In the latter
-case `--from` names the folder with the source packages, whose compiled functions are copied.
+The set-up calls this for the source packages, and the installation calls it for the installed
+copies. Then `--from` is the folder of the source packages, whose compiled functions are copied if
+their files are equal.
 """
 
 from __future__ import annotations
@@ -26,7 +27,9 @@ IMPORTS_JIT = re.compile(r"^from .*compiled import .*\bjit\b", re.MULTILINE)
 
 
 def find_sources(package: str) -> list[Path]:
-    """Return the files of a package with compiled functions, relative to its parent folder.
+    """Return the files of a package that define compiled functions.
+
+    The paths are relative to the folder that contains the package.
 
     Raises:
         ModuleNotFoundError: the package does not exist.
@@ -39,12 +42,12 @@ def find_sources(package: str) -> list[Path]:
 def _find_folder(package: str) -> Path:
     found = importlib.util.find_spec(package)
     if found is None or not found.submodule_search_locations:
-        raise ModuleNotFoundError(f"no package {package} on PYTHONPATH")
+        raise ModuleNotFoundError(f"there is no package {package} on PYTHONPATH")
     return Path(found.submodule_search_locations[0]).parent
 
 
 def copy_cache(package: str, folder: Path) -> None:
-    """Copy the compiled functions of the source package in `folder`, for files with equal text.
+    """Copy the compiled functions of those files that are equal to the files below `folder`.
 
     Numba accepts cached functions of a file with the same text in any folder.
     """
@@ -59,9 +62,10 @@ def copy_cache(package: str, folder: Path) -> None:
 
 
 def find_missing(packages: Sequence[str]) -> list[str]:
-    """Return the packages with functions that are not cached yet, although the cache is writable.
+    """Return the packages whose compiled functions are not all in the cache yet.
 
-    The next start of a program would compile these functions.
+    The next start of a program would compile these functions. Packages in read-only folders are
+    ignored.
     """
     if os.environ.get("NUMBA_CACHE_DIR"):
         return []
@@ -81,7 +85,7 @@ def find_missing(packages: Sequence[str]) -> list[str]:
 def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
     """Split the packages into at most `count` groups of similar compilation time.
 
-    Packages that are compiled in one process share the compilation of common parts of Numba.
+    Packages that are compiled in the same process share the compilation of common parts of Numba.
     """
     files = {package: len(find_sources(package)) for package in packages}
     parts: list[list[str]] = [[] for _ in range(min(count, len(files)))]
@@ -91,7 +95,7 @@ def split_packages(packages: Sequence[str], count: int) -> list[list[str]]:
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Compile the functions of packages, with a process for each core; return the exit status."""
+    """Compile the functions of packages, with one process per core; return the exit status."""
     parser = argparse.ArgumentParser(
         prog="loops", description=__doc__.splitlines()[0],
         epilog=f"example: python -m {__name__} aras_visual_servo_camera",
@@ -103,7 +107,7 @@ def main(argv: list[str] | None = None) -> int:
                         help="largest number of parallel processes (default: the cores)")
     given = parser.parse_args(argv)
     found = [package for package in given.packages if _import_modules(package, given.folder)]
-    # Forked processes share the modules that all of them need.
+    # Forked processes share the modules that are already imported.
     fork = multiprocessing.get_context("fork")
     processes = [fork.Process(target=_compile, args=(part,))
                  for part in split_packages(found, max(given.processes, 1))]  # fmt: skip
@@ -116,10 +120,10 @@ def main(argv: list[str] | None = None) -> int:
 
 
 def _import_modules(package: str, folder: Path | None) -> bool:
-    """Import the modules with compiled functions, without compiling; `folder`: see `copy_cache`.
+    """Import the modules of a package that define compiled functions, without compiling them.
 
-    Returns:
-        False, after printing the error, if the package or one of its imports is missing.
+    If there is a `folder`, `copy_cache` is called with it first. If the package or one of its
+    imports is missing, print the error and return False.
     """
     try:
         if folder:

@@ -1,10 +1,11 @@
 """Compilation with Numba, for short loops and small matrices, where NumPy's calls take too long.
 
-Type signatures are explicit, so set-up can compile everything. Compiled functions are cached in
-__pycache__ next to the source, or in NUMBA_CACHE_DIR. A function is compiled again if its source
-file changes, or a compiled function or constant that it uses from another module; Numba alone
-checks only the source file. A function is loaded from the cache, or compiled, at its first call,
-because no program calls more than half of them. Nodes call `compile_all` before their first image.
+The types of the arguments are declared, so that the set-up can compile all functions. Compiled
+functions are cached in __pycache__ next to the source file, or in NUMBA_CACHE_DIR. A function is
+compiled again if its source file changes, and also if another module changes a compiled function or
+a constant that it uses; Numba alone checks only the source file. A function is compiled or loaded
+from the cache at its first call, because no program calls more than half of the functions. Nodes
+call `compile_all` before their first image instead.
 """
 
 from __future__ import annotations
@@ -29,33 +30,37 @@ if TYPE_CHECKING:
 
 
 def _import_without(excluded: str, module: str) -> None:
-    """Import a module as if `excluded` were not installed, unless that is already imported."""
+    """Import a module as if `excluded` were not installed.
+
+    If `excluded` is already imported, import the module normally.
+    """
     if excluded in sys.modules:
         importlib.import_module(module)
         return
-    sys.modules[excluded] = None  # Python then treats the module as missing
+    sys.modules[excluded] = None  # makes Python treat the module as missing
     try:
         importlib.import_module(module)
     finally:
         del sys.modules[excluded]
 
 
-# Numba searches for a BLAS library for np.convolve and np.correlate, and therefore imports SciPy's
-# linear algebra. This takes 0.1 s of processor time, 16 % of the bridge's import time and 9 % of a
-# short run that compiles nothing. Numba has no public option to prevent it. np.dot is not affected:
-# Numba searches for its BLAS when it compiles the call.
+# To find a BLAS library for np.convolve and np.correlate, Numba imports SciPy's linear algebra.
+# This takes 0.1 s of processor time, which is 16 % of the bridge's import time and 9 % of a short
+# run that compiles nothing. Numba has no public option to prevent the import. np.dot does not need
+# it, because Numba searches for the BLAS of np.dot when it compiles a call of it.
 _import_without("scipy.linalg.cython_blas", "numba.np.arraymath")
 
 _log = logging.getLogger(__name__)
 _compile_lock = threading.RLock()
-_functions: dict[tuple[str, str], CompiledFunction] = {}  # by module and name
+# All functions with the decorator `jit`, by module and name.
+_functions: dict[tuple[str, str], CompiledFunction] = {}
 
 
 class CompiledFunction:
-    """A function that Numba compiles for given argument types.
+    """A function that Numba compiles for the declared types of arguments.
 
-    It is compiled, or loaded from the cache, at its first call from Python or from a function that
-    is being compiled.
+    It is compiled or loaded from the cache when it is first called from Python, or when a compiled
+    function that calls it is compiled.
 
     Attributes:
         py_func: the original Python function.
@@ -69,14 +74,18 @@ class CompiledFunction:
         self._call: Callable = self._first_call
 
     def __call__(self, *arguments: object) -> object:
-        """Call the function. Raises TypeError for other argument types."""
+        """Call the function.
+
+        Raises:
+            TypeError: the arguments do not have the declared types.
+        """
         return self._call(*arguments)
 
     def _first_call(self, *arguments: object) -> object:
         return self.compile()(*arguments)
 
     def compile(self) -> Dispatcher:
-        """Return Numba's function; compile it or load it from the cache if necessary."""
+        """Return Numba's compiled function; compile or load it first if necessary."""
         with _compile_lock:
             if self._dispatcher is None:
                 self._dispatcher = self._call = _compile(
@@ -86,34 +95,34 @@ class CompiledFunction:
 
     @property
     def signatures(self) -> list[tuple]:
-        """The argument types; empty before the function is compiled."""
+        """The types of the arguments; empty until the function is compiled."""
         return [] if self._dispatcher is None else self._dispatcher.signatures
 
     @property
     def stats(self) -> object:
-        """Numba's counts of functions that were loaded from the cache and compiled."""
+        """Numba's statistics: whether the function was loaded from the cache or compiled."""
         return self.compile().stats
 
 
 @typeof_impl.register(CompiledFunction)
 def _find_type(function: CompiledFunction, _context: object) -> numba.types.Type:
-    """Return the Numba type of the function, for calls from compiled functions."""
+    """Return the Numba type of the function, which Numba needs to compile calls of it."""
     return numba.typeof(function.compile())
 
 
 def jit(signature: str, allocates: bool = True) -> Callable[[Callable], CompiledFunction]:
     """Return a decorator that compiles a function for a signature such as 'f8[:,::1], i8'.
 
-    Loops compile faster than array expressions. If an array is assigned to a slice, Numba also
-    compiles the text of an error message, which takes a quarter of a second each time. Loops do
-    not check shapes, so the caller must.
+    Write loops instead of array expressions, because they compile faster: if an array is assigned
+    to a slice, Numba also compiles the text of an error message, which takes a quarter of a second
+    each time. Loops do not check the shapes of arrays, so the caller must check them.
 
-    The function may write to arrays in C order ('f8[:,::1]'). It may only read arrays of any order
-    ('f8[:,:]'), which may therefore be views and read-only arrays.
+    Arrays that are declared in C order ('f8[:,::1]') may be written. Arrays that are declared in
+    any order ('f8[:,:]') may only be read; the caller may pass views and read-only arrays for them.
 
     Args:
-        allocates: whether the function, or a function that it calls, creates arrays. If not, it is
-            compiled without reference counting, which makes it faster.
+        allocates: whether the function, or a function that it calls, creates arrays. If False, the
+            function is compiled without reference counting and is faster.
     """
     given = eval(f"({signature},)", vars(numba.types))
     arguments = tuple(
@@ -121,9 +130,10 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
     )
 
     def compile_function(function: Callable) -> CompiledFunction:
-        # No other language calls the function, so the additional C wrapper is not compiled. `_nrt`
-        # is private, but no public option disables reference counting. With reference counting a
-        # step of the simulated arm takes 8.0 µs instead of 6.2 µs of processor time (+28 %).
+        # The additional C wrapper is not compiled, because no other language calls the function.
+        # `_nrt` is a private option of Numba, but there is no public option that disables reference
+        # counting. With reference counting, a step of the simulated arm takes 8.0 µs of processor
+        # time instead of 6.2 µs (+28 %).
         made = CompiledFunction(function, arguments, {
             "nogil": True, "error_model": "numpy", "_nrt": allocates, "no_cfunc_wrapper": True,
         })  # fmt: skip
@@ -134,9 +144,9 @@ def jit(signature: str, allocates: bool = True) -> Callable[[Callable], Compiled
 
 
 def compile_all(package: str = "") -> None:
-    """Compile, or load from the cache, all functions of the imported modules or of one package.
+    """Compile or load from the cache all functions of imported modules, or those of one package.
 
-    Nodes call this at start, so that their first image need not wait.
+    Nodes call this when they start, so that their first image is not delayed.
     """
     for (module, _), function in list(_functions.items()):
         if package in ("", module.partition(".")[0]):
@@ -144,8 +154,8 @@ def compile_all(package: str = "") -> None:
 
 
 def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -> Dispatcher:
-    # Numba's cache identifies a function only by its file and name. A checksum of everything else
-    # that the compiled code depends on is therefore added to the name.
+    # Numba's cache identifies a function only by its file and its name. Therefore a checksum of
+    # everything else on which the compiled code depends is added to the name.
     name = function.__qualname__
     function.__qualname__ = f"{name}-{_compute_checksum(function):08x}"
     try:
@@ -160,7 +170,7 @@ def _compile(function: Callable, arguments: tuple, options: dict[str, object]) -
 
 
 def _compute_checksum(function: Callable) -> int:
-    """Return a checksum of what compiled code depends on besides its own source file.
+    """Return a checksum of everything but its source file on which a compiled function depends.
 
     These are the source files of the compiled functions that it calls, and the values of globals.
     """
@@ -181,14 +191,15 @@ def _compute_checksum(function: Callable) -> int:
 
 @cache
 def _compute_file_checksum(path: str, _time: int, _size: int) -> str:
-    """Return the checksum of a file's content; `_time` and `_size` detect changes."""
+    """Return the checksum of a file. `_time` and `_size` are keys of the cache of results."""
     return str(zlib.crc32(Path(path).read_bytes()))
 
 
 def jit_inline(function: Callable) -> Callable:
     """Decorate a small function that LLVM inlines into the compiled functions that call it.
 
-    A call with three arrays would take more time than, for example, the test of one triangle.
+    Use this if a call would take more time than the function itself. For example, a call with three
+    arrays takes longer than the test of one triangle.
     """
     return numba.njit(forceinline=True, nogil=True, error_model="numpy", _nrt=False,
                       no_cfunc_wrapper=True)(function)  # fmt: skip
@@ -206,7 +217,10 @@ def jit_inline_numba(function: Callable) -> Callable:
 
 @intrinsic
 def lowest_bit(typing: object, bits: numba.types.Type) -> tuple[object, Callable]:
-    """Return the index of the lowest set bit of a 64-bit integer other than 0, in compiled code."""
+    """Return the index of the lowest set bit of a 64-bit integer, which must not be 0.
+
+    This can only be called from compiled code.
+    """
 
     def build(context: object, builder: object, signature: object, arguments: list) -> object:
         never_zero = context.get_constant(numba.types.boolean, True)
@@ -222,7 +236,7 @@ def _warn_once() -> None:
 
 
 def column(number: int) -> property:
-    """Return a property that reads and writes one column of an object's `row`."""
+    """Return a property that reads and writes the element `number` of an object's array `row`."""
 
     def read(self: object) -> float:
         return self.row.item(number)

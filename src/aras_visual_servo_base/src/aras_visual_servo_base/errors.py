@@ -10,8 +10,8 @@ class DescriptionError(SimError):
 
     Attributes:
         fault: what is wrong, and where.
-        remedy: how to fix it; '' if the fault makes this clear.
-        path: path of the invalid file, '' if unknown.
+        remedy: how to fix it; '' if this is clear from the fault.
+        path: path of the invalid file; '' if it is unknown.
     """
 
     def __init__(self, fault: str, remedy: str = "", path: str = "") -> None:

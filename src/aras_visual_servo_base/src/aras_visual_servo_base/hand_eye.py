@@ -1,16 +1,17 @@
-"""Reader of hand-eye calibration results: the pose of a camera frame in the link that carries it.
+"""Reader of hand-eye calibrations: the pose of a camera frame in the link that carries it.
 
-The format is detected from the content of the file:
+The reader detects the format from the content of the file. It supports:
 
-- a 4x4 homogeneous matrix: text (numpy.savetxt), YAML, or OpenCV's FileStorage;
-- OpenCV's calibrateHandEye: R and t (`R_cam2gripper`, `t_cam2gripper`; R may be a rotation vector)
-  in YAML or FileStorage;
-- ViSP: eMc as pose vector (t, theta u) in text or YAML, or vpXmlParserHomogeneousMatrix;
-- moveit_calibration: the launch file (ROS 1 or 2) with its static_transform_publisher;
-- easy_handeye, and geometry_msgs/TransformStamped, in YAML.
+- a 4x4 homogeneous matrix as text (numpy.savetxt), in YAML or in OpenCV's FileStorage;
+- the result of OpenCV's calibrateHandEye, R and t (`R_cam2gripper`, `t_cam2gripper`), in YAML or in
+  a FileStorage; R may be a rotation vector;
+- ViSP's eMc, as a pose vector (t, theta u) in text or YAML, or as a file of
+  vpXmlParserHomogeneousMatrix;
+- the launch file of moveit_calibration (ROS 1 or 2) with a static_transform_publisher;
+- files of easy_handeye, and a geometry_msgs/TransformStamped, in YAML.
 
-ViSP and ROS use metres. In the other formats the unit is not known: lengths up to
-LONGEST_TRANSLATION are in metres, larger ones need `units`.
+ViSP and ROS use metres. In the other formats the unit is not known. Lengths up to
+LONGEST_TRANSLATION are then assumed to be in metres; for larger ones, `units` must be set.
 """
 
 from __future__ import annotations
@@ -32,10 +33,14 @@ from .safe_xml import parse
 from .setting_values import as_number, format_value
 from .yaml_files import parse_yaml, read_text
 
-LONGEST_TRANSLATION = 2.0  # m from a camera to the link that carries it
-SHORTEST_TRANSLATION = 1e-3  # m, if units are specified
-ROTATION_TOLERANCE = 1e-3  # largest deviation of R from a rotation matrix, due to rounding
-# Lower-case names of rotation and translation; the end names the frames that they relate.
+# Largest distance from a camera to the link that carries it, m.
+LONGEST_TRANSLATION = 2.0
+# Smallest distance from a camera to the link that carries it, m. It is checked if units are set.
+SHORTEST_TRANSLATION = 1e-3
+# Largest element of R R^T - I. The numbers in files are rounded.
+ROTATION_TOLERANCE = 1e-3
+# Names of a rotation and a translation in lower case. They may end with the names of two frames,
+# such as _cam2gripper.
 R_AND_T = re.compile(r"(r|rot|rotation|rvec|t|trans|translation|tvec)(_?(\w+?)(2|_to_)(\w+))?")
 PAIRS = {"r": "t", "rot": "trans", "rotation": "translation", "rvec": "tvec"}
 PUBLISHER_FLAGS = {"x", "y", "z", "qx", "qy", "qz", "qw", "roll", "pitch", "yaw", "frame-id",
@@ -44,7 +49,7 @@ PUBLISHER = "static_transform_publisher"
 
 
 class HandEyeError(SimError):
-    """A hand-eye file is invalid."""
+    """The file of a hand-eye calibration is invalid."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -52,9 +57,9 @@ class HandEyeCalibration:
     """Pose of a camera frame in the link that carries the camera.
 
     Attributes:
-        link_T_camera: (4, 4), m.
+        link_T_camera: (4, 4) pose of the camera frame in the link, m.
         link: link that carries the camera; '' if the file does not name it.
-        frame: frame of the camera; '' for its optical frame (z forward, x right, y down).
+        frame: name of the camera frame; '' for the optical frame (z forward, x right, y down).
     """
 
     link_T_camera: np.ndarray
@@ -67,7 +72,7 @@ def read_hand_eye(path: str | Path, units: str = "") -> HandEyeCalibration:
 
     Args:
         units: unit of the lengths in the file: m, cm or mm; '' for the unit that the file states,
-            or metres up to LONGEST_TRANSLATION.
+            or m if it states none.
 
     Raises:
         HandEyeError: the file is invalid; the message names the file, the field and what is
@@ -102,8 +107,8 @@ def _convert_to_metres(
     if length > LONGEST_TRANSLATION:
         raise HandEyeError(
             f"{path}: the translation {written} is {length:.4g} m long"
-            + (f" in {units}: correct it, or units" if units else
-               ": set units to mm (or cm) if it is in that unit, otherwise correct it")
+            + (f" in {units}: correct the translation, or units" if units else
+               ": set units if it is in mm or cm, otherwise correct the translation")
         )  # fmt: skip
     if units and 0.0 < length < SHORTEST_TRANSLATION:
         raise HandEyeError(f"{path}: the translation {written} is {length:.3g} m long in {units}: "
@@ -116,7 +121,7 @@ def _convert_to_metres(
 
 
 def _parse_rows(text: str) -> list[list[float]] | None:
-    """Return the numbers in each line of a text; None if it contains more than numbers."""
+    """Return the numbers in each line of a text; None if it contains anything but numbers."""
     lines = [re.split("[#%]", line)[0].strip(" \t[],;") for line in text.splitlines()]
     try:
         return [[float(word) for word in re.split(r"[\s,;]+", line)]
@@ -126,7 +131,7 @@ def _parse_rows(text: str) -> list[list[float]] | None:
 
 
 def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
-    """Return the pose (4, 4) of a 4x4 matrix, its 16 numbers in one row, or ViSP's pose vector."""
+    """Return a pose (4, 4) from a 4x4 matrix, its 16 numbers in one row, or ViSP's pose vector."""
     if isinstance(rows, list | tuple) and not any(isinstance(row, list | tuple) for row in rows):
         rows = [rows]
     numbers = _flatten(rows, where)
@@ -138,7 +143,8 @@ def _pose_from_rows(rows: Any, where: str) -> np.ndarray:
             _rotation_from_vector(numbers[3:], f"{where}: theta u"), numbers[:3], where
         )
     raise HandEyeError(f"{where} holds {len(numbers)} numbers in {len(shape)} rows, must be a 4x4 "
-                       "matrix or ViSP's pose vector (t, theta u): is it complete?")  # fmt: skip
+                       "matrix or ViSP's pose vector (t, theta u): check that the file is "
+                       "complete")  # fmt: skip
 
 
 def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
@@ -150,7 +156,7 @@ def _pose_from_matrix(matrix: np.ndarray, where: str) -> np.ndarray:
 
 
 def _rotation_from_vector(vector: Sequence[float], where: str) -> np.ndarray:
-    """Return R (3, 3) of an axis-angle vector, rad."""
+    """Return the rotation matrix R (3, 3) of a rotation vector, rad."""
     import cv2
 
     turn = np.asarray(vector, float)
@@ -167,7 +173,7 @@ def _rotation_from_quaternion(q: Sequence[float], where: str) -> np.ndarray:
 
 
 def _make_pose(R: np.ndarray, t: Sequence[float], where: str) -> np.ndarray:
-    """Return the pose (4, 4) with R orthonormalised, because files contain rounded numbers."""
+    """Return the pose (4, 4) of R and t. R is orthonormalised, because files are rounded."""
     R, t = np.asarray(R, float), np.asarray(t, float).ravel()
     if not (np.isfinite(R).all() and np.isfinite(t).all()) or t.shape != (3,):
         raise HandEyeError(f"{where}: the translation is {t.tolist()}, must be three finite "
@@ -187,11 +193,12 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
     try:
         root = parse(text, str(path))
     except DescriptionError as error:
-        raise HandEyeError(f"{error}: is the file complete?") from None
+        raise HandEyeError(f"{error}: check that the file is complete") from None
     if root.tag == "launch":
         nodes = [node for node in root.iter("node") if node.get("type") == PUBLISHER]
         if len(nodes) != 1:
-            raise HandEyeError(f"{path} has {len(nodes)} nodes {PUBLISHER}, must have one")
+            raise HandEyeError(f"{path} has {len(nodes)} nodes of the type {PUBLISHER}, must have "
+                               "one: remove the others")  # fmt: skip
         return _read_publisher_arguments(nodes[0].get("args", "").split(), path)
     if root.tag == "opencv_storage":
         return _read_opencv(text, path)
@@ -212,7 +219,8 @@ def _read_xml(text: str, path: Path) -> HandEyeCalibration:
 def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCalibration:
     """Read the arguments of static_transform_publisher.
 
-    These are x y z, yaw pitch roll or a quaternion, and two frames; or flags as in ROS 2.
+    They are x y z, then yaw pitch roll or a quaternion, then two frames. In ROS 2, they may be
+    flags.
     """
     where = f"{path}: {PUBLISHER}"
     if any(word.startswith("--") for word in arguments):
@@ -234,7 +242,7 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
             (i for i, word in enumerate(arguments) if _parse_float(word) is None), len(arguments)
         )
         link, frame, *rest = (*arguments[count:], "", "")
-        rest = [word for word in rest if word and _parse_float(word) is None]  # a period may follow
+        rest = [word for word in rest if word and _parse_float(word) is None]  # skip the period
         arguments = arguments[:count]
     numbers = [_parse_float(word) for word in arguments]
     if len(numbers) not in (6, 7) or None in numbers or not (link and frame) or rest:
@@ -256,7 +264,7 @@ def _read_publisher_arguments(arguments: Sequence[str], path: Path) -> HandEyeCa
 
 
 def _find_publisher_text(text: str) -> str:
-    """Return the arguments of a publisher in a Python launch file, without comments."""
+    """Return the arguments of the publisher in the text of a Python launch file."""
     code = re.sub(r"#.*", "", text)
     after = code[code.index(PUBLISHER) + len(PUBLISHER) :] if PUBLISHER in code else ""
     inside, closed, _ = after[max(after.find("arguments"), 0) :].partition("]")
@@ -270,7 +278,7 @@ def _read_mapping(text: str, path: Path) -> tuple[HandEyeCalibration, str]:
     if not isinstance(data, Mapping):
         return HandEyeCalibration(_pose_from_rows(data, str(path))), ""
     units = str(data.get("units", data.get("unit", "")))
-    if "rows" in data and "data" in data:  # ViSP's arrays
+    if "rows" in data and "data" in data:  # an array of ViSP
         numbers = _flatten(data["data"], f"{path}: data")
         if len(numbers) != _count_entries(data, path):
             raise HandEyeError(f"{path}: data has {len(numbers)} numbers, but rows and cols are "
@@ -308,7 +316,7 @@ def _read_ros(data: Mapping[str, Any], entry: Mapping[str, Any], where: str) -> 
 
 
 def _read_opencv(text: str, path: Path) -> HandEyeCalibration:
-    """Read an OpenCV FileStorage with a 4x4 matrix, or R and t."""
+    """Read an OpenCV FileStorage that contains a 4x4 matrix, or R and t."""
     entries = read_storage(text, path, HandEyeError)
     data = {name: value.tolist() for name, value in entries.items()
             if isinstance(value, np.ndarray)}  # fmt: skip
@@ -321,7 +329,10 @@ def _find_units(text: str) -> str:
 
 
 def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
-    """Return the pose from a 4x4 matrix under any name, or from R and t, which have known names."""
+    """Return the pose from a mapping with a 4x4 matrix, or with R and t.
+
+    The name of the matrix is arbitrary. R and t must have names that match R_AND_T.
+    """
     plain = {str(key): value for key, value in data.items() if isinstance(value, list | tuple)}
     matrices = [key for key, value in plain.items() if len(_flatten(value, f"{path}: {key}")) == 16]
     if len(matrices) == 1:
@@ -344,23 +355,24 @@ def _read_entries(data: Mapping[str, Any], path: Path) -> np.ndarray:
         R = np.reshape(turn, (3, 3)) if len(turn) == 9 else _rotation_from_vector(turn, where)
         matrix = _make_pose(R, _flatten(t, f"{path}: {other}"), where)
         return np.linalg.inv(matrix) if _is_inverse(name) else matrix
-    raise HandEyeError(f"{path} has {', '.join(map(str, data)) or 'nothing'}, must have a 4x4 "
+    raise HandEyeError(f"{path} contains {', '.join(map(str, data)) or 'nothing'}, must have a 4x4 "
                        "matrix, or R and t (such as R_cam2gripper and t_cam2gripper)")  # fmt: skip
 
 
 def _is_inverse(name: str) -> bool:
-    """Return whether a name, such as gripper2cam, denotes a transform to the camera frame."""
+    """Return whether a name, such as gripper2cam, is that of a transform to the camera frame."""
     return re.search(r"(2|_to_|to)(cam|camera|optical)\b", name.lower()) is not None
 
 
 def _flatten(value: Any, where: str) -> list[float]:
-    """Return the finite numbers of a nested list."""
+    """Return the numbers of a nested list, after checking that they are finite."""
     if isinstance(value, list | tuple):
         return [number for part in value for number in _flatten(part, where)]
     number = as_number(value)
     if number is None:
         raise HandEyeError(
-            f"{where}: {format_value(value)} is not a finite number: is the file complete?"
+            f"{where}: {format_value(value)} is not a finite number: check that the file is "
+            "complete"
         )
     return [number]
 

@@ -1,4 +1,4 @@
-"""Readers of image files; the size is checked in the header before decoding."""
+"""Readers of image files, and of their size without decoding them."""
 
 import warnings
 from pathlib import Path
@@ -7,7 +7,7 @@ import numpy as np
 
 from aras_visual_servo_base.errors import DescriptionError
 
-LARGEST_IMAGE = 64_000_000  # pixels; larger images are rejected
+LARGEST_IMAGE = 64_000_000  # largest number of pixels of an image
 
 
 def read_image_size(path: str | Path) -> tuple[int, int] | None:
@@ -32,10 +32,11 @@ def read_image_size(path: str | Path) -> tuple[int, int] | None:
 
 
 def read_on_white(path: str | Path, colour: bool = False) -> np.ndarray | None:
-    """Return the image in a file on a white background.
+    """Read an image, and replace transparency by a white background.
 
     Returns:
-        (rows, columns) grey or (rows, columns, 3) BGR, uint8; None if the file cannot be read.
+        (rows, columns) uint8, grey, or (rows, columns, 3) uint8, BGR, if `colour`; None if the file
+    cannot be read.
     """
     import cv2
 
@@ -60,7 +61,7 @@ def _has_alpha(image: np.ndarray | None) -> bool:
 
 
 def _read(path: str | Path, flags: int) -> np.ndarray | None:
-    """Read an image with OpenCV, without its log message for files that are not images."""
+    """Read an image with OpenCV; suppress OpenCV's log message for files that are not images."""
     import cv2
 
     level = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

@@ -1,4 +1,7 @@
-"""Exports that are imported at their first use, so that a program loads only what it needs."""
+"""Exports of a package that are imported when they are first used.
+
+Thus a program loads only those modules of a package that it needs.
+"""
 
 from __future__ import annotations
 
@@ -18,9 +21,9 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
     For a misspelt attribute or import, the error suggests the most similar name of `__all__`.
 
     Args:
-        package: full name of the package (its `__name__`); its `__init__` must define `__all__`.
-        places: module that defines each exported name; a leading dot, as in '.config', makes the
-            module relative to the package.
+        package: full name of the package (its `__name__`). Its `__init__` must define `__all__`.
+        places: module that defines each exported name. If the module's name starts with a dot, as
+            in '.config', it is relative to the package.
     """
 
     def list_names() -> list[str]:
@@ -31,22 +34,22 @@ def lazy_exports(package: str, places: Mapping[str, str]) -> tuple[Getter, Liste
             return getattr(import_module(places[name], package), name)
         if name.startswith("__") or _is_module(f"{package}.{name}"):
             raise AttributeError(f"module {package!r} has no attribute {name!r}", name=name)
-        from .names import suggest  # imported here because only errors need it
+        from .names import suggest  # imported here because it is only needed for errors
 
         hint = suggest(name, list_names())
-        # `from package import name` replaces the message of an AttributeError by its own, but not
-        # that of an ImportError.
+        # The statement `from package import name` replaces the message of an AttributeError by its
+        # own message, but not that of an ImportError.
         if sys._getframe(1).f_globals.get("__name__") == "importlib._bootstrap":
             text = f"cannot import name {name!r} from {package!r}: {hint}"
             raise ImportError(text, name=package)
-        # Without `obj` the interpreter does not add another suggestion.
+        # The argument `obj` is not set, so that the interpreter does not add another suggestion.
         raise AttributeError(f"module {package!r} has no attribute {name!r}: {hint}", name=name)
 
     return get, list_names
 
 
 def _is_module(name: str) -> bool:
-    """Return whether a module of this full name exists; its package must be imported."""
+    """Return whether a module with this full name exists. Its package must be imported."""
     return name.rpartition(".")[2].isidentifier() and find_spec(name) is not None
 
 

@@ -1,4 +1,4 @@
-"""Lens models at unit focal length, with OpenCV's coefficients in OpenCV's order."""
+"""Lens models at unit focal length. Their coefficients are those of OpenCV, in the same order."""
 
 from __future__ import annotations
 
@@ -12,15 +12,15 @@ import numpy as np
 def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, ...]:
     """Distort points by Brown's model with rational radial terms, and compute the Jacobian.
 
-    Source: OpenCV, calib3d, "Detailed description".
+    The formulas are those of OpenCV (calib3d, "Detailed description").
 
     Args:
         x, y: undistorted coordinates (n,).
-        D: k1 k2 p1 p2 k3 k4 k5 k6, thin prism coefficients s1 s2 s3 s4 and sensor tilt taux tauy
-            (rad); trailing coefficients may be omitted.
+        D: coefficients k1 k2 p1 p2 k3 k4 k5 k6, the thin prism coefficients s1 s2 s3 s4, and the
+        tilt of the sensor taux tauy (rad). The last ones may be omitted.
 
     Returns:
-        Distorted x and y, and the entries of the Jacobian [[a, b], [c, d]], each (n,).
+        Distorted x and y, and a, b, c, d of the Jacobian [[a, b], [c, d]]; each is (n,).
     """
     k1, k2, p1, p2, k3, k4, k5, k6, *more = (*D, *(0.0,) * (8 - len(D)))
     r2 = x * x + y * y
@@ -54,7 +54,10 @@ def brown(x: np.ndarray, y: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray,
 
 @functools.lru_cache(maxsize=32)
 def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
-    """Return the homography (3, 3) of a sensor tilted about x, then y (rad, OpenCV's signs)."""
+    """Return the homography (3, 3) of a sensor that is tilted about x, then about y.
+
+    The angles are in rad and have OpenCV's signs.
+    """
     cx, sx, cy, sy = math.cos(taux), math.sin(taux), math.cos(tauy), math.sin(tauy)
     about_x = np.array([[1.0, 0.0, 0.0], [0.0, cx, sx], [0.0, -sx, cx]])
     about_y = np.array([[cy, 0.0, -sy], [0.0, 1.0, 0.0], [sy, 0.0, cy]])
@@ -67,13 +70,13 @@ def _tilt_homography(taux: float, tauy: float) -> np.ndarray:
 def fold_radius(D: tuple[float, ...]) -> float:
     """Return the undistorted radius at which the radial part of `brown` has its maximum.
 
-    The result is infinite if it grows monotonically.
+    Return infinity if the radial part increases monotonically.
     """
     k1, k2, _, _, k3, k4, k5, k6 = (*D, *(0.0,) * (8 - len(D)))[:8]
     one = np.polynomial.Polynomial([1.0])
     s = np.polynomial.Polynomial([0.0, 1.0])  # r squared
     n, d = one + k1 * s + k2 * s**2 + k3 * s**3, one + k4 * s + k5 * s**2 + k6 * s**3
-    # d/dr (r n / d) = 0  <=>  n d + 2 s (n' d - n d') = 0
+    # With s = r^2, the radius r n(s) / d(s) has its maximum where n d + 2 s (n' d - n d') = 0.
     slope = n * d + 2.0 * s * (n.deriv() * d - n * d.deriv())
     roots = np.concatenate([slope.roots(), d.roots() if d.degree() else []])
     real = roots[(np.abs(roots.imag) < 1e-9) & (roots.real > 1e-12)].real
@@ -83,10 +86,9 @@ def fold_radius(D: tuple[float, ...]) -> float:
 def extrapolate_brown(
     x: np.ndarray, y: np.ndarray, D: tuple[float, ...]
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Distort x and y (n,) by `brown` up to the fold radius and extrapolate linearly beyond it.
+    """Distort x and y (n,) with `brown`, and extrapolate linearly beyond the `fold_radius`.
 
-    Beyond that radius the polynomial would map points outside of the field of view back into the
-    image.
+    Beyond this radius, the polynomial would map points outside of the field of view into the image.
     """
     fold = fold_radius(D)
     if math.isinf(fold):
@@ -97,10 +99,10 @@ def extrapolate_brown(
 
 
 def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, np.ndarray]:
-    """Return distances (n,) from the image centre for angles (n,) from the axis, and their slopes.
+    """Return the radius (n,) in the image for angles theta (n,) from the axis, and its slope.
 
     The radius is theta (1 + k1 theta^2 + k2 theta^4 + k3 theta^6 + k4 theta^8), with theta in rad
-    and D = (k1, k2, k3, k4).
+    and D = (k1, k2, k3, k4). The slope (n,) is its derivative with respect to theta.
     """
     k1, k2, k3, k4 = D
     t2 = np.square(theta)
@@ -109,7 +111,7 @@ def kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> tuple[np.ndarray, n
 
 
 def extrapolate_kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> np.ndarray:
-    """Return the distances (n,) of `kannala_brandt`, extrapolated linearly beyond the fold."""
+    """Return the radius (n,) of `kannala_brandt`, extrapolated linearly beyond its maximum."""
     factor = np.maximum(theta / kannala_brandt_fold(D), 1.0)
     return factor * kannala_brandt(theta / factor, D)[0]
 
@@ -117,7 +119,7 @@ def extrapolate_kannala_brandt(theta: np.ndarray, D: Sequence[float]) -> np.ndar
 def kannala_brandt_fold(D: Sequence[float]) -> float:
     """Return the angle (rad) at which the radius of `kannala_brandt` has its maximum.
 
-    The result is infinite if the radius grows monotonically.
+    Return infinity if the radius increases monotonically.
     """
     k1, k2, k3, k4 = D
     roots = np.polynomial.Polynomial([1.0, 3 * k1, 5 * k2, 7 * k3, 9 * k4]).trim().roots()

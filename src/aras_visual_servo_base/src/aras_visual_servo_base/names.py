@@ -9,8 +9,8 @@ from types import ModuleType
 from typing import Any
 
 Fault = type[Exception]
-# Exceptions of a user's class or module, which must not end the program. SystemExit is included, so
-# that sys.exit in such code does not end it either.
+# Exceptions that a user's class or module may raise. They must not end the program; this includes
+# SystemExit, which sys.exit raises.
 USER_FAULTS = (Exception, SystemExit)
 
 
@@ -29,10 +29,10 @@ def suggest(name: object, known_names: Iterable[str]) -> str:
 
 
 def resolve_name(*names: str) -> str:
-    """Return the global ROS name of the last name, each name being relative to the previous one.
+    """Join ROS names to a global name; each name is relative to the previous one.
 
-    Names are resolved as by a chain of NodeHandles: a name that starts with "/" is global, so the
-    names before it have no effect.
+    The names are resolved as by a chain of NodeHandles. A name that starts with "/" is global, so
+    the names before it have no effect.
     """
     parts: list[str] = []
     for name in names:
@@ -44,10 +44,11 @@ def resolve_name(*names: str) -> str:
 def describe_unknown(
     kind: str, name: object, known_names: Iterable[str], accepts_class: bool = False
 ) -> str:
-    """Return a message that lists all known names, after the most similar one.
+    """Return the message for an unknown name: the most similar name, and all known names.
 
     Args:
-        accepts_class: whether 'package.module:Class' is possible, too.
+        kind: kind of the names, for the message, such as 'scheme'.
+        accepts_class: whether a name may also be 'package.module:Class'.
     """
     known_names = list(known_names)
     near = find_nearest(name, known_names, 0.5)
@@ -66,13 +67,15 @@ def import_object(
     """Return the object that 'package.module:Name' refers to.
 
     Args:
-        kind: kind of the object, for messages: 'scheme', 'metric'.
+        kind: kind of the object, for messages, such as 'scheme' or 'metric'.
         name: name that the user wrote.
-        path: 'package.module:Name', if it differs from the name.
-        load: imports a module.
+        fault: class of the exceptions to raise.
+        path: 'package.module:Name'; None if the name has this form.
+        load: function that imports a module.
 
-    Raises:
-        fault: the path has another form, module or attribute do not exist, or the import fails.
+        Raises:
+            fault: the path does not have this form, the module or the object does not exist, or the
+        import fails.
     """
     path = str(name if path is None else path)
     module_name, _, attribute = path.partition(":")
@@ -82,8 +85,8 @@ def import_object(
         module = load(module_name)
     except ImportError as error:
         raise fault(
-            f"{kind} '{name}': cannot import {module_name} ({error}); is its package built and "
-            "its workspace sourced?"
+            f"{kind} '{name}': cannot import {module_name} ({error}); check that its package is "
+            "built and its workspace sourced"
         ) from error
     except USER_FAULTS as error:
         raise fault(
@@ -99,7 +102,11 @@ def import_object(
 def check_subclass(
     kind: str, name: str, candidate: Any, bases: tuple[type, ...], fault: Fault
 ) -> type:
-    """Return the candidate if it is a subclass of one of the bases. Raises `fault` otherwise."""
+    """Return `candidate` after checking that it is a subclass of one of the bases.
+
+    Raises:
+        fault: it is not.
+    """
     if isinstance(candidate, type) and issubclass(candidate, bases):
         return candidate
     called = getattr(candidate, "__name__", str(name).rpartition(":")[2])

@@ -1,4 +1,4 @@
-"""Reader of numbers, texts and matrices in OpenCV's FileStorage files."""
+"""Reader of OpenCV's FileStorage files, which contain numbers, texts and matrices."""
 
 from __future__ import annotations
 
@@ -10,14 +10,15 @@ import numpy as np
 
 from .errors import SimError
 
-LARGEST = 1000  # numbers in a matrix; calibrations have up to 27
+LARGEST = 1000  # largest number of elements of a matrix; calibrations have up to 27
 
 
 def read_storage(text: str, path: str | Path, error: type[SimError]) -> dict[str, Any]:
-    """Return the entries of a file by name: numbers, texts, number lists, matrices (rows, cols).
+    """Return the entries of a FileStorage by name.
 
-    Matrices are decoded here, because OpenCV's reader crashes with a memory error if a file
-    contains more numbers than it declares, or does not declare how many.
+    An entry is a number, a text, a list of numbers or a matrix (rows, cols). Matrices are decoded
+    here, because OpenCV crashes with a memory error if a matrix contains more numbers than its size
+    allows, or has no size.
 
     Raises:
         error: the file is invalid; the message names the file, the entry and what is expected.
@@ -30,7 +31,8 @@ def read_storage(text: str, path: str | Path, error: type[SimError]) -> dict[str
         return {name: _read_value(node, f"{path}: {name}", error) for name, node in nodes.items()}
     except (cv2.error, SystemError) as fault:
         words = " ".join(str(getattr(fault, "err", "") or fault).split())
-        raise error(f"{path} cannot be read by OpenCV: {words}: is it complete?") from None
+        raise error(f"{path} cannot be read by OpenCV: {words}: check that the file is "
+                    "complete") from None
 
 
 def _read_value(node: Any, where: str, error: type[SimError]) -> Any:
@@ -51,28 +53,31 @@ def _read_numbers(node: Any) -> list[float] | None:
 
 
 def _read_matrix(node: Any, where: str, error: type[SimError]) -> np.ndarray | None:
-    """Return a matrix, or a vector as a column; None for a mapping that is not a matrix."""
+    """Return a matrix; a vector becomes a column. Return None if the node is not a matrix."""
     keys = set(node.keys())
     if not keys & {"rows", "cols", "sizes", "dt", "data"}:
         return None
     shape = ("sizes",) if "sizes" in keys else ("rows", "cols")
     for key in (*shape, "dt", "data"):
         if key not in keys:
-            raise error(f"{where} has no {key}, must have {', '.join(shape)}, dt and data: is it "
-                        "complete?")  # fmt: skip
+            raise error(f"{where} has no {key}, must have {', '.join(shape)}, dt and data: check "
+                        "that the file is complete")  # fmt: skip
     sizes = _read_numbers(node.getNode("sizes")) if "sizes" in keys else [
         node.getNode(key).real() for key in shape]  # fmt: skip
     kind = re.fullmatch(r"([1-4]?)[ucwsifdh]", node.getNode("dt").string())
     if not sizes or len(sizes) > 2 or kind is None or any(
         not 1 <= size <= LARGEST or size != int(size) for size in sizes
     ):
-        raise error(f"{where} has invalid {', '.join(shape)} or dt: is it complete?")
+        given = " x ".join(f"{size:g}" for size in sizes or ()) or "missing"
+        raise error(f"{where} has the size {given} and the dt "
+                    f"'{node.getNode('dt').string()}', must have one or two sizes from 1 to "
+                    f"{LARGEST} and a dt such as d: correct them")  # fmt: skip
     data = node.getNode("data")
     if not data.isSeq() or data.size() > LARGEST or (numbers := _read_numbers(data)) is None:
         raise error(f"{where}: data must be a list of up to {LARGEST} numbers")
     rows, cols = int(sizes[0]), int(sizes[1]) if len(sizes) > 1 else 1
     width = cols * int(kind[1] or 1)
     if len(numbers) != rows * width:
-        raise error(f"{where} holds {len(numbers)} numbers, must hold {rows} rows of {width}: "
-                    "is it complete?")  # fmt: skip
+        raise error(f"{where} has {len(numbers)} numbers, must have {rows} rows of {width}: "
+                    "check that the file is complete")  # fmt: skip
     return np.reshape(numbers, (rows, width))

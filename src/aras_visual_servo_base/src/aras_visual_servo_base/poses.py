@@ -1,9 +1,9 @@
 """Rotations, rigid poses and twists.
 
 `a_T_b` maps coordinates in b to a, and `a_R_b` maps directions. Lengths are in m, angles in rad.
-Quaternions are (x, y, z, w) with unit length. There are two representations: plain floats (`Pose`
-and the functions above LINK_R_OPTICAL) for single poses in a 1 kHz loop, where NumPy is slow, and
-arrays (4, 4) and (3, 3) for products with Jacobians and points.
+Quaternions are (x, y, z, w) with unit length. There are two representations. Plain floats (`Pose`
+and the functions above LINK_R_OPTICAL) are for single poses in a 1 kHz loop, where NumPy is slow.
+Arrays (4, 4) and (3, 3) are for products with Jacobians and points.
 """
 
 from __future__ import annotations
@@ -16,18 +16,18 @@ import numpy as np
 
 Vector3 = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # length units in m, by their name in files
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}  # m, by the name of the unit in files
 
 
 class Twist(NamedTuple):
-    """Velocity of a frame: linear (m/s) of its origin, angular (rad/s), in world axes."""
+    """Twist of a frame in world axes: velocity of its origin (m/s), angular velocity (rad/s)."""
 
     linear: Vector3 = (0.0, 0.0, 0.0)
     angular: Vector3 = (0.0, 0.0, 0.0)
 
 
 class Pose(NamedTuple):
-    """A rigid pose: position (x, y, z), m, and unit quaternion (x, y, z, w).
+    """A rigid pose: position (x, y, z) in m, and unit quaternion (x, y, z, w).
 
     A pose a_T_b maps coordinates in b to a. `@` composes poses; `matrix` returns the (4, 4) matrix.
     """
@@ -48,7 +48,7 @@ class Pose(NamedTuple):
 
     @property
     def rpy(self) -> Vector3:
-        """The orientation as URDF's fixed-axis roll, pitch, yaw, rad."""
+        """The orientation as URDF's fixed-axis roll, pitch, yaw (rad)."""
         return rpy_from_rotation(rotation_from_quaternion(self.quat))
 
     def __matmul__(self, other: Pose) -> Pose:
@@ -126,7 +126,7 @@ def rotate(q: Quaternion, v: Vector3) -> Vector3:
 
 
 def normalise(q: Quaternion) -> Quaternion:
-    """Return `q` scaled to unit length; exact unit quaternions are returned unchanged."""
+    """Return the quaternion `q` scaled to unit length; an exact unit quaternion is not changed."""
     norm = math.sqrt(q[0] * q[0] + q[1] * q[1] + q[2] * q[2] + q[3] * q[3])
     if norm == 1.0:
         return q
@@ -134,7 +134,7 @@ def normalise(q: Quaternion) -> Quaternion:
 
 
 def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
-    """Return the quaternion of Rz(yaw) Ry(pitch) Rx(roll), rad."""
+    """Return the quaternion of the rotation Rz(yaw) Ry(pitch) Rx(roll); the angles are in rad."""
     cr, sr = math.cos(roll / 2), math.sin(roll / 2)
     cp, sp = math.cos(pitch / 2), math.sin(pitch / 2)
     cy, sy = math.cos(yaw / 2), math.sin(yaw / 2)
@@ -147,7 +147,7 @@ def quaternion_from_rpy(roll: float, pitch: float, yaw: float) -> Quaternion:
 
 
 def quaternion_from_z_to(direction: Vector3) -> Quaternion:
-    """Return the shortest rotation of the z axis onto a unit vector."""
+    """Return the quaternion of the shortest rotation from the z axis to a unit vector."""
     x, y, z = direction
     return normalise((-y, x, 0.0, 1.0 + z)) if z > -1.0 else (1.0, 0.0, 0.0, 0.0)
 
@@ -179,20 +179,27 @@ def rotation_from_quaternion(q: Quaternion) -> tuple[Vector3, Vector3, Vector3]:
 def rpy_from_rotation(R: Sequence[Sequence[float]]) -> Vector3:
     """Return fixed-axis roll, pitch, yaw (rad) of a rotation (3, 3).
 
-    At a pitch of ±90° roll is 0.
+    If the pitch is ±90°, roll and yaw are not unique; then the roll is 0.
     """
     (xx, xy, _), (yx, yy, _), (zx, zy, zz) = ([float(v) for v in row] for row in R)
     across = math.hypot(xx, yx)
     pitch = math.atan2(-zx, across)
     if across > 1e-9:
         return math.atan2(zy, zz), pitch, math.atan2(yx, xx)
-    return 0.0, pitch, math.atan2(-xy, yy)  # roll and yaw have the same axis: all is called yaw
+    return 0.0, pitch, math.atan2(-xy, yy)  # only the yaw is used, as both have the same axis
 
 
 def check_vector(
     values: object, what: str, fault: type[Exception], count: int = 3
 ) -> tuple[float, ...]:
-    """Return `count` finite floats as a tuple. Raises `fault` naming `what` otherwise."""
+    """Return a tuple of `count` finite floats.
+
+    Args:
+        what: name of the values, for messages.
+
+    Raises:
+        fault: the values are not `count` finite numbers.
+    """
     try:
         result = tuple(float(v) for v in values)
     except (TypeError, ValueError):
@@ -207,16 +214,18 @@ def check_vector(
 def check_pose(
     pose: object, what: str, fault: type[Exception], zero_is_identity: bool = False
 ) -> Pose:
-    """Return a finite pose with its quaternion normalised.
+    """Check a pose, and return it with a normalised quaternion.
 
     Args:
         pose: (xyz, quat).
         what: name of the pose, for messages.
-        fault: exception class.
-        zero_is_identity: whether (0, 0, 0, 0), as in an unset message field, is the identity.
+        fault: class of the exception to raise.
+        zero_is_identity: whether the quaternion (0, 0, 0, 0) is accepted as the identity. Unset
+    fields of messages have this value.
 
     Raises:
-        fault: a number is not finite, a length is wrong, or the quaternion is far from unit length.
+        fault: a number is not finite, there are too many or too few, or the length of the
+    quaternion is far from 1.
     """
     try:
         xyz, quat = pose
@@ -228,11 +237,12 @@ def check_pose(
     if zero_is_identity and norm == 0.0:
         return Pose(xyz)
     if not 1e-6 <= norm <= 1e6:
-        raise fault(f"{what}: orientation {quat} is no unit quaternion; use (0, 0, 0, 1) for none")
+        raise fault(f"{what}: orientation {quat} is not a unit quaternion; use (0, 0, 0, 1) for "
+                    "no rotation")  # fmt: skip
     return Pose(xyz, normalise(quat))
 
 
-# Gazebo's camera link looks along +x with z up; the optical frame looks along +z with y down.
+# Rotation of the optical frame (z forward, y down) in Gazebo's camera link (x forward, z up).
 LINK_R_OPTICAL = np.array([[0.0, 0.0, 1.0], [-1.0, 0.0, 0.0], [0.0, -1.0, 0.0]])
 LINK_R_OPTICAL.setflags(write=False)
 
@@ -252,7 +262,7 @@ def rotation_from_rpy(roll: float, pitch: float, yaw: float) -> np.ndarray:
 
 
 def matrix_from_xyz_rpy(xyz: Sequence[float], rpy: Sequence[float]) -> np.ndarray:
-    """Return the pose (4, 4) of a URDF `<origin>`: xyz in m, fixed-axis roll, pitch, yaw in rad."""
+    """Return the pose (4, 4) of a URDF <origin>: xyz (m) and fixed-axis roll, pitch, yaw (rad)."""
     a_T_b = np.eye(4)
     a_T_b[:3, :3] = rotation_from_rpy(*rpy)
     a_T_b[:3, 3] = xyz
@@ -282,21 +292,24 @@ def xyz_rpy_from_matrix(a_T_b: np.ndarray) -> tuple[list[float], list[float]]:
 
 
 def optical_pose(a_T_link: np.ndarray) -> np.ndarray:
-    """Return `a_T_optical` (4, 4) of a camera whose link has +x forward and z up, as in Gazebo."""
+    """Return the pose a_T_optical (4, 4) of the optical frame of a camera link, as in Gazebo.
+
+        In the link, whose pose is a_T_link (4, 4), x is forward and z up.
+    """
     a_T_optical = np.array(a_T_link, float)
     a_T_optical[:3, :3] = a_T_link[:3, :3] @ LINK_R_OPTICAL
     return a_T_optical
 
 
 def pose_difference(a_T_b: np.ndarray, a_T_c: np.ndarray) -> tuple[float, float]:
-    """Return distance (m) and rotation angle (rad) between two poses (4, 4) in one frame."""
+    """Return the distance (m) and the rotation angle (rad) between two poses (4, 4)."""
     distance = float(np.linalg.norm(a_T_b[:3, 3] - a_T_c[:3, 3]))
     return distance, float(np.linalg.norm(rotation_vector(a_T_b[:3, :3].T @ a_T_c[:3, :3])))
 
 
 def rotation_vector(R: np.ndarray) -> np.ndarray:
-    """Return the rotation vector (3,), rad, of a rotation matrix (3, 3); its norm is in [0, pi]."""
-    # The antisymmetric part is accurate where arccos of the trace is not.
+    """Return the rotation vector (3,) of a rotation matrix (3, 3), rad; its norm is in [0, pi]."""
+    # Use the antisymmetric part of R, because arccos of the trace is inaccurate for small angles.
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = R.tolist()
     x, y, z = zy - yz, xz - zx, yx - xy
     sine, cosine = 0.5 * math.hypot(x, y, z), 0.5 * (xx + yy + zz - 1.0)
@@ -304,7 +317,8 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
     if sine > 1e-4 or cosine > 0.0:
         factor = 0.5 * angle / sine if sine > 1e-6 else 0.5
         return np.array([factor * x, factor * y, factor * z])
-    # Near half a turn the symmetric part is accurate: (R + R^T) / 2 - cosine = (1 - cosine) u u^T.
+    # Near half a turn, the symmetric part is accurate: with the axis u, (R + R^T) / 2 - cosine I =
+    # (1 - cosine) u u^T.
     outer = 0.5 * (R + R.T) - cosine * np.eye(3)
     axis = outer[:, int(np.argmax(np.diag(outer)))]
     if axis @ (x, y, z) < 0.0:
@@ -313,10 +327,11 @@ def rotation_vector(R: np.ndarray) -> np.ndarray:
 
 
 def rotation_vector_rate(rotation: np.ndarray) -> np.ndarray:
-    """Return the inverse right Jacobian J (3, 3) of SO(3) at the rotation vector of a_R_b.
+    """Return the matrix J (3, 3) that maps angular velocity to the rate of a rotation vector.
 
-    J @ omega is the rate of the rotation vector if omega (rad/s) is the angular velocity of b in
-    the axes of b. The transpose of J is used for omega in the axes of a.
+    `rotation` is the rotation vector of a_R_b. J @ omega is its rate if omega (rad/s) is the
+    angular velocity of b relative to a in the axes of b. If omega is in the axes of a, use the
+    transpose of J. J is the inverse right Jacobian of SO(3).
     """
     K = skew(rotation)
     return np.eye(3) + 0.5 * K + _half_cotangent(float(np.linalg.norm(rotation))) * K @ K
@@ -329,9 +344,10 @@ def skew(v: Sequence[float]) -> np.ndarray:
 
 
 def adjoint(a_T_b: np.ndarray) -> np.ndarray:
-    """Return the matrix (6, 6) that maps the twist of b in b to that of a in a.
+    """Return the matrix (6, 6) that maps twists of a rigid body from frame b to frame a.
 
-    Both frames are fixed to one rigid body.
+    Both frames are fixed to the body. The matrix maps the twist of b, in the axes of b, to that of
+    a, in the axes of a.
     """
     turned = np.zeros((6, 6))
     turned[:3, :3] = turned[3:, 3:] = a_T_b[:3, :3]
@@ -340,7 +356,10 @@ def adjoint(a_T_b: np.ndarray) -> np.ndarray:
 
 
 def exponential(twist: Sequence[float]) -> np.ndarray:
-    """Return a_T_b (4, 4) after a constant twist (6,) of b in b for one second, starting at a."""
+    """Return a_T_b (4, 4) after b has moved from a with a constant twist for one second.
+
+    `twist` (6,) is the twist of b in the axes of b.
+    """
     vx, vy, vz, x, y, z = (float(rate) for rate in twist)
     square = x * x + y * y + z * z
     angle = math.sqrt(square)
@@ -363,12 +382,15 @@ def exponential(twist: Sequence[float]) -> np.ndarray:
 
 
 def logarithm(a_T_b: np.ndarray) -> np.ndarray:
-    """Return the twist (6,) that gives this motion in one second, for rotations up to pi."""
+    """Return the constant twist (6,) that moves b from a to a_T_b in one second.
+
+    It is the inverse of `exponential` for rotations up to pi.
+    """
     a, b, c = rotation_vector(a_T_b[:3, :3]).tolist()
     x, y, z = a_T_b[:3, 3].tolist()
     along, square = a * x + b * y + c * z, a * a + b * b + c * c
     factor = _half_cotangent(math.sqrt(square))
-    # p - w x p / 2 + factor w x (w x p)
+    # The linear part is p - w x p / 2 + factor w x (w x p), with w = (a, b, c) and p = (x, y, z).
     return np.array([
         x - 0.5 * (b * z - c * y) + factor * (a * along - x * square),
         y - 0.5 * (c * x - a * z) + factor * (b * along - y * square),
@@ -378,6 +400,6 @@ def logarithm(a_T_b: np.ndarray) -> np.ndarray:
 
 
 def _half_cotangent(angle: float) -> float:
-    """Return (1 - angle/2 cot(angle/2)) / angle^2, for inverse derivatives of the exponential."""
+    """Return (1 - angle/2 cot(angle/2)) / angle^2, a factor in inverses of the exponential."""
     half = 0.5 * angle
     return (1.0 - half / math.tan(half)) / angle**2 if angle > 1e-4 else 1.0 / 12.0

@@ -1,4 +1,4 @@
-"""Registry of classes of one kind by short name, each declared in a file of the kind's folder.
+"""Registry of classes of one kind by short names. Each class is declared in a file of one folder.
 
     LAWS = Registry("law", "my_package.laws", (Law,), ConfigurationError)
 
@@ -33,7 +33,7 @@ C = TypeVar("C", bound=type)
 
 
 class Parameter(NamedTuple):
-    """Declaration of one parameter of a registry's entry; a `default` of None means required."""
+    """Declaration of a parameter of a registry's entry. It is required if `default` is None."""
 
     name: str
     kind: str
@@ -44,10 +44,10 @@ class Parameter(NamedTuple):
 
 
 class Registry(Mapping[str, type]):
-    """Classes of one kind by short name.
+    """Classes of one kind by short names.
 
-    Modules are imported when an entry is first needed: first the module with the entry's name and,
-    if that does not declare the entry, all others one by one.
+    Modules are imported when an entry is first needed. The module with the name of the entry is
+    imported first. If it does not declare the entry, the other modules are imported one by one.
     """
 
     def __init__(
@@ -62,21 +62,21 @@ class Registry(Mapping[str, type]):
         """Create an empty registry.
 
         Args:
-            kind: kind of the entries, for messages: 'law'.
-            package: full name of the folder whose modules declare entries.
-            bases: base classes, one of which each entry must have.
-            fault: exception class for wrong names and parameters.
-            fallbacks: registries whose entries belong to this kind as well.
+            kind: kind of the entries, for messages, such as 'law'.
+            package: full name of the package whose modules declare entries.
+            bases: base classes. Each entry must be derived from one of them.
+            fault: class of the exceptions for wrong names and parameters.
+            fallbacks: registries whose entries also belong to this kind.
             first: modules to import before the others, because most users need them.
         """
         self.kind, self.bases, self.fault = kind, bases, fault
         self._package, self._fallbacks, self._first = package, fallbacks, first
         self._entries: dict[str, type] = {}
-        # modules of the folder that have not been imported yet
+        # Modules of the folder that have not been imported yet; None before the folder is listed.
         self._unimported: list[str] | None = None
 
     def register(self, name: str) -> Callable[[C], C]:
-        """Return a class decorator that registers a class as `name` and sets its `name` attribute.
+        """Return a decorator that registers a class as `name` and sets its attribute `name`.
 
         Raises:
             fault: another class is registered under this name.
@@ -86,7 +86,8 @@ class Registry(Mapping[str, type]):
             taken = self._entries.get(name)
             if taken is not None and taken.__qualname__ != cls.__qualname__:
                 raise self.fault(
-                    f"{self.kind} '{name}' is already {taken.__module__}:{taken.__qualname__}"
+                    f"{self.kind} '{name}' is already {taken.__module__}:{taken.__qualname__}; use "
+                    "another name"
                 )
             self._entries[name] = cls
             cls.name = name
@@ -140,7 +141,7 @@ class Registry(Mapping[str, type]):
         importlib.import_module(f"{self._package}.{module}")
 
     def find(self, name: str) -> type:
-        """Return the class with a short name or 'package.module:Class'.
+        """Return the class for a short name or 'package.module:Class'.
 
         Raises:
             fault: the name, module or class does not exist, or the class is of another kind.
@@ -154,10 +155,11 @@ class Registry(Mapping[str, type]):
                         self.fault)  # fmt: skip
 
     def create(self, name: str, /, *arguments: object, **options: object) -> Any:
-        """Create an instance of the class with a short name or 'package.module:Class'.
+        """Create an instance of the class for a short name or 'package.module:Class'.
 
         Raises:
-            fault: `find` or the constructor fails, or the class does not have one of the options.
+            fault: `find` or the constructor fails, or the constructor does not have one of the
+        options.
         """
         return construct(self.kind, name, self.find(name), self.fault, *arguments, **options)
 
@@ -167,7 +169,7 @@ class Registry(Mapping[str, type]):
 
 
 def list_parameters(cls: type) -> tuple[Parameter, ...]:
-    """Return the parameters of a dataclass, which are its fields; none for other classes."""
+    """Return the parameters of a dataclass, which are its fields. Other classes have none."""
     if not dataclasses.is_dataclass(cls):
         return ()
     hints, found = list_annotations(cls), []
@@ -192,7 +194,9 @@ def list_parameters(cls: type) -> tuple[Parameter, ...]:
 def construct(
     kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
 ) -> Any:
-    """Create an instance of a class that may be a user's; any exception becomes a one-line error.
+    """Create an instance of a class, which a user may have written.
+
+    Every exception of the class is converted to an error with a message of one line.
 
     Raises:
         fault: an option is unknown, a required one is missing, or the constructor fails.
@@ -209,15 +213,16 @@ def construct(
 def check_options(
     kind: str, name: str, cls: type, fault: Fault, /, *arguments: object, **options: object
 ) -> None:
-    """Check that a class's constructor has all these options.
+    """Check that the constructor of a class accepts these arguments and options.
 
     Raises:
-        fault: an option is unknown; the message names it and the most similar known one.
+        fault: an option is unknown or a required argument is missing. For an unknown option, the
+    message suggests the most similar one.
     """
     try:
         signature = inspect.signature(cls)
     except (TypeError, ValueError):
-        return  # a class without signature cannot be checked
+        return  # the class has no signature, so the options cannot be checked
     taken = sorted(
         key for key, one in signature.parameters.items()
         if one.kind in (one.KEYWORD_ONLY, one.POSITIONAL_OR_KEYWORD)

@@ -1,4 +1,4 @@
-"""Reader of untrusted XML: no document type or entities, limited size, depth and element count."""
+"""Reader of untrusted XML. It rejects document types and entities, and limits size and depth."""
 
 import math
 from xml.etree.ElementTree import Element, TreeBuilder
@@ -7,7 +7,8 @@ from xml.parsers import expat
 from aras_visual_servo_base.errors import DescriptionError
 from aras_visual_servo_base.poses import Pose, Vector3
 
-LARGEST_TEXT = 16 * 1024 * 1024  # characters; the largest common robot descriptions have about 1e6
+# Largest number of characters. The largest common robot descriptions have about a million.
+LARGEST_TEXT = 16 * 1024 * 1024
 LARGEST_DEPTH = 64
 LARGEST_COUNT = 400_000
 
@@ -18,14 +19,14 @@ def parse(
     """Return the root element of an XML document.
 
     Args:
-        xml: the document; an element is returned unchanged.
-        what: kind of the document for messages, 'URDF' or 'SDF'.
+        xml: text of the document. An element is returned unchanged.
+        what: kind of the document for messages, such as 'URDF' or 'SDF'.
         largest: largest number of characters.
         doctype: whether a document type is allowed, as in SVG files; entities are always rejected.
 
     Raises:
-        DescriptionError: the document is not well formed, too large or too deep, or declares a
-            document type or entity, which could expand without limit or read other files.
+        DescriptionError: the document is not well formed, is too large or too deep, or declares a
+            document type or an entity. Entities could expand without limit or read other files.
     """
     if isinstance(xml, Element):
         return xml
@@ -33,13 +34,13 @@ def parse(
         raise DescriptionError(f"{what}: expected text, got {type(xml).__name__}")
     if len(xml) > largest:
         raise DescriptionError(
-            f"{what}: {len(xml)} characters, more than the limit of {largest}; "
+            f"{what}: it has {len(xml)} characters, more than the limit of {largest}; "
             "keep meshes in separate files"
         )
     if not xml.strip():
         raise DescriptionError(f"{what}: the description is empty")
     text = _remove_comments(xml).lstrip("\ufeff \t\r\n")
-    first_line = xml.count("\n") - text.count("\n")  # lines before the text that the parser gets
+    first_line = xml.count("\n") - text.count("\n")  # number of lines before `text`
     builder = TreeBuilder()
     parser = expat.ParserCreate()
     parser.buffer_text = True
@@ -54,8 +55,8 @@ def parse(
         count += 1
         if depth > LARGEST_DEPTH or count > LARGEST_COUNT:
             raise DescriptionError(
-                f"{what}: line {find_line()}: more than {LARGEST_DEPTH} elements deep "
-                f"or {LARGEST_COUNT} in all"
+                f"{what}: line {find_line()}: the elements are more than {LARGEST_DEPTH} elements "
+                f"deep, or more than {LARGEST_COUNT} in total; simplify the file"
             )
         if tag.startswith("xacro:"):
             raise DescriptionError(
@@ -89,15 +90,15 @@ def parse(
             f"{expat.errors.messages[error.code]}"
         ) from None
     except (UnicodeEncodeError, ValueError) as error:
-        raise DescriptionError(f"{what}: not valid text: {error}") from None
+        raise DescriptionError(f"{what}: it is not valid text: {error}") from None
     return builder.close()
 
 
 def _remove_comments(xml: str) -> str:
-    """Return the text without comments, but with their line ends, so that line numbers match.
+    """Return the text without comments. Their line ends remain, so that line numbers are correct.
 
-    Gazebo's parser accepts comments that XML forbids: before the XML declaration, or with "--"
-    inside.
+    This allows comments that Gazebo's parser accepts although XML forbids them: those before the
+    XML declaration, and those that contain "--".
     """
     parts, at = [], 0
     while (begin := xml.find("<!--", at)) >= 0 and (end := xml.find("-->", begin + 4)) >= 0:
@@ -107,10 +108,10 @@ def _remove_comments(xml: str) -> str:
 
 
 def check_names(names: list[str], what: str) -> None:
-    """Check that names are unique; `what` is their kind ('cameras').
+    """Check that names are unique. `what` is their kind, such as 'cameras'.
 
     Raises:
-        DescriptionError: two are equal.
+        DescriptionError: two names are equal.
     """
     known_names: set[str] = set()
     for name in names:
@@ -120,21 +121,21 @@ def check_names(names: list[str], what: str) -> None:
 
 
 def shorten(text: str, length: int = 60) -> str:
-    """Return `text` on one line and shortened for a message."""
+    """Return a text on one line, shortened to at most `length` characters, for a message."""
     text = " ".join(text.split())
     return text if len(text) <= length else text[: length - 1] + "…"
 
 
 def parse_number(text: str | None, where: str, default: float | None = None) -> float:
-    """Return a finite float.
+    """Parse a finite number.
 
     Args:
-        text: text of an attribute or element; None if it is absent.
+        text: text of an attribute or element; None if this is missing.
         where: name of the value, for messages.
-        default: value if absent; None makes it required.
+        default: value that is returned if the text is missing; None if the value is required.
 
     Raises:
-        DescriptionError: a required value is absent, or the text is not a finite number.
+        DescriptionError: a required value is missing, or the text is not a finite number.
     """
     if text is None:
         if default is None:
@@ -151,7 +152,7 @@ def parse_number(text: str | None, where: str, default: float | None = None) -> 
 
 def parse_numbers(text: str | None, count: int, where: str,
             default: tuple[float, ...] | None = None) -> tuple[float, ...]:
-    """Return `count` finite floats separated by blanks; errors are those of `parse_number`."""
+    """Parse `count` finite numbers that are separated by blanks. See `parse_number`."""
     if text is None:
         if default is None:
             raise DescriptionError(f"{where} is missing")
@@ -163,9 +164,10 @@ def parse_numbers(text: str | None, count: int, where: str,
 
 
 def parse_pose(text: str | None, where: str) -> Pose:
-    """Return the pose of SDF's six numbers: position (m) and fixed-axis roll, pitch, yaw (rad).
+    """Parse a pose of SDF: position (m) and fixed-axis roll, pitch, yaw (rad).
 
-    An absent or empty text is the identity. Errors are those of `parse_number`.
+        If the text is missing or empty, the pose is the identity. Errors are those of
+    `parse_number`.
     """
     if not text:
         return Pose()
@@ -174,7 +176,7 @@ def parse_pose(text: str | None, where: str) -> Pose:
 
 
 def parse_direction(text: str | None, where: str, default: Vector3) -> Vector3:
-    """Return three numbers scaled to length 1, or the default unchanged if the text is absent.
+    """Parse three numbers and scale them to length 1; return `default` if the text is missing.
 
     Raises:
         DescriptionError: a number is invalid, or the vector is zero.
@@ -189,7 +191,7 @@ def parse_direction(text: str | None, where: str, default: Vector3) -> Vector3:
 
 
 def parse_integer(text: str | None, where: str, default: int | None = None) -> int:
-    """Return a whole number; errors are those of `parse_number`."""
+    """Parse a whole number. Errors are those of `parse_number`."""
     value = parse_number(text, where, default)
     if value != int(value):
         raise DescriptionError(f"{where}: {value} is not a whole number")
@@ -197,7 +199,13 @@ def parse_integer(text: str | None, where: str, default: int | None = None) -> i
 
 
 def parse_bool(text: str | None, where: str, default: bool) -> bool:
-    """Return True for 'true', '1', 'yes' and False for 'false', '0', 'no'; others are errors."""
+    """Return True for 'true', '1', 'yes' and False for 'false', '0', 'no'.
+
+    If the text is missing, return `default`.
+
+    Raises:
+        DescriptionError: the text is another one.
+    """
     if text is None:
         return default
     word = text.strip().lower()

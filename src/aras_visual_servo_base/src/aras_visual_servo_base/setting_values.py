@@ -1,4 +1,4 @@
-"""Conversion, checks and descriptions of setting values before they become settings."""
+"""Conversion, checks and descriptions of the values of settings."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ _TYPE_NAMES = {
     float: "a finite number", int: "a whole number", bool: "true or false", str: "a text",
     Path: "a path",
 }  # fmt: skip
-# An unquoted number of YAML 1.2 that YAML 1.1 reads as a text.
+# Numbers that YAML 1.1 reads as texts, unlike YAML 1.2, such as 1e1 or -.5.
 _TEXT_NUMBER = re.compile(r"[-+]?(\.\d+([eE][-+]?\d+)?|\d+(\.\d*)?[eE][-+]?\d+)", re.ASCII)
-LONGEST_VALUE = 200  # characters of a value that a message shows
+LONGEST_VALUE = 200  # largest number of characters of a value in a message
 
 
 def as_number(value: Any, infinite: bool = False) -> float | None:
-    """Return a value as a finite number (or infinite, if allowed); None if it is not a number."""
+    """Return a value as a finite number, or as infinity if `infinite`; None if it is neither."""
     if isinstance(value, str) and _TEXT_NUMBER.fullmatch(value):
         value = float(value)
     if isinstance(value, bool) or not isinstance(value, numbers.Real):
@@ -40,7 +40,7 @@ def as_number(value: Any, infinite: bool = False) -> float | None:
 
 
 def convert_to_file_types(value: Any) -> Any:
-    """Return the lists, numbers and texts that represent a Python value in a file."""
+    """Convert a Python value to the lists, numbers and texts that represent it in a file."""
     if isinstance(value, Mapping):
         return {key: convert_to_file_types(item) for key, item in value.items()}
     if isinstance(value, list | tuple):
@@ -50,23 +50,25 @@ def convert_to_file_types(value: Any) -> Any:
         return list(value)
     if isinstance(value, os.PathLike):
         return os.fspath(value)
-    if not isinstance(value, type) and hasattr(value, "tolist"):  # NumPy's arrays and numbers
+    if not isinstance(value, type) and hasattr(value, "tolist"):  # arrays and numbers of NumPy
         return value.tolist()
     return value
 
 
 def parse_word(word: str) -> float | str:
-    """Return a word as a number if possible, otherwise the word."""
+    """Convert a word to a number if possible; otherwise return the word."""
     with contextlib.suppress(ValueError):
         return float(word)
     return word
 
 
 def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) -> None:
-    """Check a value, or each value in a list or mapping, against the bounds of `parameter`.
+    """Check that a value, or each value in a list or mapping, is valid according to `rules`.
+
+    `rules` are the bounds and choices that `settings.parameter` declares.
 
     Raises:
-        fault: a value is out of bounds; the message names the value and the bound.
+        fault: a value is invalid; the message names the value and the bound or choices.
     """
     if not rules:
         return
@@ -92,7 +94,8 @@ def check_value(value: Any, where: str, fault: Fault, rules: Mapping[str, Any]) 
                 raise fault(f"{where} is {value}, must be {sign} {bound:g}{text}")
 
 
-# Wrong unit in which a number that is too large may be given: name and size, by the correct unit.
+# If a number is too large, it may be in a wrong unit. For a correct unit, this is the name of such
+# a wrong unit, and its size in the correct unit.
 _COMMON_UNIT_MISTAKES = {"rad": ("degrees", math.pi / 180.0), "s": ("ms", 1e-3)}
 _BOUNDS = (
     ("least", ">=", lambda value, bound: value >= bound),
@@ -103,21 +106,21 @@ _BOUNDS = (
 
 
 def format_value(value: Any) -> str:
-    """Return a value as text for a message, shortened if it is long."""
+    """Return a value as a text for a message. Long texts are shortened."""
     try:
         text = repr(value)
-    except ValueError:  # Python does not convert numbers with thousands of digits
+    except ValueError:  # Python does not convert numbers with thousands of digits to text
         return "a number of thousands of digits"
     return text if len(text) <= LONGEST_VALUE else f"{text[:LONGEST_VALUE]}..."
 
 
 def join_path(where: str, key: Any) -> str:
-    """Return the full path of a key below `where`."""
+    """Return the full path of a key in the mapping whose path is `where`."""
     return f"{where}.{key}" if where and where[-1] not in " ~/" else f"{where}{key}"
 
 
 def describe_hint(hint: Any) -> str:
-    """Return a description of the values that an annotation accepts, such as 'a finite number'."""
+    """Describe the values that an annotation accepts, for a message: 'a finite number'."""
     if hint in _TYPE_NAMES:
         return _TYPE_NAMES[hint]
     origin, parts = typing.get_origin(hint), typing.get_args(hint)
@@ -131,9 +134,10 @@ def describe_hint(hint: Any) -> str:
 
 
 def merge(base: Mapping[str, Any], changes: Mapping[str, Any]) -> dict[str, Any]:
-    """Return `base` with `changes` applied, key by key at every depth; other keys stay.
+    """Return a copy of the nested mapping `base` in which the values of `changes` replace others.
 
-    A mapping replaces a value without keys, and the reverse. The arguments are not modified.
+    Mappings are merged key by key at every depth. If only one of two values is a mapping, that of
+    `changes` replaces the other.
     """
     merged = dict(base)
     for key, value in changes.items():

@@ -1,20 +1,21 @@
 """Settings as dataclasses, read from YAML files, ROS parameters, launch arguments and overrides.
 
-The annotation of a field defines the type of its value, and its metadata (see `parameter`) the
+The annotation of a field defines the type of its value. Its metadata (see `parameter`) define the
 bounds. Supported annotations are float, int, bool, str, Path, Any, None, tuples (of fixed length,
 or `tuple[float, ...]`), Mapping, other dataclasses, and unions of these. The types of a union are
-tried in the order in which they are written.
+tried in their order.
 
 - Numbers must be finite. A whole number is also a float; true and false are not numbers. Numbers
-  that YAML 1.1 reads as texts (1e1, -.5) are accepted.
-- A whole number must be written without a decimal point or exponent: neither 10.0 nor 1e1.
-- A list of numbers may be given as a text, as in a launch argument: '0 0 0.05'.
-- In Python, NumPy arrays and numbers, ranges and paths are converted to the lists, numbers and
-  texts that represent them in a file.
-- Keys are texts; a whole number as a key is converted to its digits.
+  that YAML 1.1 reads as texts, such as 1e1 and -.5, are accepted as floats.
+- A value of the type int must be written without a decimal point and without an exponent. 10.0 and
+  1e1 are errors.
+- A list of floats may be given as a text, as in a launch argument: '0 0 0.05'.
+- NumPy arrays and numbers, ranges and paths in Python are converted to the lists, numbers and texts
+  that represent them in a file.
+- Keys are texts. A key that is a whole number is converted to a text.
 
-Every error message has one line with the full path of the key, its value, what is expected, and
-the most similar known name. `fault` is the exception class to raise, which the caller chooses.
+An error message has one line. It names the full path of the key, its value, and what is expected,
+or the most similar known name. The caller chooses the class of the exception, `fault`.
 """
 
 from __future__ import annotations
@@ -51,7 +52,7 @@ def _make_view(values: dict[str, Any]) -> types.MappingProxyType:
     return types.MappingProxyType(values)
 
 
-# Python cannot pickle read-only views, but settings are sent to other processes.
+# Python cannot pickle read-only views of mappings, but settings are sent to other processes.
 copyreg.pickle(types.MappingProxyType, lambda view: (_make_view, (dict(view),)))
 
 
@@ -77,19 +78,21 @@ def parameter(
     """Declare a setting: a dataclass field with the rules for its value.
 
     Args:
-        default: default value; without one the setting is required.
-        unit: for messages and tables: 'm', '1/s'.
-        least, above, most, below: bounds of a number, or of each number in a list or mapping.
-        choices: allowed texts.
-        renamed: new names of choices by their old names, for the error message.
-        expected: description of valid values for messages, instead of that of the annotation.
-        name: whether a whole number is converted to a text: roslaunch reads start:=2016 as one.
+        default: default value; if there is none, the setting is required.
+        unit: unit of the value, for messages and tables, such as 'm' or '1/s'.
+        least, above, most, below: bounds of a number, or of each number in a list or mapping: >=,
+            >, <=, <.
+        choices: valid texts.
+        renamed: new names of choices by their old names, for error messages.
+        expected: description of valid values for messages; '' for that of the annotation.
+        name: whether a whole number is converted to a text. For example, roslaunch reads
+            start:=2016 as a number.
         splits_words: whether a text is converted to the list of its words.
-        infinite: whether infinity is allowed.
-        internal: whether the field cannot be set from outside.
-        shorthand: whether a value that is not a mapping, given for the whole dataclass, is the
-            value of this field.
-        importable: whether a class is converted to its 'package.module:Class'.
+        infinite: whether infinity is valid.
+        internal: whether users cannot set the field.
+        shorthand: whether users may give the value of this field instead of a mapping with the
+            values of all fields.
+        importable: whether a class is converted to the text 'package.module:Class'.
         help: description of the setting, for tables and --help.
     """
     rules = {
@@ -105,14 +108,14 @@ def parameter(
 
 
 def get_default(field: dataclasses.Field) -> Any:
-    """Return the default of a field, which may have a default value or a default factory."""
+    """Return the default of a field, which may be declared as a value or as a factory."""
     if field.default is not dataclasses.MISSING:
         return field.default
     return field.default_factory()
 
 
 def list_defaults(cls: type) -> dict[str, Any]:
-    """Return the defaults of all fields that can be set and have one."""
+    """Return the defaults of all fields that have one and that users can set."""
     return {
         name: get_default(field)
         for name, field in _list_fields(cls).items()
@@ -124,7 +127,8 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
     """Create a dataclass from a mapping.
 
     Args:
-        where: name of the mapping, for messages: '', 'start', 'parameter ~', 'goal.yaml: '.
+        where: name of the mapping, for messages, such as '', 'start', 'parameter ~' or 'goal.yaml:
+            '.
 
     Raises:
         fault: a key is unknown or missing, a value is invalid, or the class rejects the values.
@@ -142,9 +146,9 @@ def build(cls: type[T], values: Any, where: str, fault: Fault) -> T:
 
 
 def convert_fields(cls: type, values: Any, where: str, fault: Fault) -> dict[str, Any]:
-    """Return the values converted to the types of the dataclass's fields, by name.
+    """Convert the values of a mapping to the types of a dataclass's fields.
 
-    The errors are those of `build`.
+    Errors are those of `build`, but no key is required.
     """
     if not isinstance(values, Mapping):
         place = where.rstrip(": ~") or cls.__name__
@@ -166,12 +170,15 @@ def read(
     fault: Fault,
     default: Any = _MISSING,
 ) -> Any:
-    """Return one value of a mapping that may contain unrelated keys, as for a ROS controller.
+    """Return one value of a mapping, such as a ROS controller's parameters.
+
+    The mapping may contain unrelated keys.
 
     Args:
         hint: annotation of the expected type.
         where: full name of the mapping on the parameter server.
-        default: value if the key is absent or null; without a default the key is required.
+        default: value that is returned if the key is missing or null; if there is no default, the
+    key is required.
 
     Raises:
         fault: the value is missing or has another type.
@@ -190,9 +197,11 @@ def describe_unknown_key(
     known_keys: Iterable[str],
     renamed: Mapping[str, str] = types.MappingProxyType({}),
 ) -> str:
-    """Return the message for an unknown key: its new name after a renaming, or a similar key.
+    """Return the message for an unknown key. It suggests the new name of the key, or a similar key.
 
-    renamed: new names by old name; a settings class declares them as `renamed_keys`.
+    Args:
+        renamed: new names of keys by their old names. Settings classes declare them as
+    `renamed_keys`.
     """
     head, colon, path = join_path(where, key).rpartition(": ")
     kind = path if path.startswith("parameter ") else f"key '{path}'"
@@ -218,7 +227,7 @@ def _list_fields(cls: type) -> dict[str, dataclasses.Field]:
 
 @functools.lru_cache(maxsize=64)
 def _find_shorthand(cls: type) -> str:
-    """Return the name of the class's shorthand field (see `parameter`), '' if there is none."""
+    """Return the name of the field with `shorthand` (see `parameter`); '' if there is none."""
     names = (name for name, field in _list_fields(cls).items() if field.metadata.get("shorthand"))
     return next(names, "")
 
@@ -230,7 +239,9 @@ def _is_required(field: dataclasses.Field) -> bool:
 def convert(
     value: Any, hint: Any, where: str, fault: Fault, rules: Mapping[str, Any] = NO_RULES
 ) -> Any:
-    """Return a value converted to the annotation's type and checked by the rules of `parameter`.
+    """Convert a value to the type of an annotation, and check it.
+
+    `rules` are those that `parameter` declares.
 
     Raises:
         fault: the value cannot be converted or violates a rule.
@@ -292,7 +303,7 @@ def _convert_union(
 ) -> Any:
     kinds = typing.get_args(hint)
     if isinstance(value, Mapping):
-        # The class with the most matching keys is probably meant, so that class reports errors.
+        # Choose the class with the most matching keys, because the user probably means this class.
         classes = [kind for kind in kinds if dataclasses.is_dataclass(kind)]
         if classes:
             return build(
@@ -300,7 +311,7 @@ def _convert_union(
             )
     expected_kind = Mapping if isinstance(value, Mapping) else tuple
     alike = [kind for kind in kinds if _is_kind(kind, expected_kind)]
-    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # only one type can be meant
+    if isinstance(value, Mapping | list | tuple) and len(alike) == 1:  # only one type fits
         return _convert(value, alike[0], where, fault, rules)
     for kind in kinds:
         with contextlib.suppress(fault):
@@ -316,7 +327,7 @@ def _is_kind(hint: Any, kind: type) -> bool:
 
 
 def _count_known_keys(values: Mapping, cls: type) -> int:
-    """Return how many of the keys equal or resemble a field of the class."""
+    """Return the number of keys that are equal or similar to a field of the class."""
     known = _list_fields(cls)
     return sum(key in known or bool(find_nearest(key, known)) for key in values)
 
@@ -357,7 +368,7 @@ def _convert_mapping(value: Any, hint: Any, where: str, fault: Fault) -> Mapping
 
 
 def check(settings: Any, fault: Fault, where: str = "") -> None:
-    """Convert and check the fields of an existing dataclass; default values are not checked.
+    """Convert and check the fields of an existing dataclass, except those with default values.
 
     Raises:
         fault: a value is invalid; the message names the field, its value and what is expected.
@@ -369,11 +380,11 @@ def check(settings: Any, fault: Fault, where: str = "") -> None:
             continue
         found = convert(value, hints[name], join_path(where, name), fault, field.metadata)
         if found is not value:
-            object.__setattr__(settings, name, found)  # it may be frozen
+            object.__setattr__(settings, name, found)  # works for frozen dataclasses, too
 
 
 def to_mapping(settings: Any) -> dict[str, Any]:
-    """Return the fields of a dataclass that differ from their defaults, as input for `build`."""
+    """Return a mapping of those fields that differ from their defaults, as input for `build`."""
     found = {}
     for name, field in _list_fields(type(settings)).items():
         value = getattr(settings, name)
@@ -383,7 +394,7 @@ def to_mapping(settings: Any) -> dict[str, Any]:
 
 
 def _to_plain(value: Any) -> Any:
-    """Return a field's value as lists, numbers, texts and mappings."""
+    """Convert the value of a field to lists, numbers, texts and mappings."""
     if dataclasses.is_dataclass(value):
         return to_mapping(value)
     if isinstance(value, Mapping):
@@ -392,16 +403,18 @@ def _to_plain(value: Any) -> Any:
 
 
 class KeywordSettings:
-    """Base of settings that users construct; wrong keywords cause the errors of wrong file keys.
+    """Base class of settings that users construct in Python.
+
+    Wrong keywords raise the same errors as wrong keys in a file.
 
     Attributes:
-        fault: exception class to raise.
+        fault: class of the exceptions to raise.
     """
 
     fault: Fault = ValueError
 
     def __new__(cls, *values: Any, **named: Any) -> KeywordSettings:
-        """Reject positional arguments and unknown keywords; `__init__` handles the others."""
+        """Reject positional arguments and unknown keywords. `__init__` checks the values."""
         known = _list_fields(cls)
         if values:
             example = next(iter(known))
@@ -417,7 +430,7 @@ class KeywordSettings:
 
 
 def check_bounds(settings: Any, fault: Fault) -> None:
-    """Check the bounds of a dataclass whose values are already converted, for example to arrays.
+    """Check the bounds of a dataclass whose values are already converted, such as to arrays.
 
     Raises:
         fault: a value is out of bounds; the message names the field, its value and the bound.

@@ -1,25 +1,27 @@
-"""Synchronisation of messages of one image that arrive through different connections."""
+"""Matching of messages that belong to one image but arrive through different connections."""
 
 from __future__ import annotations
 
 from collections.abc import Hashable, Sequence
 from typing import Any
 
-MOST_PENDING = 8  # incomplete images; limits the delay between the connections
+# Largest number of incomplete images. It limits how much later the messages of one connection may
+# arrive than those of another.
+MOST_PENDING = 8
 
 
 class StampSynchronizer:
-    """Matches messages of several kinds by their stamps."""
+    """Matches messages of different kinds that have the same stamp."""
 
     def __init__(self, kinds: Sequence[str]) -> None:
-        """Create a synchronizer for these kinds of messages, which together form one image."""
+        """Create a synchronizer. A complete image has a message of each of these kinds."""
         self._kinds = tuple(kinds)
         self._pending: dict[Hashable, dict[str, Any]] = {}
 
     def add(self, kind: str, stamp: Hashable, message: Any) -> dict[str, Any] | None:
-        """Add a message; return all messages of its image, by kind, if the image is now complete.
+        """Add a message. If its image is complete now, return all messages of the image by kind.
 
-        Older incomplete images are then discarded.
+        Older incomplete images are discarded in this case. Otherwise, return None.
         """
         entry = self._pending.setdefault(stamp, {})
         entry[kind] = message

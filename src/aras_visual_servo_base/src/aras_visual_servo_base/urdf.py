@@ -1,7 +1,8 @@
-"""Kinematic tree of a URDF: its links by name, its joints, and the path between two links.
+"""Kinematic tree of a URDF: its links and joints, and the path between two links.
 
-The reader follows http://wiki.ros.org/urdf/XML. It reports errors where urdfdom fails or guesses.
-Inertias, visuals and collisions are read by the description package of the simulator.
+The reader follows http://wiki.ros.org/urdf/XML. It reports errors for which urdfdom fails without a
+clear message or guesses. The simulator's package `description` reads inertias, visuals and
+collisions.
 """
 
 import math
@@ -32,15 +33,18 @@ JOINT_KINDS = (*MOVING_KINDS, "fixed", "floating", "planar")
 
 
 class FramedElement:
-    """Base of elements with a frame: `origin_xyz` (m), `origin_rpy` (rad) in the parent frame."""
+    """Base class of elements with a frame.
+
+    The pose of the frame in the parent frame is `origin_xyz` (m) and `origin_rpy` (rad).
+    """
 
     @property
     def pose(self) -> Pose:
-        """The origin as a Pose."""
+        """The pose of the frame in the parent frame."""
         return Pose.from_rpy(self.origin_xyz, self.origin_rpy)
 
     def with_pose(self, pose: Pose) -> Self:
-        """Return a copy at another pose."""
+        """Return a copy of the element with another pose."""
         return replace(self, origin_xyz=pose.xyz, origin_rpy=pose.rpy)
 OPTICAL, LINK = "_optical_frame", "_link"  # suffixes of a camera's optical frame and link
 
@@ -50,9 +54,9 @@ class JointLimits:
     """Limits of a joint.
 
     Attributes:
-        lower, upper: rad or m, None for a continuous joint.
-        effort: N m or N; infinite if a continuous joint has no limit.
-        velocity: rad/s or m/s; infinite if a continuous joint has no limit.
+        lower, upper: position limits, rad or m; None for a continuous joint.
+        effort: effort limit, N m or N; infinite if a continuous joint has none.
+        velocity: velocity limit, rad/s or m/s; infinite if a continuous joint has none.
     """
 
     lower: float | None
@@ -63,7 +67,7 @@ class JointLimits:
 
 @dataclass(frozen=True)
 class SoftLimits:
-    """Soft position limits (None if not given) and gains of a `<safety_controller>`."""
+    """Gains and soft position limits of a `<safety_controller>`; None for a missing limit."""
 
     lower: float | None
     upper: float | None
@@ -73,7 +77,7 @@ class SoftLimits:
 
 @dataclass(frozen=True)
 class Mimic:
-    """Coupling of a joint to another one: q = multiplier * q(joint) + offset."""
+    """Coupling of a joint to another one: position = multiplier * position of `joint` + offset."""
 
     joint: str
     multiplier: float = 1.0
@@ -86,11 +90,13 @@ class Joint(FramedElement):
 
     Attributes:
         kind: revolute, continuous, prismatic, fixed, floating or planar.
-        origin_xyz, origin_rpy: joint frame (= frame of the child link) in the parent link.
-        axis: unit vector in the joint frame.
-        damping: N m s/rad or N s/m.
+        origin_xyz, origin_rpy: pose of the joint frame in the frame of the parent link. The joint
+            frame is also the frame of the child link.
+        axis: axis of the joint, a unit vector in the joint frame.
+        damping: viscous damping, N m s/rad or N s/m.
         friction: Coulomb friction, N m or N.
-        stiffness, rest: stiffness of a spring, N m/rad or N/m, and its rest position, rad or m.
+        stiffness, rest: stiffness of the joint's spring, N m/rad or N/m, and rest position, rad or
+            m.
     """
 
     name: str
@@ -115,9 +121,9 @@ class Joint(FramedElement):
 
     @property
     def stops(self) -> tuple[float, float]:
-        """Lower and upper stop, rad or m: infinite without limits, 0 for a missing attribute.
+        """Lower and upper stop, rad or m; infinite for a joint without position limits.
 
-        In URDF, the missing attribute lower or upper of a `<limit>` is 0.
+        If the attribute lower or upper of a `<limit>` is missing, it is 0 in URDF.
         """
         if self.limits is None or self.kind not in ("revolute", "prismatic"):
             return -math.inf, math.inf
@@ -126,14 +132,14 @@ class Joint(FramedElement):
 
 @dataclass(frozen=True)
 class UrdfTree:
-    """Links and joints of a URDF; mappings have file order and are read-only.
+    """Links and joints of a URDF. All mappings are read-only and have the order of the file.
 
     Attributes:
-        root: the only link without a parent.
-        links: XML elements of the links, by name.
+        root: name of the only link without a parent.
+        links: XML elements of the links by name.
         joints: joints by name.
-        cameras: pose of the first camera sensor of each link, in the link; as in Gazebo, the
-            camera looks along the pose's +x axis with z up.
+        cameras: by link, the pose of the link's first camera sensor in the link. As in Gazebo, x is
+    forward and z up in the frame of the sensor.
     """
 
     name: str
@@ -143,11 +149,11 @@ class UrdfTree:
     cameras: Mapping[str, Pose] = field(default_factory=lambda: MappingProxyType({}))
 
     def find_path(self, base: str, link: str) -> list[Joint]:
-        """Return the joints from a base link down to a link; base '' is the root.
+        """Return the joints from the link `base` down to `link`. If `base` is '', it is the root.
 
         Raises:
-            DescriptionError: the link does not exist or is not below the base; the message
-                suggests the most similar name.
+            DescriptionError: `link` does not exist or is not below `base`; the message suggests the
+                most similar name.
         """
         where = f"robot '{shorten(self.name)}'"
         if link not in self.links:
@@ -166,7 +172,7 @@ class UrdfTree:
 
 @lru_cache(maxsize=8)
 def read_robot_name(urdf: str) -> str:
-    """Return the robot's name in its description; '' if the text is not a URDF with a name."""
+    """Return the name of the robot in a URDF; '' if the text is not a URDF or has no name."""
     try:
         return _parse_robot(urdf)[1]
     except DescriptionError:
@@ -177,8 +183,7 @@ def parse_tree(xml: str | Element) -> UrdfTree:
     """Read and check the tree of a URDF.
 
     Args:
-        xml: the document with xacro already expanded, or the element that `safe_xml.parse`
-            returned for it.
+        xml: text of the URDF with xacro already expanded, or the result of `safe_xml.parse` for it.
 
     Raises:
         DescriptionError: an element is invalid; the message names the element, the problem and how
@@ -189,14 +194,15 @@ def parse_tree(xml: str | Element) -> UrdfTree:
     for element in robot.findall("link"):
         link = element.get("name")
         if not link:
-            raise DescriptionError("URDF: a link has no name")
+            raise DescriptionError("URDF: a link has no name; give it one")
         if len(link) > 256:
-            raise DescriptionError(f"URDF: a link name has {len(link)} characters, not 1 to 256")
+            raise DescriptionError(f"URDF: a link name has {len(link)} characters, must have 1 to "
+                                   "256")
         if link in links:
             raise DescriptionError(f"URDF: two links are named '{link}'; rename one")
         links[link] = element
     if not links:
-        raise DescriptionError(f"URDF: robot '{name}' has no link")
+        raise DescriptionError(f"URDF: robot '{name}' has no link; add one")
     joints: dict[str, Joint] = {}
     for element in robot.findall("joint"):
         joint = _read_joint(element)
@@ -221,6 +227,7 @@ def read_camera_pose(sensor: Element, node: Element, where: str) -> tuple[Vector
     """Return xyz (m) and rpy (rad) of a camera in the link of its sensor.
 
     Args:
+        sensor: <sensor> element.
         node: <camera> element of the sensor.
         where: name of the camera, for messages.
 
@@ -242,12 +249,12 @@ def _parse_robot(xml: str | Element) -> tuple[Element, str]:
         raise DescriptionError(f"URDF: the root element is <{shorten(robot.tag)}>, not <robot>")
     name = robot.get("name")
     if not name:
-        raise DescriptionError("URDF: <robot> has no name")
+        raise DescriptionError("URDF: <robot> has no name; give it one")
     return robot, name
 
 
 def read_origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
-    """Return xyz (m) and rpy (rad) of an element's <origin>; zeros without one."""
+    """Return xyz (m) and rpy (rad) of the <origin> of an element; zeros if there is none."""
     node = element.find("origin")
     if node is None:
         return ZERO, ZERO
@@ -260,7 +267,7 @@ def read_origin(element: Element, where: str) -> tuple[Vector3, Vector3]:
 def _read_joint(element: Element) -> Joint:
     name = element.get("name")
     if not name:
-        raise DescriptionError("URDF: a joint has no name")
+        raise DescriptionError("URDF: a joint has no name; give it one")
     where = f"joint '{shorten(name)}'"
     kind = element.get("type")
     if kind not in JOINT_KINDS:
@@ -271,7 +278,7 @@ def _read_joint(element: Element) -> Joint:
     for tag in ("parent", "child"):
         node = element.find(tag)
         if node is None or not node.get("link"):
-            raise DescriptionError(f"{where}: has no <{tag} link=…>")
+            raise DescriptionError(f"{where}: it has no <{tag} link=…>; add one")
         ends.append(node.get("link"))
     xyz, rpy = read_origin(element, where)
     axis_node = element.find("axis")
@@ -291,7 +298,7 @@ def _read_joint(element: Element) -> Joint:
     node = element.find("mimic")
     if node is not None:
         if not node.get("joint"):
-            raise DescriptionError(f"{where}: <mimic> names no joint")
+            raise DescriptionError(f"{where}: <mimic> has no attribute joint; add it")
         mimic = Mimic(
             node.get("joint"),
             parse_number(node.get("multiplier"), f"{where}: multiplier", 1.0),
@@ -314,7 +321,7 @@ def _read_limits(element: Element, kind: str, where: str) -> JointLimits | None:
     upper = parse_number(node.get("upper"), f"{where}: limit upper", 0.0)
     if bounded and lower > upper:
         raise DescriptionError(f"{where}: limit lower {lower} is above upper {upper}")
-    required = None if bounded else math.inf  # a continuous joint without attribute has no limit
+    required = None if bounded else math.inf  # limits of continuous joints are optional
     effort = parse_number(node.get("effort"), f"{where}: limit effort", required)
     velocity = parse_number(node.get("velocity"), f"{where}: limit velocity", required)
     if effort < 0.0 or velocity < 0.0:
@@ -352,13 +359,14 @@ def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -
                     f"{where}, joint '{joint.name}': link '{shorten(end)}' does not exist"
                 )
         if joint.child in parents:
-            raise DescriptionError(f"{where}, joint '{joint.name}': link '{joint.child}' has a "
-                                   "parent already; trees are possible, loops are not")
+            raise DescriptionError(f"{where}, joint '{joint.name}': link '{joint.child}' already "
+                                   "has a parent; remove one of the two joints")
         parents[joint.child] = joint.parent
     roots = [name for name in links if name not in parents]
     if len(roots) != 1:
         found = ", ".join(f"'{shorten(r)}'" for r in roots[:5]) or "none (the joints form a loop)"
-        raise DescriptionError(f"{where}: needs exactly one root link, found {found}")
+        raise DescriptionError(f"{where}: there must be exactly one link without a parent, found "
+                               f"{found}")
     lost = _find_cycle(links, parents)
     if lost is not None:
         raise DescriptionError(
@@ -367,7 +375,7 @@ def find_root_link(links: Iterable[str], joints: dict[str, Joint], where: str) -
 
 
 def _find_cycle(names: Iterable[str], parents: Mapping[str, str]) -> str | None:
-    """Return a name from which `parents` leads into a loop; None if there is no loop."""
+    """Return a name from which the mapping `parents` leads into a loop; None if there is none."""
     settled: set[str] = set()
     for name in names:
         path: dict[str, None] = {}
@@ -386,8 +394,8 @@ def _check_mimics(joints: dict[str, Joint]) -> None:
                if joint.mimic is not None}
     for name, leader in leaders.items():
         if leader not in joints or not joints[leader].is_movable:
-            raise DescriptionError(f"joint '{name}': mimics '{shorten(leader)}', which is not a "
-                                   "moving joint of this robot")
+            raise DescriptionError(f"joint '{name}': it mimics '{shorten(leader)}', which is not "
+                                   "a moving joint of this robot")
     lost = _find_cycle(leaders, leaders)
     if lost is not None:
-        raise DescriptionError(f"joint '{lost}': its mimics form a loop")
+        raise DescriptionError(f"joint '{lost}': the <mimic> elements form a loop; remove one")

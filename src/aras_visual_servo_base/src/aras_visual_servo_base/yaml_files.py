@@ -1,4 +1,7 @@
-"""Reader of YAML setting files, which reads a file completely or raises a one-line error."""
+"""Reader of YAML files with settings.
+
+It reads a file completely, or raises an error with a message of one line.
+"""
 
 from __future__ import annotations
 
@@ -17,6 +20,7 @@ def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
     """Return the content of a YAML file; None for an empty file.
 
     Args:
+        fault: class of the exception to raise.
         what: kind of the file, for messages, such as 'the goal'.
 
     Raises:
@@ -26,7 +30,7 @@ def read_yaml(path: str | Path, fault: type[Exception], what: str = "") -> Any:
 
 
 def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
-    """Return the text of a settings file; see `read_yaml`."""
+    """Return the text of a file with settings; see `read_yaml`."""
     path = Path(path).expanduser()
     cannot = " ".join(filter(None, ("cannot read", what, str(path))))
     try:
@@ -34,10 +38,10 @@ def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
             raise fault(f"{cannot}: it is not a regular file")
         with open(path, "rb") as file:
             data = file.read(LARGEST_FILE + 1)
-    except (OSError, ValueError) as error:  # a null byte in the name is a ValueError
+    except (OSError, ValueError) as error:  # ValueError: the name contains a null byte
         raise fault(f"{cannot}: {getattr(error, 'strerror', None) or error}") from None
     if len(data) > LARGEST_FILE:
-        raise fault(f"{path} has more than {LARGEST_FILE} bytes, too many for such a file")
+        raise fault(f"{path} has more than {LARGEST_FILE} bytes, too many for a settings file")
     try:
         return data.decode("utf-8-sig")
     except UnicodeDecodeError as error:
@@ -45,7 +49,7 @@ def read_text(path: str | Path, fault: type[Exception], what: str = "") -> str:
 
 
 def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
-    """Return the content of a YAML text as a new object.
+    """Return the content of a YAML text, as an object that the caller may change.
 
     Args:
         where: name of the text, for messages.
@@ -56,16 +60,16 @@ def parse_yaml(text: str, where: str, fault: type[Exception]) -> Any:
     try:
         return copy.deepcopy(_parse(text))
     except (yaml.YAMLError, RecursionError, ValueError) as error:
-        # A number of 5000 digits, or a date such as 2026-13-01, raises a ValueError.
+        # A ValueError is raised for a number with 5000 digits or a date such as 2026-13-01.
         words = " ".join(str(error).split()).partition("; use sys.")[0]
         raise fault(f"{where} is not valid YAML: {words}") from None
 
 
 @functools.lru_cache(maxsize=32)
 def _parse(text: str) -> Any:
-    """Parse a YAML text, with a cache: ten thousand runs of one process read the same few files.
+    """Parse a YAML text, or return the cached result.
 
-    Parsing takes about 10 ms per file. libyaml is faster, but it crashes on texts that are nested
-    ten thousand levels deep.
+    The cache saves about 10 ms per file; ten thousand runs of one process read the same few files.
+    libyaml is faster, but it crashes if a text is nested ten thousand levels deep.
     """
     return yaml.safe_load(text)

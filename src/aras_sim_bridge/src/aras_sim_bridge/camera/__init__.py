@@ -1,4 +1,4 @@
-"""Camera models: lens, intrinsics, image effects, and the sensor that delivers frames."""
+"""Models of cameras: lens, intrinsics, image effects, and the sensor that delivers frames."""
 
 from aras_visual_servo_base.lazy import lazy_exports
 

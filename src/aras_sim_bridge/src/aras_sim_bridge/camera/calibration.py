@@ -1,4 +1,4 @@
-"""Camera calibrations, checked and converted to settings, independent of the file format."""
+"""Calibration of a camera in any file format: its checks, and its conversion to settings."""
 
 from __future__ import annotations
 
@@ -13,15 +13,15 @@ from aras_visual_servo_base.setting_values import format_value
 from ..errors import CameraError
 from .lens import COEFFICIENTS
 
-# Names of distortion models in other programs, and the corresponding name in CameraInfo.
+# Names of distortion models in CameraInfo, by their names in other programs.
 MODELS = {
     "plumb_bob": "plumb_bob", "radtan": "plumb_bob", "rational_polynomial": "rational_polynomial",
     "equidistant": "equidistant", "fisheye": "equidistant", "none": "plumb_bob", "": "plumb_bob",
 }  # fmt: skip
-# Range of the principal point, as a share of the width or height. Lenses are centred to some per
-# cent; outside this range, the matrix belongs to another resolution.
+# Valid range of the principal point, as a fraction of the width or height. Real lenses are centred
+# to within some per cent. Outside this range, the matrix belongs to another resolution.
 CENTRE_RANGE = (0.3, 0.7)
-LARGEST_ASPECT = 1.5  # largest aspect ratio of a pixel; analogue video has 1.46
+LARGEST_ASPECT = 1.5  # largest aspect ratio of a pixel; that of analogue video is 1.46
 
 
 @dataclass(frozen=True)
@@ -29,16 +29,17 @@ class Calibration:
     """Intrinsics and distortion of one camera, as read from a file.
 
     Attributes:
-        where: file and camera, for messages.
+        where: file and name of the camera, for messages.
         width, height: image size, px; None if the file does not contain it.
         matrix: (9,) camera matrix, row by row, px.
         model: name of the distortion model as in CameraInfo; None if the number of coefficients
             determines it (OpenCV).
         D: distortion coefficients in OpenCV's order.
-        R, P: 9 and 12 numbers of CameraInfo, row by row; None if not given.
+        R, P: the matrices R (9 numbers) and P (12 numbers) of CameraInfo, row by row; None if the
+        file does not contain them.
 
     Raises:
-        CameraError: the numbers are inconsistent or impossible.
+        CameraError: the numbers contradict each other or are invalid.
     """
 
     where: str
@@ -140,7 +141,8 @@ def check_finite(values: Any, where: str, counts: Sequence[int] = ()) -> tuple[f
     """Return the numbers of a list, after checking that they are finite.
 
     Raises:
-        CameraError: a value is not a finite number, or the length is not one of `counts` (if any).
+        CameraError: a value is not a finite number, or `counts` is not empty and does not contain
+            the length of the list.
     """
     expected = f"{' or '.join(map(str, counts))} finite numbers" if counts else "finite numbers"
     fits = isinstance(values, list | tuple) and all(

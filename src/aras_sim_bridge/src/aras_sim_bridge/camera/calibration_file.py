@@ -26,20 +26,21 @@ if TYPE_CHECKING:
     from .calibration import Calibration
 
 CALIBRATION_KEY = "calibration"
-# Settings that `calibration` determines; other values for them are refused.
+# Settings that a calibration determines. If they are also set to other values, this is an error.
 LENS_KEYS = ("width", "height", "camera_matrix", "horizontal_fov", "lens", "distortion_model",
            "distortion_coefficients", "rectification_matrix", "projection_matrix")  # fmt: skip
 
 
 def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -> dict[str, Any]:
-    """Return the settings with their `calibration` replaced by the values that it contains.
+    """Replace the key `calibration` of some settings by the values that this file contains.
 
     Args:
         settings: settings of a camera.
-        folder: folder of relative paths; None if the path must be absolute.
+        folder: folder to which the path of the calibration is relative; None if the path must be
+            absolute.
 
-    Raises:
-        CameraError: see `find_calibration`; or a setting contradicts the calibration.
+        Raises:
+            CameraError: the file is not a valid calibration, or a setting contradicts it.
     """
     if CALIBRATION_KEY not in settings:
         return dict(settings)
@@ -51,11 +52,12 @@ def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -
     path, camera = split_name(name)
     if not path.is_absolute():
         if folder is None:
-            raise CameraError(f"calibration '{name}' is a relative path: give the absolute one")
+            raise CameraError(f"calibration '{name}' is a relative path: give an absolute path")
         path = folder / path
     found = find_calibration(read_text(path, CameraError), path, camera)
     if found is None:
-            raise CameraError(f"{path} is not a calibration: its keys are those of a preset")
+            raise CameraError(f"{path} is not a calibration, because its keys are those of a "
+                              "preset: give a calibration file")
     rest = {key: value for key, value in settings.items() if key != CALIBRATION_KEY}
     given = found.to_settings()
     for key in LENS_KEYS:
@@ -68,7 +70,12 @@ def apply_calibration(settings: Mapping[str, Any], folder: Path | None = None) -
 
 
 def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
-    """Return the calibration of one camera in a file's text; None if the text is not a calibration.
+    """Return the calibration of one camera from the text of a file.
+
+    Return None if the text is not a calibration.
+
+    Raises:
+        CameraError: the calibration is invalid, or `camera` does not select one of its cameras.
     """
     from .calibration_formats import FORMATS
 
@@ -78,7 +85,7 @@ def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
         known = read(text, str(path))
         if known is None:
             continue
-        if not camera and (len(known) == 1 or "cam0" in known):  # Kalibr: the first of the chain
+        if not camera and (len(known) == 1 or "cam0" in known):  # the first of Kalibr's chain
             return next(iter(known.values()))()
         if camera in known:
             return known[camera]()
@@ -90,7 +97,9 @@ def find_calibration(text: str, path: Path, camera: str) -> Calibration | None:
 
 
 def split_name(name: str | Path) -> tuple[Path, str]:
-    """Return path and camera of `path#camera`; an existing file with a # in its name has priority.
+    """Split `path#camera` into path and camera; the camera may be missing.
+
+    If a file with a # in its name exists, the whole name is the path.
     """
     path = Path(name).expanduser()
     if "#" not in path.name or path.is_file():

@@ -1,7 +1,8 @@
-"""Formats of calibration files: finding the cameras of a file by name, and reading one of them.
+"""Readers of the formats of calibration files.
 
-A reader returns None for text in another format. Numbers are used unchanged, because all these
-programs use integer coordinates for pixel centres and OpenCV's order of the coefficients.
+A reader returns a function for each camera of a file, by the camera's name, which reads this
+camera. It returns None if the text is in another format. The numbers are used as they are, because
+all these programs use integer coordinates for pixel centres and OpenCV's order of the coefficients.
 """
 
 from __future__ import annotations
@@ -24,9 +25,9 @@ from ..errors import CameraError, DescriptionError
 from .calibration import Calibration, check_finite, find_distortion_model
 
 CameraReaders = dict[str, Callable[[], Calibration]]
-NAME = "camera"  # name of the camera in a file that contains one
-# Names of OpenCV's entries, in lower case without underscores; the number is the camera of a stereo
-# pair.
+NAME = "camera"  # name of the camera if a file contains only one
+# Names of the entries in OpenCV's files, in lower case and without underscores. The value is the
+# number of the camera of a stereo pair; '' for a single camera.
 MATRICES = {"cameramatrix": "", "intrinsicmatrix": "", "intrinsics": "", "cameraintrinsic": "",
             "mtx": "", "k": "", "m1": "1", "m2": "2", "cameramatrix1": "1", "cameramatrix2": "2",
             "k1": "1", "k2": "2"}  # fmt: skip
@@ -60,13 +61,13 @@ def read_ros(text: str, path: str) -> CameraReaders | None:
 def _read_ros_file(data: Mapping[str, Any], path: str, whole: bool) -> Calibration:
     size = [_read_size(data, key, path) for key in ("image_width", "image_height")]
     K = _read_ros_matrix(data, "camera_matrix", path, (3, 3))
-    model = data.get("distortion_model")  # older files do not contain it
+    model = data.get("distortion_model")  # it is missing in older files
     model = None if model is None else find_distortion_model(model, path)
     D = _read_ros_matrix(data, "distortion_coefficients", path, None)
     more = [key for key in ("rectification_matrix", "projection_matrix") if key in data]
     if len(more) == 1 or not (more or whole):
         raise CameraError(f"{path}: {'projection' if more else 'rectification'}_matrix is missing: "
-                          "the file is cut off; take the whole file")  # fmt: skip
+                          "the file is incomplete; copy it again")  # fmt: skip
     R = _read_ros_matrix(data, "rectification_matrix", path, (3, 3)) if more else None
     P = _read_ros_matrix(data, "projection_matrix", path, (3, 4)) if more else None
     return Calibration(path, *size, K, model, D, R, P)
@@ -91,11 +92,11 @@ def _read_ros_matrix(
     found = tuple(_read_size(entry, side, where) for side in ("rows", "cols"))
     numbers = check_finite(_read_entry(entry, "data", where), f"{where}.data")
     if found[0] * found[1] != len(numbers):
-        raise CameraError(f"{where} has {found[0]} rows and {found[1]} cols, and its data hold "
+        raise CameraError(f"{where} has {found[0]} rows and {found[1]} cols, but its data have "
                           f"{len(numbers)} numbers: correct rows and cols, or data")  # fmt: skip
     if shape is not None and found != shape:
         raise CameraError(f"{where} has {found[0]} rows and {found[1]} cols, must have {shape[0]} "
-                          f"and {shape[1]}")  # fmt: skip
+                          f"rows and {shape[1]} cols")  # fmt: skip
     return numbers
 
 
@@ -107,7 +108,7 @@ def read_ros_ini(text: str, path: str) -> CameraReaders:
     size = dict(zip(sections[::2], sections[1::2], strict=True)).get("image", "")
     if not known:
         raise CameraError(f"{path}: the section of the camera is missing after [image]: the file "
-                          "is cut off; take the whole file")  # fmt: skip
+                          "is incomplete; copy it again")  # fmt: skip
     return {name: partial(_read_ini_camera, size, body, path, name) for name, body in known.items()}
 
 
@@ -116,7 +117,7 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
         where = f"{path}: {field}"
         found = re.search(rf"^{field}[ \t]*\n((?:[^a-z\[\n#]*(?:\n|$))*)", text, re.MULTILINE)
         if found is None:
-            raise CameraError(f"{where} is missing: the file is cut off; take the whole file")
+            raise CameraError(f"{where} is missing: the file is incomplete; copy it again")
         try:
             return check_finite([float(word) for word in found[1].split()], where, counts)
         except ValueError:
@@ -129,7 +130,8 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
     D = read_numbers(body, "distortion", (4, 5, 8, 12, 14))
     R, P = read_numbers(body, "rectification", (9,)), read_numbers(body, "projection", (12,))
     if width != int(width) or height != int(height):
-        raise CameraError(f"{path}: width and height are {width:g} and {height:g}, must be whole")
+        raise CameraError(f"{path}: width and height are {width:g} and {height:g}, must be whole "
+                          "numbers")  # fmt: skip
     return Calibration(path, int(width), int(height), K, None, D, R, P)
 
 
@@ -137,7 +139,7 @@ def _read_ini_camera(size: str, body: str, path: str, name: str) -> Calibration:
 
 
 def read_opencv(text: str, path: str) -> CameraReaders | None:
-    """Read an OpenCV FileStorage in any of its syntaxes."""
+    """Read an OpenCV FileStorage, which may be YAML, XML or JSON."""
     if text.lstrip().startswith("<") and _parse_xml(text, path).tag != "opencv_storage":
         return None
     found = read_storage(text, path, CameraError)
@@ -147,8 +149,8 @@ def read_opencv(text: str, path: str) -> CameraReaders | None:
         for key, of in MATRICES.items() if isinstance(plain.get(key), np.ndarray)
     }  # fmt: skip
     if not cameras:
-        raise CameraError(f"{path}: camera_matrix is missing: the file has "
-                          f"{', '.join(found) or 'nothing'}")  # fmt: skip
+        raise CameraError(f"{path}: camera_matrix is missing: add it (the file contains "
+                          f"{', '.join(found) or 'nothing'})")  # fmt: skip
     return cameras
 
 
@@ -183,7 +185,7 @@ def _read_opencv_camera(plain: Mapping[str, Any], key: str, of: str, path: str) 
 
 
 def read_kalibr(text: str, path: str) -> CameraReaders | None:
-    """Read a camchain: cam0, cam1 ... with intrinsics fu fv pu pv."""
+    """Read a camchain file of Kalibr, with the cameras cam0, cam1, ..."""
     data = _parse_mapping(text, path)
     if data is None:
         return None
@@ -226,10 +228,11 @@ def _read_kalibr_camera(entry: Mapping[str, Any], where: str) -> Calibration:
 
 
 def read_visp(text: str, path: str) -> CameraReaders | None:
-    """Read a file of vpXmlParserCamera; for each camera, prefer the model with distortion.
+    """Read a file of ViSP's vpXmlParserCamera.
 
-    ViSP's distortion is u = u0 + px x (1 + kud r^2), r^2 = x^2 + y^2, so kud is Brown's k1. kdu
-    approximates the inverse and is not used, because the inverse is computed exactly here.
+    If a camera has several models, the one with distortion is used. ViSP's distortion is u = u0 +
+    px x (1 + kud r^2) with r^2 = x^2 + y^2, so kud is Brown's k1. The coefficient kdu of the
+    inverse is not used, because this is only an approximation.
     """
     root = _parse_xml(text, path)
     if root.tag != "root" or root.find("camera") is None:
@@ -243,7 +246,7 @@ def read_visp(text: str, path: str) -> CameraReaders | None:
             name = f"{name}-{size}"
         models = {(one.findtext("type") or "").strip(): one for one in camera.findall("model")}
         if not models:
-            raise CameraError(f"{path}: <model> of camera '{name}' is missing: take the whole file")
+            raise CameraError(f"{path}: <model> of camera '{name}' is missing: calibrate it again")
         kind = VISP_DISTORTED if VISP_DISTORTED in models else next(iter(models))
         known[name] = partial(
             _read_visp_camera, camera, kind, models[kind], f"{path}: camera '{name}'"
@@ -290,7 +293,8 @@ def refuse_xml(text: str, path: str) -> CameraReaders:
     """Raise CameraError for an XML file of an unknown format."""
     root = _parse_xml(text, path)
     raise CameraError(f"{path} is XML with the root <{root.tag}>, not a camera calibration of "
-                      "OpenCV (<opencv_storage>) or ViSP (<root> with <camera>)")
+                      "OpenCV (<opencv_storage>) or ViSP (<root> with <camera>): give a "
+                      "calibration file")
 
 
 def _parse_xml(text: str, path: str) -> Element:

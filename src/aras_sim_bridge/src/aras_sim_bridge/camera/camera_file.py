@@ -1,6 +1,7 @@
-"""Files that describe a camera: presets (YAML with the settings of CameraConfig) and calibrations.
+"""Readers of files that describe a camera: presets and calibrations.
 
-A preset may name a calibration file with the key `calibration`, and add further settings.
+A preset is a YAML file with settings of CameraConfig. It may name a calibration file with the key
+`calibration`, and contain further settings.
 """
 
 from __future__ import annotations
@@ -21,7 +22,7 @@ def read_camera(name: str | Path) -> dict[str, Any]:
     """Read the settings of a camera from a preset or a calibration file.
 
     Args:
-        name: path, or `path#camera` for one of the cameras of a calibration.
+        name: path of the file, or `path#camera` for one of several cameras in a calibration.
 
     Raises:
         CameraError: the message names the file, the field and the valid values.
@@ -38,17 +39,17 @@ def read_camera(name: str | Path) -> dict[str, Any]:
         return calibration.to_settings()
     settings = parse_yaml(text, str(path), CameraError)
     if not isinstance(settings, Mapping):
-        raise CameraError(f"{path} contains no keys with values: it is neither a camera preset "
-                          "nor a calibration")
+        raise CameraError(f"{path} contains no keys with values, so it is neither a camera preset "
+                          "nor a calibration: give another file")
     if camera:
-        raise CameraError(f"{path} is a preset of one camera: remove '#{camera}'")
+        raise CameraError(f"{path} is a preset, which has only one camera: remove '#{camera}'")
     found = apply_calibration(settings, path.parent)
     CameraConfig.check_keys(found, f"{path}: ")
     return found
 
 
 def _is_preset(text: str) -> bool:
-    """Return whether a text has only keys of a preset, and no matrices of a calibration file."""
+    """Return whether a text has only keys of presets, and no matrices as in calibrations."""
     try:
         settings = parse_yaml(text, "", CameraError)
     except CameraError:

@@ -1,4 +1,4 @@
-"""Camera settings, from the URDF's sensor and a preset, with all checks."""
+"""Settings of a camera, which come from its sensor in the URDF and a preset, and their checks."""
 
 from __future__ import annotations
 
@@ -34,8 +34,8 @@ from .lens import fit_fisheye as ideal_coefficients
 from .shutter import compute_duration
 from .vibration import Shake
 
-LARGEST_SIDE = 16384  # px
-LARGEST_AREA = 1 << 25  # px; rendering an image of this size takes 0.5 GB
+LARGEST_SIDE = 16384  # largest width and height of an image, px
+LARGEST_AREA = 1 << 25  # largest number of pixels; rendering such an image needs 0.5 GB
 _NAME = re.compile(r"[A-Za-z]\w*", re.ASCII)  # one part of a name in the ROS graph
 
 
@@ -57,38 +57,41 @@ class CameraConfig:
     """Settings of one camera; every field can be a key of a preset file.
 
     Attributes:
-        name: name, for messages.
-        link: link that the camera is mounted on.
+        name: name of the camera, for messages.
+        link: link on which the camera is mounted.
         width, height: image size, px.
-        horizontal_fov: rad; determines fx = fy if camera_matrix is None.
-        update_rate: Hz of simulated time.
-        format: pixel format of Gazebo (R8G8B8) or ROS (rgb8).
+        horizontal_fov: horizontal field of view, rad. It determines fx = fy if camera_matrix is
+            None.
+        update_rate: frame rate, Hz of simulated time.
+        format: pixel format, named as in Gazebo (R8G8B8) or ROS (rgb8).
         near, far: clip distances, m.
-        xyz, rpy: pose of the sensor in its link (x forward, z up), m and rad.
+        xyz, rpy: pose of the sensor (x forward, z up) in its link, m and rad.
         lens: pinhole, equidistant, stereographic, equisolid or orthographic.
-        camera_matrix: (fx, fy, cx, cy), px; None derives it from horizontal_fov, with the principal
-            point at the centre.
-        distortion_model, distortion_coefficients: as in CameraInfo (plumb_bob,
-            rational_polynomial, equidistant); empty coefficients mean no distortion.
+        camera_matrix: (fx, fy, cx, cy), px. If None, it is computed from horizontal_fov, with the
+            principal point at the centre of the image.
+        distortion_model: distortion model of CameraInfo: plumb_bob, rational_polynomial or
+            equidistant.
+        distortion_coefficients: coefficients as in CameraInfo; empty for no distortion.
         cutoff_angle: angle from the axis beyond which the image is black, rad; None for the limit
             of the lens.
-        rectification_matrix, projection_matrix: R (3, 3) and P (3, 4) for CameraInfo, row by row;
-            None for the identity, and for K with hack_baseline. They do not change the image.
+        rectification_matrix: R (3, 3) in CameraInfo, row by row; None for the identity. It does not
+            affect the image.
+        projection_matrix: P (3, 4) in CameraInfo, row by row; None for one that is computed from K
+            and hack_baseline. It does not affect the image.
         hack_baseline: baseline in CameraInfo's P, m.
-        legacy_camera_info: whether CameraInfo follows Gazebo's formulas with the values of
-            `declared`.
-        declared: the plug-in's focalLength, Cx, Cy, distortionK1, K2, T1, T2, K3. The first three
-            are computed if they are 0.
-        depth, segmentation: whether to deliver these images, too.
+        legacy_camera_info: whether CameraInfo is computed from `declared` with Gazebo's formulas.
+        declared: focalLength, Cx, Cy, distortionK1, K2, T1, T2 and K3 of the plug-in. The first
+            three are computed if they are 0.
+        depth, segmentation: whether to deliver depth images and segmentations, too.
         depth_topics: topics and format of the depth images.
-        effects: see effects.Effects.
-        shake: vibration, see vibration.Shake; None for a rigid mounting.
-        latency: time from the stamp to the publication, s.
+        effects: image effects, see effects.Effects.
+        shake: vibration of the camera, see vibration.Shake; None for a rigid mounting.
+        latency: time from the stamp of an image to its publication, s.
         seed: seed of all random effects.
-        trigger_topic: the camera exposes once for each message on this topic; '' for a camera that
-            streams.
-        shutter: cameras of one model with the same name of a shutter expose together; '' for an
-            independent camera.
+        trigger_topic: topic whose messages make the camera expose once each; '' for a camera that
+            exposes at update_rate.
+        shutter: name of a shutter. Cameras of one model with the same shutter expose together; ''
+            for an independent camera.
     """
 
     name: str = "camera"
@@ -119,7 +122,7 @@ class CameraConfig:
     shake: Shake | None = None
     latency: float = parameter(0.0, "s", least=0.0)
     seed: int = parameter(0, least=0)
-    # Names for the ROS layer, which uses them.
+    # Names that only the ROS layer uses.
     camera_name: str = ""
     robot_namespace: str = ""
     image_topic: str = "image_raw"
@@ -134,18 +137,18 @@ class CameraConfig:
         check_bounds(self, CameraError, f"camera '{self.name}': ")
         check = self._check
         check(self.width * self.height <= LARGEST_AREA,
-              f"an image of {self.width} x {self.height} pixels: at most {LARGEST_AREA} pixels are "
-              "possible; make width and height smaller")
+              f"an image of {self.width} x {self.height} px has more than {LARGEST_AREA} pixels; "
+              "reduce width and height")
         self._check_names()
         check(self.near < self.far,
-              f"clip distances near={self.near} far={self.far}: need 0 < near < far")
+              f"clip distances are near={self.near} far={self.far}, must fulfil 0 < near < far")
         self.check_rate(self.update_rate)
         find_encoding(self.format, self.name)
         self._check_lens()
         if self.camera_matrix is not None:
             fx, fy, cx, cy = self.camera_matrix
             check(fx > 0 and fy > 0,
-                  f"camera_matrix fx={fx} fy={fy} cx={cx} cy={cy}: give focal lengths above 0")
+                  f"camera_matrix has fx={fx} fy={fy}: give focal lengths above 0")
         if isinstance(self.projection.lens, FisheyeLens):
             check_fisheye(self.projection.lens, self.name)
         self._check_lens_fold()
@@ -165,29 +168,29 @@ class CameraConfig:
     def _check_lens(self) -> None:
         check = self._check
         check((self.lens == "pinhole") != (self.distortion_model == "equidistant"),
-              f"distortion_model '{self.distortion_model}' does not go with lens '{self.lens}'; "
+              f"distortion_model '{self.distortion_model}' does not fit lens '{self.lens}'; "
               "use equidistant for wide-angle lenses, otherwise plumb_bob or rational_polynomial")
         D = self.distortion_coefficients
         counts = COEFFICIENTS[self.distortion_model]
         check(len(D) in (0, *counts),
-              f"distortion_coefficients {list(D)}: {self.distortion_model} takes "
-              f"{' or '.join(map(str, counts))} finite numbers")
+              f"distortion_coefficients are {list(D)}, but the distortion_model "
+              f"{self.distortion_model} needs {' or '.join(map(str, counts))} finite numbers")
         check(not any(D) or self.lens in ("pinhole", "equidistant"),
-              f"lens '{self.lens}' is an ideal projection; use lens equidistant with "
-              "distortion_coefficients")
+              f"lens '{self.lens}' has no distortion_coefficients; remove them, or use the lens "
+              "equidistant")
         reach = LARGEST_ANGLE[self.lens]
         fov = self.horizontal_fov
         if self.camera_matrix is None or self.lens == "pinhole":
             limit = 2 * reach + (0.0 if self.lens == "pinhole" else 1e-9)
             check(0.0 < fov < limit,
-                  f"horizontal_fov {fov} rad: lens {self.lens} needs a value above 0 and below "
-                  f"{limit:.4g} rad" + ("; take a fisheye lens for more"
+                  f"horizontal_fov is {fov} rad; with the lens {self.lens} it must be above 0 and "
+                  f"below {limit:.4g} rad" + ("; use a fisheye lens for more"
                                         if self.lens == "pinhole" and fov >= limit else ""))
         if self.cutoff_angle is not None:
             check(self.lens != "pinhole", "cutoff_angle is for wide-angle lenses; remove it")
             check(0.0 < self.cutoff_angle <= reach + 1e-9,
-                  f"cutoff_angle {self.cutoff_angle} rad: lens {self.lens} needs a value above 0 "
-                  f"and up to {reach:.4g} rad")
+                  f"cutoff_angle is {self.cutoff_angle} rad; with the lens {self.lens} it must be "
+                  f"above 0 and at most {reach:.4g} rad")
 
     def _check_names(self) -> None:
         keys = ("camera_name", "robot_namespace", "image_topic", "info_topic", "trigger_topic")
@@ -197,15 +200,19 @@ class CameraConfig:
         for key, name in names.items():
             parts = [part for part in name.split("/") if part]
             self._check(all(map(_NAME.fullmatch, parts)),
-                        f"{key} '{name}' is not a valid ROS name; each part needs a letter, "
+                        f"{key} '{name}' is not a valid ROS name; each part must be a letter, "
                         "followed by letters, digits and underscores")
         topics = {self.topic_root, *map(self.resolve_topic, (self.image_topic, self.info_topic))}
         self._check(len(topics) == 3,
-                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}': use "
-                    "two different names")
+                    f"image_topic '{self.image_topic}' and info_topic '{self.info_topic}' must be "
+                    "different names")
 
     def _check_lens_fold(self) -> None:
-        """Check that every pixel has a ray; with a cutoff_angle, pixels beyond it are black."""
+        """Check that each pixel has a ray: the distortion must not fold over inside the image.
+
+        If there is a cutoff_angle, this is not checked, because pixels beyond that angle are
+        black.
+        """
         if not any(self.distortion_coefficients) or self.cutoff_angle is not None:
             return
         lens = self.projection.lens
@@ -222,7 +229,10 @@ class CameraConfig:
                     "length longer")
 
     def check_rate(self, rate: float) -> None:
-        """Raise CameraError if the image period is too short for exposure and read-out, rate in Hz.
+        """Check that the image period at `rate` (Hz) is long enough for exposure and read-out.
+
+        Raises:
+            CameraError: the period is too short.
         """
         e, rows = self.effects, f"row_time {self.effects.row_time:g} s of {self.height} rows"
         durations = {f"exposure_time {e.exposure_time:g} s": e.exposure_time,
@@ -230,8 +240,8 @@ class CameraConfig:
                  f"exposure_time and {rows}, {compute_duration(e, self.height):g} s together":
                      compute_duration(e, self.height)}  # fmt: skip
         for what, time in durations.items():
-            self._check(time < 1.0 / rate, f"{what}: has to be shorter than the period of "
-                        f"{1.0 / rate:g} s; lower the rate or shorten it")
+            self._check(time < 1.0 / rate, f"{what}: must be shorter than the period of "
+                        f"{1.0 / rate:g} s; lower the rate or shorten this time")
 
     def _check(self, condition: bool, message: str) -> None:
         if not condition:
@@ -239,12 +249,12 @@ class CameraConfig:
 
     @property
     def encoding(self) -> str:
-        """ROS image encoding of the format."""
+        """ROS image encoding of the pixel format."""
         return find_encoding(self.format, self.name)
 
     @property
     def K(self) -> np.ndarray:
-        """(3, 3) camera matrix of the rendered image."""
+        """Camera matrix (3, 3) of the rendered image, px."""
         if self.camera_matrix is not None:
             return camera_matrix(*self.camera_matrix)
         f = self.width / (2.0 * float(RADIUS_FUNCTION[self.lens](self.horizontal_fov / 2.0)))
@@ -264,7 +274,9 @@ class CameraConfig:
         return CameraProjection(self.K, FisheyeLens(D, reach))
 
     def make_intrinsics(self) -> CameraIntrinsics:
-        """Return the content of CameraInfo: the rendered camera, or Gazebo's formulas on request.
+        """Return the content of CameraInfo.
+
+        It describes the rendered image, unless legacy_camera_info demands Gazebo's formulas.
         """
         K, D, name = self.K, tuple(self.projection.lens.D), self.distortion_model
         if self.legacy_camera_info:
@@ -280,7 +292,7 @@ class CameraConfig:
         return CameraIntrinsics(self.width, self.height, K, D, name, R, P)
 
     def sensor_settings(self) -> dict[str, object]:
-        """Return the settings that CameraInfo does not contain: shutter, exposure and noise."""
+        """Return the settings of shutter, exposure and noise, which CameraInfo does not contain."""
         keys = ("row_time", "rows_together", "exposure_time", "exposure_samples", "exposure",
                 "gain", "noise_mean", "noise_stddev", "shot_noise", "vignetting")  # fmt: skip
         effects = {key: getattr(self.effects, key) for key in keys}
@@ -296,8 +308,8 @@ class CameraConfig:
                          overrides: Mapping[str, object] | None = None) -> CameraConfig:
         """Return the settings of a camera in a description, merged with those of a preset.
 
-        Nested settings are merged, too: effects that the preset does not set keep the description's
-        values.
+        Nested settings are merged key by key: effects that the preset does not set keep the values
+        of the description.
 
         Raises:
             CameraError: the message names the wrong key.
@@ -306,15 +318,16 @@ class CameraConfig:
 
         described, own = read_settings(camera), apply_calibration(overrides or {})
         if own.get("lens", described.get("lens")) != described.get("lens"):
-            described.pop("cutoff_angle", None)  # the described angle belongs to the other lens
+            described.pop("cutoff_angle", None)  # this angle belongs to another lens
         return cls.from_mapping(merge(described, own))
 
     @classmethod
     def from_mapping(cls, values: Mapping[str, object]) -> CameraConfig:
         """Return the settings from the keys of a preset file.
 
-        camera_matrix is a mapping with fx, fy, cx, cy or four numbers; effects is a mapping with
-        the fields of effects.Effects; calibration is the path of a file (see calibration_file.py).
+        `camera_matrix` may be a mapping with the keys fx, fy, cx and cy, or a list of these four
+        numbers. `effects` is a mapping with the fields of effects.Effects. `calibration` is the
+        path of a calibration file (see calibration_file.py).
 
         Raises:
             CameraError: the message names the wrong key.
@@ -324,7 +337,7 @@ class CameraConfig:
 
     @classmethod
     def check_keys(cls, values: Mapping[str, object], where: str) -> dict[str, object]:
-        """Convert some settings of a camera to the types of their fields, one by one.
+        """Convert settings of a camera to the types of their fields; settings may be missing.
 
         Raises:
             CameraError: the message starts with `where` and names the wrong key.
@@ -337,20 +350,20 @@ class CameraConfig:
 
     @property
     def topic_root(self) -> str:
-        """Absolute ROS name of the camera: /robotNamespace/cameraName."""
+        """Absolute ROS name of the camera, composed of the robot_namespace and the camera_name."""
         return resolve_name(f"{self.robot_namespace}/{self.camera_name}")
 
     def resolve_topic(self, name: str) -> str:
-        """Return the absolute name of a topic of the camera; a global name is not changed."""
+        """Return the absolute name of a topic of the camera; absolute names are not changed."""
         return resolve_name(self.topic_root, name)
 
     @property
     def names(self) -> frozenset[str]:
-        """Absolute names that must be unique among cameras: root, image topic and info topic."""
+        """Absolute names that no other camera may have: topic_root, image topic and info topic."""
         topics = (self.resolve_topic(name) for name in (self.image_topic, self.info_topic))
         return frozenset((self.topic_root, *topics))
 
 
 def derive_seed(seed: int, name: str) -> int:
-    """Return a seed for one camera, so that the cameras of a run have independent noise."""
+    """Return a seed for the camera `name`, so that the cameras of a run have independent noise."""
     return (int(seed) & 0xFFFFFFFF) ^ zlib.crc32(name.encode())

@@ -21,10 +21,10 @@ _GAZEBO = {
 
 
 def find_encoding(name: str, camera: str = "") -> str:
-    """Return the ROS encoding for a format name of Gazebo or ROS.
+    """Return the ROS encoding of a pixel format, given by its name in Gazebo or ROS.
 
     Raises:
-        CameraError: unknown name; the message names the most similar one.
+        CameraError: the name is unknown; the message suggests the most similar name.
     """
     if name in ENCODINGS:
         return name
@@ -45,11 +45,12 @@ def find_shape(encoding: str, height: int, width: int) -> tuple[int, ...]:
 
 
 def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
-    """Convert an (H, W, 3) uint8 rgb image to the pixels of a sensor: (H, W) or (H, W, 3) uint8.
+    """Convert an rgb image (H, W, 3) uint8 to the pixels of a sensor.
 
-    Colours are in the order of the encoding. For a Bayer pattern, each pixel has the one channel
-    that its filter transmits; the four letters are the first two pixels of the first row, then of
-    the second row.
+    The result is (H, W, 3) uint8 with colours in the order of the encoding, or (H, W) uint8 for
+    grey images and Bayer patterns. With a Bayer pattern, each pixel has only the channel that its
+    filter transmits. The four letters of the pattern are the filters of the first two pixels in the
+    first row, and of those in the second row.
     """
     if encoding in ("rgb8", "rgb16"):
         return rgb
@@ -66,5 +67,5 @@ def read_out(rgb: np.ndarray, encoding: str) -> np.ndarray:
 
 
 def widen(image: np.ndarray, encoding: str) -> np.ndarray:
-    """Convert a uint8 image to the bit depth of the encoding; 255 becomes 65535 in 16 bits."""
+    """Convert a uint8 image to the bit depth of the encoding. In 16 bits, 255 becomes 65535."""
     return image.astype(np.uint16) * 257 if encoding.endswith("16") else image

@@ -1,4 +1,4 @@
-"""Camera settings from the sensor and plug-in elements of a URDF."""
+"""Conversion of the sensor and plug-in elements of a URDF to camera settings."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ from .lens import LARGEST_ANGLE
 
 _log = logging.getLogger(__name__)
 
-# Lens types of SDF; gnomonical is a pinhole.
+# Names of lenses in CameraConfig, by their types in SDF.
 _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
            "equidistant": "equidistant", "equisolid_angle": "equisolid",
            "orthographic": "orthographic"}
@@ -20,8 +20,8 @@ _LENSES = {"gnomonical": "pinhole", "stereographic": "stereographic",
 def read_settings(camera: CameraDescription) -> dict[str, object]:
     """Return the settings of CameraConfig that a description of a camera contains.
 
-    As in Gazebo, Cx, Cy, focalLength and the distortion of the plug-in only affect CameraInfo (with
-    legacy_camera_info), not the image. The <distortion> of the sensor is rendered.
+    The <distortion> of the sensor affects the image. As in Gazebo, the distortion, Cx, Cy and
+    focalLength of the plug-in do not; they only affect CameraInfo if legacy_camera_info is set.
 
     Raises:
         CameraError: the lens type is not supported.
@@ -57,7 +57,8 @@ def read_settings(camera: CameraDescription) -> dict[str, object]:
     if camera.kind == "wideanglecamera":
         values |= _read_wide_lens(camera)
     elif camera.lens is not None and camera.lens.intrinsics is not None:
-        # In Gazebo the corner of the image has coordinates 0, here the centre of the first pixel.
+        # In Gazebo, the origin of image coordinates is the corner of the image; here it is the
+        # centre of the first pixel.
         fx, fy, cx, cy = camera.lens.intrinsics
         values["camera_matrix"] = (fx, fy, cx - 0.5, cy - 0.5)
     if camera.distortion and any(camera.distortion):
@@ -68,7 +69,7 @@ def read_settings(camera: CameraDescription) -> dict[str, object]:
                          "used", camera.name, camera.distortion_center)
     noise = camera.noise
     if noise.kind.startswith("gaussian") and (noise.mean or noise.stddev):
-        # In SDF, noise is a share of the full scale.
+        # In SDF, noise is given as a fraction of the full scale.
         values["effects"] = {"noise_mean": 255.0 * noise.mean, "noise_stddev": 255.0 * noise.stddev}
     return values
 
@@ -90,7 +91,8 @@ def _read_wide_lens(camera: CameraDescription) -> dict[str, object]:
     values: dict[str, object] = {"lens": _LENSES[lens.kind]}
     if values["lens"] != "pinhole":
         values["cutoff_angle"] = min(lens.cutoff_angle, LARGEST_ANGLE[values["lens"]])
-    if not lens.scale_to_hfov:  # a radius of 1 is half the width for any field of view
+    # Without scaling, a radius of 1 is half the image width, whatever the field of view is.
+    if not lens.scale_to_hfov:
         half = camera.width / 2
         values["camera_matrix"] = (half, half, half - 0.5, (camera.height - 1) / 2)
     return values

@@ -1,7 +1,7 @@
 """Intrinsics in CameraInfo, and the projection of the rendered image.
 
-Pixel centres have integer coordinates (OpenCV, ROS), so the centre of an image that is w pixels
-wide is at (w - 1) / 2.
+As in OpenCV and ROS, pixel centres have integer coordinates, so the centre of an image that is w
+pixels wide is at (w - 1) / 2.
 """
 
 from __future__ import annotations
@@ -41,34 +41,45 @@ class CameraIntrinsics:
 
 @dataclass(frozen=True)
 class CameraProjection:
-    """Projection of the rendered image: K (3, 3), px, and the lens at unit focal length."""
+    """Projection of the rendered image.
+
+    Attributes:
+        K: (3, 3) camera matrix, px.
+        lens: lens model at unit focal length.
+    """
 
     K: np.ndarray
     lens: BrownLens | FisheyeLens
 
     def project(self, points: np.ndarray) -> np.ndarray:
-        """Return pixels (N, 2) u, v of points (N, 3) in the optical frame, m."""
+        """Project points (N, 3) in the optical frame (m) to pixels u, v (N, 2)."""
         xy = self.lens.project(np.asarray(points, dtype=float))
         return xy * [self.K[0, 0], self.K[1, 1]] + self.K[:2, 2]
 
     def unproject(self, pixels: np.ndarray) -> np.ndarray:
-        """Return unit rays (N, 3) in the optical frame of pixels (N, 2); NaN outside the lens."""
+        """Return the unit rays (N, 3) of pixels (N, 2), or NaN outside the lens.
+
+        The rays are in the optical frame.
+        """
         pixels = np.asarray(pixels, dtype=float)
         return self.lens.unproject((pixels - self.K[:2, 2]) / [self.K[0, 0], self.K[1, 1]])
 
     @property
     def is_pinhole(self) -> bool:
-        """True if straight lines remain straight in the image."""
+        """Whether straight lines remain straight in the image."""
         return isinstance(self.lens, BrownLens) and not any(self.lens.D)
 
 
 def camera_matrix(fx: float, fy: float, cx: float, cy: float) -> np.ndarray:
-    """Return K (3, 3) without skew, px."""
+    """Return the camera matrix K (3, 3) without skew, px."""
     return np.array([[fx, 0.0, cx], [0.0, fy, cy], [0.0, 0.0, 1.0]])
 
 
 def projection_matrix(K: np.ndarray, baseline: float) -> np.ndarray:
-    """Return P (3, 4) of an unrectified camera; `baseline` (m) is Gazebo's hackBaseline."""
+    """Return the projection matrix P (3, 4) of CameraInfo for an unrectified camera.
+
+    `baseline` (m) is Gazebo's hackBaseline.
+    """
     P = np.zeros((3, 4))
     P[:, :3] = K
     P[0, 3] = -K[0, 0] * baseline

@@ -1,8 +1,8 @@
 """Lens models: projection of rays to the image plane at unit focal length, and its inverse.
 
-Brown's model with a rational radial part ('plumb_bob', 'rational_polynomial') and the model of
-Kannala and Brandt ('equidistant') have the same coefficients as OpenCV's calib3d and fisheye
-modules.
+Brown's model ('plumb_bob' and, with a rational radial part, 'rational_polynomial') has the
+coefficients of OpenCV's module calib3d. The model of Kannala and Brandt ('equidistant') has those
+of OpenCV's module fisheye.
 """
 
 from __future__ import annotations
@@ -17,7 +17,7 @@ from aras_visual_servo_base.lenses import brown, fold_radius, kannala_brandt
 
 from ..errors import CameraError
 
-# Largest angle from the optical axis that each lens images, rad; a pinhole stays below it.
+# Largest angle from the optical axis that each lens can image, rad. A pinhole does not reach it.
 LARGEST_ANGLE = {
     "pinhole": math.radians(90.0),
     "equidistant": math.radians(110.0),
@@ -38,27 +38,31 @@ COEFFICIENTS = {"plumb_bob": (4, 5), "rational_polynomial": (8, 12, 14), "equidi
 
 @dataclass(frozen=True)
 class BrownLens:
-    """Pinhole with Brown's distortion; D (5 or more coefficients) as in lenses.brown."""
+    """Pinhole with Brown's distortion.
+
+    Attributes:
+        D: 5 or more coefficients, as in lenses.brown.
+    """
 
     D: tuple[float, ...]
 
     def project(self, rays: np.ndarray) -> np.ndarray:
-        """Return distorted coordinates (N, 2) of rays (N, 3) with z > 0; NaN behind the camera."""
+        """Return the distorted coordinates (N, 2) of rays (N, 3); NaN for rays with z <= 0."""
         z = np.where(rays[:, 2] > 0.0, rays[:, 2], np.nan)
         return self.distort(rays[:, :2] / z[:, None])[0]
 
     def unproject(self, points: np.ndarray) -> np.ndarray:
-        """Return unit rays (N, 3) of distorted coordinates (N, 2); NaN if there is no solution.
+        """Return the unit rays (N, 3) of distorted coordinates (N, 2); NaN if there is no solution.
 
-        Newton's method follows the solution from the centre outwards. This gives the solution on
-        the branch that contains the optical axis, and none beyond the radius at which the
-        distortion folds over.
+        Several rays may have the same distorted coordinates if the distortion folds over at some
+        radius. Newton's method follows the solution from the centre outwards, so that the ray
+        inside this radius is found.
         """
         flat = not any(self.D)
         x = np.array(points, dtype=float)
         good = np.ones(len(x), bool)
         if not flat:
-            # Moving the target outwards in steps keeps Newton's method on the branch.
+            # Move the target outwards in steps, so that Newton's method follows the right solution.
             x = np.zeros_like(x)
             for share, most in ((0.25, 2), (0.5, 2), (0.75, 2), (1.0, 20)):
                 x = x + 0.25 * points
@@ -85,9 +89,10 @@ class BrownLens:
         return fold_radius(self.D)
 
     def distort(self, p: np.ndarray) -> tuple[np.ndarray, ...]:
-        """Return distorted points (N, 2) and the Jacobian's entries a, b, c, d, each (N,).
+        """Distort the points p (N, 2).
 
-        The Jacobian is [[a, b], [c, d]].
+        Return the distorted points (N, 2), and the entries a, b, c, d, each (N,), of the Jacobian
+        [[a, b], [c, d]].
         """
         x, y, *jacobian = brown(*p.T, self.D)
         return np.stack([x, y], axis=1), *jacobian
@@ -108,36 +113,36 @@ class FisheyeLens:
     cutoff: float
 
     def radius(self, theta: np.ndarray) -> np.ndarray:
-        """Return the radius at unit focal length for angles from the axis, rad."""
+        """Return the radius in the image at unit focal length from the angle to the axis, rad."""
         return kannala_brandt(theta, self.D)[0]
 
     def slope(self, theta: np.ndarray) -> np.ndarray:
-        """Return the derivative of the radius with respect to the angle, at angles in rad."""
+        """Return the derivative of the radius with respect to the angle theta to the axis, rad."""
         return kannala_brandt(theta, self.D)[1]
 
     def project(self, rays: np.ndarray) -> np.ndarray:
-        """Return image coordinates (N, 2) of rays (N, 3) in any direction."""
+        """Return the image coordinates (N, 2) of rays (N, 3), which may have any direction."""
         rho = np.hypot(rays[:, 0], rays[:, 1])
         r = self.radius(np.arctan2(rho, rays[:, 2]))
         scale = np.divide(r, rho, out=np.zeros_like(r), where=rho > 0)
         return rays[:, :2] * scale[:, None]
 
     def unproject(self, points: np.ndarray) -> np.ndarray:
-        """Return unit rays (N, 3) of image coordinates (N, 2); NaN beyond the cutoff."""
+        """Return the unit rays (N, 3) of image coordinates (N, 2); NaN beyond the cutoff."""
         r = np.hypot(points[:, 0], points[:, 1])
         limit = float(self.radius(self.cutoff))
         inside = r <= limit
         target = np.where(inside, r, 0.0)
-        # The radius is monotonic on [0, cutoff] (CameraConfig checks it): Newton's method,
-        # bracketed by bisection.
+        # Newton's method, bracketed by bisection. The radius is monotonic on [0, cutoff], as
+        # CameraConfig checks.
         low, high = np.zeros_like(r), np.full_like(r, self.cutoff)
         theta = np.clip(target, 0.0, self.cutoff)
         for _ in range(60):
             error = self.radius(theta) - target
             high, low = np.where(error > 0, theta, high), np.where(error > 0, low, theta)
             new = theta - error / np.maximum(self.slope(theta), 1e-9)
-            # The present angle is one of the bounds. A longer step than half the bracket might
-            # oscillate between the bounds; an exact angle must not change any more.
+            # theta is one of the bounds. A step of more than half the bracket might oscillate
+            # between the bounds, so it is replaced by bisection. An exact theta must not change.
             new = np.where(np.abs(new - theta) <= (high - low) / 2, new, (low + high) / 2)
             done = np.abs(new - theta).max(initial=0.0) < 1e-14
             theta = new
@@ -150,15 +155,16 @@ class FisheyeLens:
 
 
 def fit_fisheye(lens: str, cutoff: float) -> tuple[float, float, float, float]:
-    """Fit Kannala-Brandt coefficients to an ideal wide-angle projection, up to `cutoff` rad.
+    """Fit the coefficients of Kannala and Brandt's model to an ideal wide-angle projection.
 
-    ROS and OpenCV have no names for these projections. The radius is an odd function of the angle,
-    and four coefficients represent it to better than 1e-4 of the focal length. The image is
-    rendered with the same coefficients that CameraInfo publishes.
+    The fit is needed because ROS and OpenCV have no names for these projections. The radius is an
+    odd function of the angle. Up to `cutoff` rad, the model with four coefficients represents it
+    with an error below 1e-4 of the focal length. The image is rendered with the same coefficients
+    that CameraInfo contains.
     """
     if lens == "equidistant":
         return (0.0, 0.0, 0.0, 0.0)
-    # Chebyshev nodes keep the largest error of the fit small.
+    # Fit at Chebyshev nodes, which keeps the largest error small.
     t = cutoff * np.sin(np.linspace(0.0, np.pi / 2, 400)[1:])
     basis = np.stack([t**3, t**5, t**7, t**9], axis=1)
     fit, *_ = np.linalg.lstsq(basis, RADIUS_FUNCTION[lens](t) - t, rcond=None)

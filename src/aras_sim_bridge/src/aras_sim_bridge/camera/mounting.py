@@ -1,8 +1,8 @@
-"""Mounting of cameras on the link of a model or in the world, and the merging of their settings.
+"""Mounting of cameras on links or in the world, and merging of their settings.
 
-Settings are a nested mapping, like /gazebo/cameras on the parameter server: the parts of a camera's
-name lead to its settings, whose keys are those of CameraConfig. A mapping with the key `parent`
-defines an additional camera that is fixed in the world.
+The settings of all cameras are a nested mapping, such as /gazebo/cameras on the parameter server.
+The settings of the camera 'a/b' are at the keys a and b; their keys are the fields of CameraConfig.
+Settings with the key `parent` define an additional camera that is fixed in the world.
 """
 
 from __future__ import annotations
@@ -30,7 +30,7 @@ T = TypeVar("T")
 
 @dataclass(frozen=True)
 class CameraPlacementEntry:
-    """Pose in the settings: xyz, m, and rpy about fixed axes, rad."""
+    """Pose of a camera in its settings: position xyz (m), and rpy about fixed axes (rad)."""
 
     xyz: FloatTriple = (0.0, 0.0, 0.0)
     rpy: FloatTriple = (0.0, 0.0, 0.0)
@@ -38,7 +38,7 @@ class CameraPlacementEntry:
 
 @dataclass(frozen=True)
 class HandEyeEntry:
-    """File of a hand-eye calibration, and its unit of length; '' uses the unit in the file."""
+    """File of a hand-eye calibration, and its unit of length; '' for the unit in the file."""
 
     file: str
     units: str = parameter("", choices=("", *LENGTH_UNITS))
@@ -54,15 +54,16 @@ class MountedCamera:
     """Camera on a link or in the world, which passes its frames to `on_frame` while enabled.
 
     Attributes:
-        sensor: the camera.
-        model, link: where it is mounted; None and 'world' for a camera fixed in the world.
-        on_frame: called with each frame; None for no receiver.
+        sensor: sensor of the camera.
+        model, link: model and link on which the camera is mounted; None and 'world' for a camera
+    that is fixed in the world.
+        on_frame: function that is called with each frame; None if there is no receiver.
     """
 
     def __init__(
         self, sensor: CameraSensor, model: Model | None, link: str, pose: Pose | None = None
     ) -> None:
-        """Mount a sensor; `pose` is that of a camera fixed in the world, otherwise None."""
+        """Mount a sensor. `pose` is the pose of a camera that is fixed in the world."""
         self.sensor = sensor
         self.model = model
         self.link = link
@@ -74,20 +75,20 @@ class MountedCamera:
 
     @property
     def enabled(self) -> bool:
-        """True if the camera takes images; any thread may set it."""
+        """Whether the camera takes images. Any thread may set this."""
         return self._enabled
 
     @enabled.setter
     def enabled(self, enabled: bool) -> None:
-        # Exposures missed while the camera was disabled are skipped: their images would show a
-        # later state than their stamps.
+        # Skip the exposures that were missed while the camera was disabled, because their images
+        # would show a later state than that at their stamps.
         if enabled and not self._enabled:
             self._is_new = True
         self._enabled = enabled
 
     @property
     def parent_T_optical(self) -> np.ndarray:
-        """(4, 4) pose of the optical frame in the link or in the world."""
+        """Pose (4, 4) of the optical frame in the link or in the world."""
         mounting = self.sensor.link_T_optical
         return mounting if self._fixed is None else self._fixed @ mounting
 
@@ -97,7 +98,7 @@ class MountedCamera:
         return 0 if self._is_new else self.sensor.due_ns - 1
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
-        """Expose once in the next step if the camera is enabled; see CameraSensor.trigger."""
+        """If the camera is enabled, expose once in the next step; see CameraSensor.trigger."""
         self._refresh(time_ns)
         if self._enabled:
             self.sensor.trigger(time_ns, step_ns)
@@ -108,21 +109,21 @@ class MountedCamera:
             self.sensor.reset(time_ns)
 
     def before_step(self, time_ns: int, after_ns: int) -> None:
-        """Store the poses if an exposure falls between two steps."""
+        """Store the poses if an exposure is due before the end of the next step."""
         self._refresh(time_ns)
         if self.sensor.needs_previous_pose(after_ns):
             self._attempt(self.sensor.before_step, time_ns)
 
     def after_step(self, time_ns: int) -> None:
-        """Expose and deliver; called after steps in which an image is due."""
+        """Expose and deliver frames. This is called after each step in which an image is due."""
         frame = self._attempt(self.sensor.capture, time_ns)
         if frame is not None and self.on_frame is not None:
             self.on_frame(frame)
 
     def _attempt(self, draw: Callable[[np.ndarray, int], T], time_ns: int) -> T | None:
-        """Call `draw`; on failure, skip the frame and log each new reason once.
+        """Call `draw`; if it fails, skip the frame, and log the reason unless it was logged before.
 
-        The simulation must not end because of one unreadable mesh.
+        The simulation must not end because a single mesh cannot be read.
         """
         try:
             drawn = draw(self._read_pose(), time_ns)
@@ -147,7 +148,7 @@ class MountedCamera:
 def find_simultaneous(
     camera: MountedCamera, cameras: Iterable[MountedCamera]
 ) -> list[MountedCamera]:
-    """Return the cameras that expose together with `camera`, including itself."""
+    """Return the cameras that expose together with `camera`, including `camera` itself."""
     shutter = camera.sensor.config.shutter
     return [other for other in cameras if other is camera or shutter
             and other.model is camera.model and other.sensor.config.shutter == shutter]
@@ -155,7 +156,9 @@ def find_simultaneous(
 
 def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, object],
                  defaults: Mapping[str, object], seed: int) -> CameraConfig:
-    """Return the settings of a camera in a description, merged with those under its name.
+    """Merge the settings of a camera in a description with those that users set for its name.
+
+    Return the configuration of the camera.
 
     Raises:
         CameraError: the message names the wrong key.
@@ -177,17 +180,18 @@ def configure_robot_camera(camera: CameraDescription, settings: Mapping[str, obj
     except CameraError as error:
         if not own:
             raise
-        raise CameraError(f"{error} (its settings are those of '{name}')") from None
+        raise CameraError(f"{error} (its settings are those of camera '{name}')") from None
 
 
 def configure_world_camera(
     name: str, settings: Mapping[str, object], defaults: Mapping[str, object], seed: int
 ) -> tuple[CameraConfig, Pose]:
-    """Return settings and pose of a camera fixed in the world.
+    """Return the configuration and the pose of a camera that is fixed in the world.
 
-    The settings contain either `pose`, as [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]},
-    m and rad, of the sensor (x forward, z up); or `hand_eye`, the path of a hand-eye calibration or
-    {file: path, units: m, cm or mm}, which contains the pose of the optical frame in the world.
+    The settings contain one of two keys for the pose. `pose` is the pose of the sensor (x forward,
+    z up), as [x, y, z, roll, pitch, yaw] or {xyz: [...], rpy: [...]}, in m and rad. `hand_eye` is a
+    hand-eye calibration with the pose of the optical frame in the world, as the path of its file or
+    {file: path, units: m, cm or mm}.
 
     Raises:
         CameraError: the message names the wrong key.
@@ -196,8 +200,8 @@ def configure_world_camera(
     own = {key: value for key, value in settings.items() if key not in pose_keys}
     if settings.get("parent") != WORLD:
         raise CameraError(
-            f"camera '{name}': parent {settings.get('parent')!r} is not known; only 'world' is "
-            "possible, and cameras on robots belong in their URDF"
+            f"camera '{name}': parent is {settings.get('parent')!r}, must be 'world'; define "
+            "cameras on a robot in its URDF"
         )
     _check_link(own, name)
     if HAND_EYE_KEY not in settings:
@@ -217,14 +221,14 @@ def configure_world_camera(
 def find_world_cameras(
     settings: Mapping[str, object],
 ) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """Yield name and settings of every camera that is fixed in the world."""
+    """Yield the name and the settings of every camera that is fixed in the world."""
     for name, node in _list_mappings(settings, ""):
         if "parent" in node:
             yield name, node
 
 
 def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, object]:
-    """Return the settings at 'a/b' of a nested mapping; an empty mapping if there are none.
+    """Return the settings of the camera `name`; an empty mapping if there are none.
 
     Raises:
         CameraError: the value is not a mapping.
@@ -236,13 +240,13 @@ def find_settings(settings: Mapping[str, object], name: str) -> Mapping[str, obj
         node = node[part]
         if not isinstance(node, Mapping):
             raise CameraError(
-                f"camera '{name}': its settings are {node!r} instead of keys with values"
+                f"camera '{name}': its settings are {node!r}, must be keys with values"
             )
     return node
 
 
 def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[str]:
-    """Return names with settings that belong to none of the cameras `names`."""
+    """Return the names of settings that do not belong to any of the cameras `names`."""
     return [
         path
         for path, node in _list_mappings(settings, "")
@@ -251,7 +255,10 @@ def find_unused_names(settings: Mapping[str, object], names: set[str]) -> list[s
 
 
 def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, object]]]:
-    """Yield every outermost mapping that can be the settings of a camera."""
+    """Yield the name and the mapping of all settings that may belong to a camera.
+
+    These are the outermost mappings that contain other values than mappings, or `parent`.
+    """
     if not isinstance(node, Mapping):
         return
     if path and ("parent" in node or any(not isinstance(v, Mapping) for v in node.values())):
@@ -264,13 +271,13 @@ def _list_mappings(node: object, path: str) -> Iterator[tuple[str, Mapping[str, 
 def _check_link(own: Mapping[str, object], name: str) -> None:
     if "link" in own:
         raise CameraError(
-            f"camera '{name}': 'link' {own['link']!r} cannot be set: the URDF or 'parent: world' "
-            "determines where a camera is mounted; remove the key"
+            f"camera '{name}': 'link' {own['link']!r} cannot be set, because the URDF or "
+            "'parent: world' determines where a camera is mounted; remove the key"
         )
 
 
 def _read_hand_eye_pose(value: object, where: str) -> Pose:
-    """Return the pose of a fixed camera from the file of a hand-eye calibration."""
+    """Read the pose of a fixed camera from the file of a hand-eye calibration."""
     given = value if isinstance(value, Mapping) else {"file": value}
     entry = build(HandEyeEntry, given, where, CameraError)
     try:

@@ -1,7 +1,7 @@
 """Image pipeline of a camera: mean of the partial exposures, effects, and lost frames.
 
-The simulated sensor and the bench's plants without a renderer use the same pipeline, so that an
-effect acts in the same way on rendered and on computed images.
+Both the simulated sensor and the bench's plants without a renderer use this pipeline, so that an
+effect changes rendered and computed images in the same way.
 """
 
 from __future__ import annotations
@@ -15,16 +15,16 @@ from .shutter import RowBand
 
 
 class ExposureMean:
-    """Mean of the partial exposures of one image, each of which covers a band of rows."""
+    """Mean of the partial exposures of one image. Each of them covers a band of rows."""
 
     def __init__(self, parts: Sequence[RowBand], height: int) -> None:
-        """Prepare for images of `height` rows with the row bands of `shutter.make_row_bands`."""
+        """Prepare for images of `height` rows. `parts` is the result of shutter.make_row_bands."""
         self._parts, self._height = parts, height
         self._samples = sum(part.first == parts[0].first for part in parts)
         self._sum: np.ndarray | None = None
 
     def add(self, index: int, image: np.ndarray) -> None:
-        """Add the uint8 image of the rows of one part."""
+        """Add a partial exposure: the uint8 image of the rows of parts[index]."""
         if len(self._parts) == 1:
             self._sum = image
             return
@@ -34,7 +34,7 @@ class ExposureMean:
         self._sum[part.first : part.last] += image
 
     def take(self) -> np.ndarray:
-        """Return the uint8 mean of all parts, and clear it for the next image."""
+        """Return the uint8 mean of all partial exposures, and start the next image."""
         image, self._sum = self._sum, None
         if len(self._parts) == 1:
             return image
@@ -42,27 +42,28 @@ class ExposureMean:
         return ((image + n // 2) // n).astype(np.uint8)
 
     def clear(self) -> None:
-        """Discard the parts that were added."""
+        """Discard the partial exposures that were added."""
         self._sum = None
 
 
 class ImagePipeline:
     """Effects and exposures of the images of one camera.
 
-    For each image: check `is_lost`; pass the partial exposures to `exposure.add` in the order of
-    `parts`; get their mean with `exposure.take`; and convert it with `read_out`. The auto exposure
-    uses the images that were read out.
+    An image is made in these steps: check `is_lost`; add the partial exposures with `exposure.add`,
+    in the order of `parts`; get their mean with `exposure.take`; and convert it with `read_out`.
+    The auto exposure uses the result of `read_out`.
 
     Attributes:
-        parts: partial exposures of an image.
-        middle_part: index of the part nearest to the stamp, the last one of equally near parts.
-        exposure: mean of the partial exposures.
+        parts: rows and times of the partial exposures of an image.
+        middle_part: index of the partial exposure nearest to the stamp; the last one if several are
+    equally near.
+        exposure: computes the mean of the partial exposures.
     """
 
     def __init__(
         self, effects: Effects, shape: tuple[int, ...], seed: int, parts: Sequence[RowBand]
     ) -> None:
-        """Prepare for images of `shape` (H, W) or (H, W, 3), with a seed for random effects."""
+        """Prepare for images of `shape` (H, W) or (H, W, 3). `seed` is that of random effects."""
         self.parts = tuple(parts)
         self.middle_part = min(range(len(self.parts)), key=lambda n: (
             abs(self.parts[n].offset_ns), -n))  # fmt: skip
@@ -72,14 +73,14 @@ class ImagePipeline:
         self.is_lost = self._chain.is_lost
 
     def read_out(self, light: np.ndarray, stamp_ns: int) -> np.ndarray:
-        """Return the sensor's image of `light`, a uint8 array of the pipeline's shape."""
+        """Return the image that the sensor delivers of `light`, a uint8 array of the same shape."""
         image = self._chain.apply(light, stamp_ns, self._factor)
         if self._auto_exposure is not None:
             self._factor = self._auto_exposure.compute_factor(self._factor, float(image.mean()))
         return image
 
     def reset(self, exposure: bool = True) -> None:
-        """Discard the parts of the present image; `exposure` also resets the auto exposure to 1."""
+        """Discard the present image; if `exposure`, also set the auto exposure's factor to 1."""
         self.exposure.clear()
         if exposure:
             self._factor = 1.0

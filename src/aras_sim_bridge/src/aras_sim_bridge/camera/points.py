@@ -1,4 +1,4 @@
-"""Delivered depth: depth images within the range of a camera, and point clouds."""
+"""Depth images with a limited range, and point clouds, as a camera delivers them."""
 
 from __future__ import annotations
 
@@ -10,15 +10,20 @@ from aras_visual_servo_base.compiled import jit
 
 from ..description import DepthTopics
 
-POINT_FLOATS = 8  # floats of a point in PCL's layout: x, y, z, padding, colour, padding (3)
-COLOUR = 4  # index of the colour
+POINT_FLOATS = 8  # number of floats of a point in PCL: x, y, z, 1 unused, colour, 3 unused
+COLOUR = 4  # index of the colour in a point
 
 
 def clip_depth(depth: np.ndarray, topics: DepthTopics) -> np.ndarray:
-    """Return depth as (H, W) float32 in m with NaN, or uint16 in mm with 0, for invalid pixels.
+    """Mark the pixels of a depth image that are outside the range of the camera.
 
-    Depths outside the range of `topics` are invalid. The input is (H, W) float32, m, inf for pixels
-    without a surface; with an infinite range, inf is not changed.
+    Args:
+        depth: (H, W) float32, m; inf for pixels without a surface.
+        topics: range and unit of the delivered depth.
+
+    Returns:
+        Depth (H, W), either float32 in m, with NaN for pixels outside the range, or uint16 in mm,
+    with 0 for these pixels. If the range is infinite, inf is not changed in float32.
     """
     nothing = depth <= topics.nearest
     if topics.farthest < math.inf:
@@ -33,18 +38,20 @@ class PointCloud:
     """Computes point clouds from the depth images of one camera."""
 
     def __init__(self, rays: np.ndarray, topics: DepthTopics) -> None:
-        """Prepare for images with these rays, (H, W, 3) float32; see CameraSensor.compute_rays."""
+        """Prepare for images whose rays (H, W, 3) are the result of CameraSensor.compute_rays."""
         self._rays = rays
         self._topics = topics
 
     def compute_points(self, depth: np.ndarray, image: np.ndarray) -> np.ndarray:
-        """Return (H, W, 8) float32: x, y, z in the optical frame, m; bytes blue, green, red, 0.
+        """Return the points (H, W, 8) float32 of all pixels.
 
-        Pixels without a surface, or outside the range (see `clip_depth`), are NaN.
+        The first three numbers are x, y, z in the optical frame, m. They are NaN for pixels that
+        have no surface or are outside the range. The number at COLOUR contains the bytes blue,
+        green, red and 0.
 
         Args:
-            depth: (H, W) float32, m.
-            image: (H, W, 3) rgb, or (H, W) grey.
+            depth: depth image (H, W) float32, m.
+            image: colour image (H, W, 3) rgb, or grey image (H, W).
         """
         if image.dtype == np.uint16:
             image = (image >> 8).astype(np.uint8)

@@ -26,7 +26,7 @@ if TYPE_CHECKING:
     from ..rendering.renderer import Renderer
 
 _log = logging.getLogger(__name__)
-NEVER = (1 << 63) - 1  # ns: exposure time of a camera that waits for its trigger
+NEVER = (1 << 63) - 1  # exposure time (ns) of a camera that waits for its trigger
 
 
 @dataclass(frozen=True)
@@ -35,14 +35,14 @@ class SensorFrame:
 
     Attributes:
         stamp_ns: middle of the exposure in simulated time, ns.
-        image: pixels.
-        encoding: ROS's name of the encoding.
-        depth: (H, W) float32, m, see Renderer.measure; inf for pixels without a surface; or None.
-        segmentation: (H, W) int32, body id + (link index + 1) << 24, -1 for pixels without a
-            surface; or None.
+        image: pixels of the image.
+        encoding: name of the image's encoding in ROS.
+        depth: depth image (H, W) float32, m, as described in Renderer.measure; None if it is
+            disabled.
+        segmentation: segmentation (H, W) int32 as described there; None if it is disabled.
 
-    Depth and segmentation are those at the stamp (with motion blur, those of the partial exposure
-    nearest to it).
+        Depth and segmentation show the world at the stamp. With motion blur or a rolling shutter,
+        they show it at the time of the partial exposure that is nearest to the stamp.
     """
 
     stamp_ns: int
@@ -53,26 +53,27 @@ class SensorFrame:
 
 
 class CameraSensor:
-    """Camera that exposes at k / update_rate s of simulated time, k = 1, 2, ...
+    """Camera that exposes at the simulated times k / update_rate s, k = 1, 2, ...
 
-    These instants rarely coincide with physics steps. An image is rendered at the end of the step
-    that contains its instant, with all poses interpolated between the start and the end of the
-    step. It shows the world at its stamp, and stamps are exact multiples of the period. In a step
-    that ends at time t, the simulation calls
+    These times rarely coincide with the ends of physics steps. An image is rendered at the end of
+    the step that contains its exposure. All poses are interpolated between the start and the end of
+    the step, so that the image shows the world at its stamp, and stamps are exact multiples of the
+    period. In a step of dt that ends at time t, the simulation calls
 
         if sensor.needs_previous_pose(t): sensor.before_step(world_T_link, t - dt)  # before Bullet
         ...
         if sensor.is_due(t): frame = sensor.capture(world_T_link, t)                # after Bullet
 
-    Without the first call, images show the end of the step. A camera with a trigger exposes once
-    for each call of `trigger`, in the step that follows.
+    Without the first call, images show the world at the end of the step. A camera with a trigger
+    exposes once for each call of `trigger`, in the step that follows.
 
     Attributes:
-        config: settings.
+        config: settings of the camera.
         renderer: renderer of the images.
         info: content of CameraInfo.
-        vibration: vibration of the camera, which affects its images; None for a rigid mounting.
-        depth, segmentation: whether frames contain them; may be disabled without subscribers.
+        vibration: vibration of the camera; None for a rigid mounting.
+        depth, segmentation: whether frames contain depth and segmentation. They may be disabled
+    while there is no subscriber.
     """
 
     def __init__(self, config: CameraConfig, renderer: Renderer) -> None:
@@ -100,7 +101,7 @@ class CameraSensor:
         self._rate = config.update_rate
         self._latency_ns = round(config.latency * 1e9)
         self._first, self._has_warned_black, self._has_warned_missed = True, False, False
-        # Whether frames contain them now; the publisher disables what has no subscribers.
+        # The publisher disables these while they have no subscriber.
         self.depth, self.segmentation = config.depth, config.segmentation
         self.reset()
 
@@ -111,13 +112,13 @@ class CameraSensor:
 
     @property
     def link_T_optical(self) -> np.ndarray:
-        """(4, 4) pose of the optical frame in the link."""
+        """Pose (4, 4) of the optical frame in the link."""
         return self._link_T_optical.copy()
 
     def compute_rays(self) -> np.ndarray:
-        """Return the ray of each pixel, (H, W, 3) float32; NaN outside the lens.
+        """Return the rays (H, W, 3) float32 of the pixels; NaN outside the lens.
 
-        The depth of a pixel times its ray is the visible point in the optical frame.
+        The ray of a pixel times its depth is the visible point in the optical frame.
         """
         c = self.config
         pixels = np.stack(np.meshgrid(np.arange(c.width), np.arange(c.height)), axis=2)
@@ -131,12 +132,13 @@ class CameraSensor:
         self, world_T_link: np.ndarray, pixels: tuple[int, np.ndarray, Tiles | None] | None = None,
         mounting_T_shaken: np.ndarray | None = None,
     ) -> View:
-        """Return the view from a pose (4, 4) of the link, for the renderer.
+        """Return the view that the renderer needs for one image or band of rows.
 
         Args:
-            world_T_link: pose of the link.
-            pixels: number, camera matrix (3, 3) and lens of a band of rows; None for all rows.
-            mounting_T_shaken: (4, 4) displacement of the optical frame by vibration.
+            world_T_link: pose (4, 4) of the camera's link.
+            pixels: number of rows, camera matrix (3, 3) and lens of a band of rows; None for the
+        whole image.
+            mounting_T_shaken: displacement (4, 4) of the optical frame by vibration.
         """
         c, (rows, K, lens) = self.config, pixels or self._full_view
         world_T_optical = world_T_link @ self._link_T_optical
@@ -145,32 +147,41 @@ class CameraSensor:
         return View(c.width, rows, world_T_optical, K, c.near, c.far, lens)
 
     def check_time_step(self, step_ns: int, rate: float | None = None) -> None:
-        """Raise CameraError if the camera, at its own rate or at `rate` Hz, is faster than physics.
+        """Check that the frame rate is not above the physics rate.
+
+        Args:
+            step_ns: physics step.
+            rate: frame rate, Hz; None for the present rate.
+
+        Raises:
+            CameraError: the frame rate is above the physics rate.
         """
         rate = self._rate if rate is None else rate
         if round(1e9 / rate) < step_ns:
             raise CameraError(
                 f"camera '{self.config.name}': update_rate {rate:g} Hz is above the physics "
-                f"rate of {1e9 / step_ns:g} Hz; lower the one or raise the other"
+                f"rate of {1e9 / step_ns:g} Hz; lower update_rate or raise the physics rate"
             )
 
     def set_rate(self, rate: float, time_ns: int, step_ns: int) -> None:
-        """Change the frame rate, Hz.
+        """Change the frame rate.
 
-        The next image is at the first multiple of the new period after `time_ns`. Frames that wait
-        for their publication are still delivered.
+        The next exposure is at the first multiple of the new period after `time_ns`. Frames that
+        wait for their publication are still delivered.
 
         Args:
-            rate: Hz.
+            rate: frame rate, Hz.
             time_ns: present simulated time.
             step_ns: physics step.
 
         Raises:
             CameraError: the rate is not positive, above the physics rate, or too high for the
-                exposure; nothing has changed then.
+        exposure; nothing is changed.
         """
         if not (np.isfinite(rate) and rate > 0.0):
-            raise CameraError(f"camera '{self.config.name}': rate {rate} Hz: give one above 0")
+            raise CameraError(
+                f"camera '{self.config.name}': rate is {rate} Hz, must be above 0"
+            )
         self.check_time_step(step_ns, rate)
         self.config.check_rate(rate)
         self._rate = float(rate)
@@ -179,9 +190,9 @@ class CameraSensor:
         self._pending_frames = pending
 
     def trigger(self, time_ns: int, step_ns: int) -> None:
-        """Add an exposure in the step of `step_ns` from `time_ns` on, or after pending exposures.
+        """Add an exposure in the step that starts at `time_ns`, or after pending exposures.
 
-        It has no effect on a camera that streams.
+        This has no effect on a camera without a trigger.
         """
         if not self.config.trigger_topic:
             return
@@ -193,14 +204,14 @@ class CameraSensor:
         self._schedule_next()
 
     def reset(self, time_ns: int = 0) -> None:
-        """Restart: the next image is the first whose exposure starts after time_ns.
+        """Restart: the next image is the first one whose exposure starts after `time_ns`.
 
-        Call it when the clock jumps back, and when images are enabled again after a pause.
+        Call this when the clock jumps back, and when images are enabled again after a pause.
         """
         self._restart(time_ns, exposure=True)
 
     def _restart(self, time_ns: int, exposure: bool) -> None:
-        """Restart the timing; `exposure` also resets the auto exposure."""
+        """Restart the timing; if `exposure`, also reset the auto exposure."""
         self._trigger_times: deque[int] = deque()
         self._index = int(time_ns * self._rate / 1e9)
         while self._compute_instant(self._index) + self._parts[0].offset_ns <= time_ns:
@@ -218,15 +229,15 @@ class CameraSensor:
         return round(index * 1e9 / self._rate)
 
     def _schedule_next(self) -> None:
-        """Set the time of the next exposure or partial exposure."""
+        """Set the time of the next partial exposure."""
         self._next_ns = self._compute_instant(self._index) + self._parts[self._part].offset_ns
 
     def needs_previous_pose(self, time_after_ns: int) -> bool:
-        """Return whether an exposure falls inside the step that ends at `time_after_ns`."""
+        """Return whether an exposure is due before the end `time_after_ns` of the next step."""
         return self._next_ns < time_after_ns
 
     def before_step(self, world_T_link: np.ndarray, time_ns: int) -> None:
-        """Store the poses at `time_ns`, before a step for which `needs_previous_pose` is true."""
+        """Store the poses at `time_ns`. Call this before a step if `needs_previous_pose`."""
         self.renderer.snapshot()
         self._previous_pose = (time_ns, np.array(world_T_link, dtype=float))
 
@@ -240,13 +251,13 @@ class CameraSensor:
         )
 
     def is_due(self, time_ns: int) -> bool:
-        """Return whether `capture` must be called at this time."""
+        """Return whether `capture` must be called at `time_ns`."""
         return self.due_ns <= time_ns
 
     def capture(self, world_T_link: np.ndarray, time_ns: int) -> SensorFrame | None:
-        """Render all due images, and return a frame whose publication is due, if there is one.
+        """Render all images that are due; return a frame whose publication is due, or None.
 
-        `world_T_link` is the (4, 4) pose of the camera's link at `time_ns`.
+        `world_T_link` is the pose (4, 4) of the camera's link at `time_ns`.
         """
         while self._next_ns <= time_ns:
             self._skip_missed(time_ns)
@@ -256,21 +267,22 @@ class CameraSensor:
         return None
 
     def _skip_missed(self, time_ns: int) -> None:
-        """Skip all but the last image if several fall into one physics step."""
+        """If several images are due in one physics step, skip all but the last."""
         if self.config.trigger_topic:
             return
         if self._part == 0 and self._compute_instant(self._index + 1) <= time_ns:
             if not self._has_warned_missed:
                 self._has_warned_missed = True
-                _log.warning("camera '%s' drops frames: its %g Hz are above the physics rate; "
-                             "lower the one or raise the other", self.config.name, self._rate)
+                _log.warning("camera '%s' drops frames: its rate of %g Hz is above the physics "
+                             "rate; lower it or raise the physics rate", self.config.name,
+                             self._rate)
             self._index = int(time_ns * self._rate / 1e9)
             if self._compute_instant(self._index + 1) <= time_ns:
                 self._index += 1
             self._schedule_next()
 
     def _expose(self, pose: np.ndarray, time_ns: int) -> None:
-        """Render one partial exposure; after the last one, the frame is finished."""
+        """Render one partial exposure. After the last one, finish the frame."""
         stamp = self._compute_instant(self._index)
         if not self._pipeline.is_lost(stamp):
             self._draw(pose, time_ns)
@@ -333,10 +345,11 @@ class CameraSensor:
     def _warn_if_blind(self, image: np.ndarray, world_T_optical: np.ndarray) -> None:
         """Warn once if the camera is inside an object, or if its image is black.
 
-        The link of the camera may contain the lens: like Gazebo, the renderer draws no back faces.
+        The camera may be inside its own link, because, as in Gazebo, the inner sides of surfaces
+        are not drawn.
         """
         first, self._first = self._first, False
-        # Test one pixel first: mostly it is not black.
+        # Test one pixel first, because it is usually not black.
         black = not (self._has_warned_black or image[0, 0, 0] or image[::8, ::8].any())
         if not first and not black:
             return
@@ -345,13 +358,16 @@ class CameraSensor:
         where = f"it is inside {', '.join(around)}" if around else "all visible surfaces are black"
         if black:
             self._has_warned_black = True
-            _log.warning("camera '%s' sends a black picture: %s; check its mounting pose and near "
-                         "clip", self.config.name, where)
+            _log.warning("camera '%s' sends a black image: %s; check its mounting pose and near "
+                         "clip distance", self.config.name, where)
         elif around:
             _log.warning("camera '%s': %s, whose faces are not drawn from inside; check its "
                          "mounting pose", self.config.name, where)
 
 
 def mounting_pose(xyz: tuple[float, float, float], rpy: tuple[float, float, float]) -> np.ndarray:
-    """Return link_T_optical (4, 4) of a sensor at xyz (m), rpy (fixed axes, rad) in its link."""
+    """Return the pose link_T_optical (4, 4) of the optical frame of a sensor.
+
+    `xyz` (m) and `rpy` (fixed axes, rad) are the pose of the sensor in its link.
+    """
     return optical_pose(Pose.from_rpy(xyz, rpy).matrix())

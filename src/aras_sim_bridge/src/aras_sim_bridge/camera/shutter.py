@@ -1,4 +1,4 @@
-"""Exposure times of the rows of an image, for global and rolling shutters."""
+"""Times at which the rows of an image are exposed, for global and rolling shutters."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from .effects import Effects
 
 @dataclass(frozen=True)
 class RowBand:
-    """Rows first ... last - 1 of an image, exposed together `offset_ns` after the stamp."""
+    """Rows first ... last - 1 of an image, which are exposed `offset_ns` after the stamp."""
 
     offset_ns: int
     first: int
@@ -19,9 +19,10 @@ class RowBand:
 def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
     """Return the partial exposures of an image of `height` rows, in temporal order.
 
-    Row r is exposed for exposure_time around stamp + (r - (height - 1) / 2) row_time, so the stamp
-    is the middle of the exposure of the central row. An exposure is approximated by
-    exposure_samples instants, and a group of rows_together rows by its central row.
+    The exposure of row r has the length exposure_time, and its middle is at the time stamp + (r -
+    (height - 1) / 2) row_time. So the stamp is the middle of the exposure of the central row. The
+    exposure is approximated by exposure_samples instants, and a band of rows_together rows by its
+    central row.
     """
     e = effects
     samples = e.exposure_samples if e.exposure_time > 0.0 else 1
@@ -36,5 +37,9 @@ def make_row_bands(effects: Effects, height: int) -> tuple[RowBand, ...]:
 
 
 def compute_duration(effects: Effects, height: int) -> float:
-    """Return the time from the first row's opening to the last row's closing plus row_time, s."""
+    """Return the time that the camera needs for an image, s.
+
+    It is the time from the start of the first row's exposure to the end of the last row's, plus
+    row_time.
+    """
     return effects.exposure_time + effects.row_time * height

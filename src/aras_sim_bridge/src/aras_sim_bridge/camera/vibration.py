@@ -1,4 +1,4 @@
-"""Vibration of a camera on its mounting, which the controller does not know."""
+"""Vibration of a camera on its mounting. The controller does not know about it."""
 
 from __future__ import annotations
 
@@ -12,19 +12,22 @@ from aras_visual_servo_base.settings import check, parameter
 from ..errors import CameraError
 
 SINE_COUNT = 16  # number of sines that approximate noise within a band
-SEED_SEQUENCE = 3  # sequence of random numbers, different from those of the effects
+SEED_SEQUENCE = 3  # makes the random numbers differ from those of the effects
 LINK_T_OPTICAL = optical_pose(np.eye(4))
 
 
 @dataclass(frozen=True)
 class Shake:
-    """Vibration along and about the sensor's axes (x forward, y left, z up).
+    """Settings of a vibration along and about the sensor's axes (x forward, y left, z up).
+
+    The motion along and about each axis is a sine with a random phase, which depends on the seed of
+    the camera.
 
     Attributes:
-        frequency: frequency of the sines, Hz; their phases are random, from the camera's seed.
-        xyz, rpy: amplitudes, m and rad.
-        bandwidth: Hz; if it is not 0, each sine is replaced by noise of the same power in a band of
-            this width around `frequency`.
+        frequency: frequency of the sines, Hz.
+        xyz, rpy: amplitudes along and about the axes, m and rad.
+        bandwidth: if it is not 0, each sine is replaced by noise of the same power in a band of
+    this width around `frequency`, Hz.
     """
 
     frequency: float = parameter(unit="Hz", above=0.0)
@@ -36,8 +39,8 @@ class Shake:
         check(self, CameraError, "shake")
         if self.bandwidth > 2.0 * self.frequency:
             raise CameraError(
-                f"shake: a bandwidth of {self.bandwidth:g} Hz about {self.frequency:g} Hz would "
-                "extend below 0 Hz; make it smaller"
+                f"shake: a bandwidth of {self.bandwidth:g} Hz around {self.frequency:g} Hz would "
+                "extend below 0 Hz; reduce the bandwidth"
             )
 
     def __str__(self) -> str:
@@ -46,7 +49,7 @@ class Shake:
 
 
 class Vibration:
-    """Motion of a camera with a given vibration and seed, at any time.
+    """Motion of a camera that vibrates. It can be computed for any time.
 
     Attributes:
         shake: settings of the vibration.
@@ -56,14 +59,14 @@ class Vibration:
         self.shake = shake
         random = np.random.default_rng((seed, SEED_SEQUENCE))
         count = SINE_COUNT if shake.bandwidth else 1
-        # One frequency in each part of the band: no random draw leaves a part empty.
+        # Draw one frequency in each of `count` parts of the band, so that no part is empty.
         share = (np.arange(count) + random.random((6, count))) / count - 0.5
         self._rates = 2.0 * np.pi * (shake.frequency + shake.bandwidth * share)
         self._phases = random.uniform(0.0, 2.0 * np.pi, (6, count))
         self._amplitudes = np.array([*shake.xyz, *shake.rpy]) / np.sqrt(count)
 
     def compute_pose(self, time_ns: int) -> np.ndarray:
-        """Return the pose (4, 4) of the optical frame relative to its pose at rest."""
+        """Return the pose (4, 4) of the optical frame at `time_ns`, relative to that at rest."""
         sines = np.sin(self._rates * (time_ns / 1e9) + self._phases)
         displacement = self._amplitudes * sines.sum(axis=1)
         return (

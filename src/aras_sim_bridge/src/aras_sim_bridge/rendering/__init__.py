@@ -2,22 +2,23 @@
 
 An image is rendered in these steps:
 
-1. The image is divided into tiles of 8 x 8 px, each with its own pinhole model (tiles.py). This is
-   exact for a pinhole camera; for a lens the tiles are made small enough.
+1. The image is divided into tiles of 8 x 8 px. Each tile has its own pinhole model (tiles.py). For
+   a pinhole camera this is exact; for a lens the tiles are divided until the error is small enough.
 2. The triangles of the scene are grouped into clusters (triangles.py). Links and clusters that are
-   out of view, hidden or turned away from the camera are skipped as a whole; the triangles of the
-   others are sorted into the tiles that they touch (binning.py).
+   out of view, hidden or turned away from the camera are skipped without a test of their triangles.
+   The other triangles are sorted into the tiles that they touch (binning.py).
 3. In tiles with several triangles, the nearest triangle at each pixel corner is found
    (sampling.py).
-4. A pixel has an edge if its corners show different surfaces, or if a surface of another colour
-   reaches into it (edge_detection.py). Its colour follows from the exact areas of its triangles
-   (edges.py, areas.py, dense_coverage.py). All other pixels are shaded at a corner (shading.py).
-5. Depth and segmentation are taken at the pixel centres (depth_and_labels.py).
+4. A pixel contains an edge if its corners show different surfaces, or if a surface of another
+   colour reaches into it (edge_detection.py). The colour of such a pixel is computed from the exact
+   areas that its triangles cover (edges.py, areas.py, dense_coverage.py). All other pixels are
+   shaded at a corner (shading.py).
+5. Depth and segmentation are measured at the pixel centres (depth_and_labels.py).
 
-The renderer runs on the CPU. It needs no graphics driver, so the limits and rounding errors of
-drivers do not matter. The image of the visual servo takes 0.4 of the time of OpenGL with Mesa's
-software rasteriser (0.75 at 640 x 480). A room with 40 000 triangles and many edges, all computed
-exactly, takes 2.7 to 3.0 times as long (tests/benchmarks/render.py).
+The renderer runs on the CPU. It needs no graphics driver, so it does not depend on the limits and
+rounding errors of drivers. Compared with OpenGL and Mesa's software rasteriser, the image of the
+visual servo takes 0.4 of the time (0.75 at 640 x 480), but a room with 40 000 triangles and many
+edges, which are computed exactly, takes 2.7 to 3.0 times as long (tests/benchmarks/render.py).
 """
 
 from __future__ import annotations
@@ -36,25 +37,28 @@ if TYPE_CHECKING:
 
 __all__ = ["EXPOSURES", "RENDERERS", "SHADOWS", "Lighting", "View", "create_renderer"]
 
-# All names select the same renderer; launch files of earlier versions use 'opengl' and 'tiny'.
+# All names select the same renderer. Launch files of earlier versions use 'opengl' and 'tiny'.
 RENDERERS = ("auto", "exact", "tiny", "opengl")
-# Conversions from light to grey levels, see Lighting.
+# Valid values of Lighting.exposure, which converts light to grey levels.
 EXPOSURES = ("unclipped", "gazebo")
 
-# Bytes for cached data of views: enough for 20 cameras of 1920 x 1200 px.
+# Default size of the cache for data of views, bytes: enough for 20 cameras of 1920 x 1200 px.
 CACHE_BYTES = 1 << 28
 
 
 def create_renderer(
     name: str, world: World, light: Lighting | None = None, cache_bytes: int = CACHE_BYTES
 ) -> Renderer:
-    """Create the renderer of a World; RenderingError for an unknown name.
+    """Create the renderer of a World.
 
     Args:
         name: one of RENDERERS.
         world: world to draw.
         light: lighting; None for Gazebo's defaults.
-        cache_bytes: memory for cached data of views, bytes.
+        cache_bytes: largest size of the cache for data of views, bytes.
+
+    Raises:
+        RenderingError: there is no renderer of this name.
     """
     if name not in RENDERERS:
         raise RenderingError(f"there is no renderer '{name}'; use one of {', '.join(RENDERERS)}")

@@ -1,4 +1,4 @@
-"""Areas of a pixel that convex polygons cover; the pixel is a unit square around 0."""
+"""Areas that convex polygons cover in a pixel. The pixel is a unit square around the origin."""
 
 from __future__ import annotations
 
@@ -6,15 +6,16 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Largest number of triangles in a pixel for which hidden areas are cut off exactly, because the
-# cost grows with the square of their number. Visibility in denser pixels is sampled.
+# Largest number of triangles in a pixel for which hidden areas are cut off exactly. The cost grows
+# with the square of this number. If a pixel has more triangles, their visibility is sampled.
 DENSE = 4
-# Relative difference in distance below which two triangles count as coplanar.
+# Relative difference in distance below which two triangles are treated as coplanar.
 COPLANAR_TOLERANCE = 1e-8
-# Capacity: corners of a polygon, and number of polygons.
+# Largest number of corners of a polygon, and of pieces of a polygon.
 CORNERS, PIECES = 24, 64
-# Lines of a triangle, a + b x + c y relative to the pixel centre: up to LINES edges that cross the
-# pixel, and the inverse distance of the plane in row PLANE.
+# Each triangle has up to LINES lines, and in row PLANE the inverse distance of its plane. All are
+# given as (a, b, c) in a + b x + c y, which is positive inside the triangle; x and y are relative
+# to the pixel centre.
 LINES, PLANE = 5, 5
 
 
@@ -23,7 +24,7 @@ def half_plane_area(a, b, c):
     """Return the area of the pixel where a + b x + c y > 0; b and c must not both be 0."""
     p, q = abs(b), abs(c)
     p, q = max(p, q), min(p, q)
-    q = max(q, 1e-7 * p)  # avoids a division by 0; the area is exact to 1e-7
+    q = max(q, 1e-7 * p)  # avoids a division by 0; the error of the area is below 1e-7
     s = a + 0.5 * (p + q)
     s0, s1, s2, s3 = max(s, 0.0), max(s - p, 0.0), max(s - q, 0.0), max(s - p - q, 0.0)
     return (s0 * s0 - s1 * s1 - s2 * s2 + s3 * s3) / (2.0 * p * q)
@@ -31,10 +32,10 @@ def half_plane_area(a, b, c):
 
 @jit_inline
 def _cut(shape, p, count, a, b, c, above, below):
-    """Split the convex polygon shape[p] (count corners) along the line a + b x + c y = 0.
+    """Split the convex polygon shape[p] with `count` corners along the line a + b x + c y = 0.
 
-    The part where the value is not negative is written to shape[above], the other to shape[below].
-    Returns the numbers of their corners.
+    The part where a + b x + c y is not negative is written to shape[above], the other part to
+    shape[below]. Return the numbers of corners of both parts.
     """
     n_kept = n_rest = 0
     x, y = shape[p, count - 1, 0], shape[p, count - 1, 1]
@@ -61,7 +62,7 @@ def _cut(shape, p, count, a, b, c, above, below):
 
 @jit_inline
 def polygon_area(polygon, p, count):
-    """Return the area of the convex polygon p, for either orientation."""
+    """Return the area of the convex polygon p, whose corners may be in either order."""
     total = 0.0
     x, y = polygon[p, 0, 0], polygon[p, 0, 1]
     for n in range(2, count):
@@ -72,10 +73,10 @@ def polygon_area(polygon, p, count):
 
 @jit("f8[:,:,::1], i8, f8[:,:,::1], i8, i8, i8")
 def clip_pixel(shape, goal, line, n, lines, spare):
-    """Clip the pixel to the positive side of the lines line[n, :lines] and store it in shape[goal].
+    """Clip the pixel to the positive side of the lines line[n, :lines].
 
-    `spare` is the first of two rows of work space. Returns the number of corners, 0 if the result
-    is empty.
+    The result is written to shape[goal]; shape[spare] and shape[spare + 1] are work space. Return
+    the number of corners of the result, which is 0 if nothing remains.
     """
     for i in range(4):
         shape[goal, i, 0] = 0.5 if i == 1 or i == 2 else -0.5
@@ -111,9 +112,9 @@ def clip_pixel(shape, goal, line, n, lines, spare):
 
 @jit("f8[:,:,::1], i8[::1], i8, i8, f8[:,:,::1], i8[::1]")
 def visible_area(shape, sizes, i, count, line, lines):
-    """Return the area of polygon i that none of the first `count` polygons hides.
+    """Return the area of polygon i that is not hidden by any of the first `count` polygons.
 
-    `line` and `lines` are the lines of all polygons and their numbers.
+    `line` contains the lines of all polygons, and `lines` their numbers of lines.
     """
     first, spare = DENSE, DENSE + PIECES
     end = first + 1
@@ -123,7 +124,7 @@ def visible_area(shape, sizes, i, count, line, lines):
     for j in range(count):
         if j == i or sizes[j] == 0:
             continue
-        # Value of a + b x + c y: positive where j is nearer than i.
+        # a + b x + c y is positive where j is nearer than i.
         a = line[j, PLANE, 0] - line[i, PLANE, 0]
         b, c = line[j, PLANE, 1] - line[i, PLANE, 1], line[j, PLANE, 2] - line[i, PLANE, 2]
         low, high = np.inf, -np.inf
@@ -136,7 +137,7 @@ def visible_area(shape, sizes, i, count, line, lines):
         crossing = low < -touching
         now, last = first, end
         while now < last:
-            # The piece is outside j if it is on the negative side of one of j's lines.
+            # A piece of i is outside j if it is on the negative side of one of j's lines.
             outside = False
             for n in range(lines[j]):
                 above = False
@@ -160,14 +161,14 @@ def visible_area(shape, sizes, i, count, line, lines):
                 goal = spare + n % 2
                 size, below = _cut(shape, source, size, an, bn, cn, goal, end)
                 source = goal
-                # Pieces beyond the capacity are dropped; no pixel has come near it.
+                # Pieces beyond the capacity are dropped. No tested pixel has come near this limit.
                 if below > 2 and end < first + PIECES - 1:
                     sizes[end] = below
                     end += 1
                 if size < 3:
                     break
-            # Remove the hidden piece: the last unchecked piece replaces it, and the last of all
-            # pieces replaces that one.
+            # Remove the hidden piece. The last unchecked piece is moved to its place, and the last
+            # of all pieces to the place of that one.
             last -= 1
             end -= 1
             for move in range(2):
@@ -196,9 +197,9 @@ def polygon_mean(shape, p, count, middle, n):
 
 @jit_inline
 def find_crossing_lines(line, lines, k, x, y, own, n):
-    """Write the lines of triangle k that cross the pixel at x, y to own[n]; return their number.
+    """Write those lines of triangle k that cross the pixel at x, y to own[n].
 
-    The lines are relative to the pixel centre.
+    The written lines are relative to the pixel centre. Return their number.
     """
     crossing = 0
     for i in range(lines[k]):

@@ -1,10 +1,11 @@
 """Binning: sorting the triangles that may be visible into the tiles of the image.
 
-A triangle with corners p0, p1, p2 is hit by the rays r that are positive combinations of the
-corners. With s0 = p1 x p2 / det, s1 = p2 x p0 / det, s2 = p0 x p1 / det and det = p0 . (p1 x p2),
-the coefficients are s_k . r for rays in any direction: nothing is projected, and nothing must be
-clipped behind the camera. The sum of the coefficients is the inverse of the distance at which r
-meets the plane of the triangle, in lengths of r.
+The camera is at the origin. A ray r hits the triangle with the corners p0, p1, p2 if r is a
+combination of p0, p1, p2 with positive coefficients. With s0 = p1 x p2 / det, s1 = p2 x p0 / det,
+s2 = p0 x p1 / det and det = p0 . (p1 x p2), the coefficient of p_k is s_k . r. This holds for rays
+in any direction, so triangles need not be projected, nor clipped behind the camera. The inverse of
+the sum of the coefficients is the distance along r to the plane of the triangle, in units of the
+length of r.
 """
 
 from __future__ import annotations
@@ -31,21 +32,21 @@ from .triangles import Triangles
 
 @dataclass(frozen=True)
 class VisibleTriangles:
-    """Triangles that face the camera and touch tiles.
+    """Triangles that face the camera, and the tiles that they touch.
 
     Attributes:
-        triangle: (N,) index in Triangles; below, a triangle is identified by its index in this
-            array.
+        triangle: (N,) index of each visible triangle in Triangles. The following arrays identify a
+    triangle by its position in this array.
         corner: (N, 3, 3) corners p0, p1, p2 in the optical frame, m.
-        side: (N, 3, 3) vectors s0, s1, s2 in the optical frame, 1/m.
+        side: (N, 3, 3) vectors s0, s1, s2 in the optical frame, 1/m; see the module.
         light: (N, 3) light at the corners.
         cut: (N,) bool, whether the triangle crosses the near or far clip distance.
-        opaque: (N,) bool.
-        cover: (tiles,) triangle that covers the whole tile and hides all triangles that are not
-            listed for the tile, or -1.
-        start: (tiles + 1,) start of each tile's list of other triangles in `member`.
-        member: (P,) lists of triangles, in ascending order.
-        full: (P,) bool, whether the triangle covers the whole tile.
+        opaque: (N,) bool, whether the triangle is opaque.
+        cover: (tiles,) triangle that covers the whole tile and hides all triangles that are not in
+    the tile's list; -1 if there is none.
+        start: (tiles + 1,) start of each tile's list in `member`.
+        member: (P,) lists of the other triangles that touch each tile, in ascending order.
+        full: (P,) bool, whether the triangle in `member` covers the whole tile.
     """
 
     triangle: np.ndarray
@@ -61,7 +62,10 @@ class VisibleTriangles:
 
 
 class TileBinning:
-    """Finds the visible triangles of views of one scene; the arrays are reused between views."""
+    """Finds the visible triangles in views of one scene.
+
+    The arrays of a result are overwritten by the next call.
+    """
 
     def __init__(self, triangles: Triangles) -> None:
         self._triangles = triangles
@@ -81,13 +85,13 @@ class TileBinning:
         near: float,
         far: float,
     ) -> VisibleTriangles:
-        """Return the visible triangles of each tile.
+        """Return the triangles that may be visible, sorted into tiles.
 
         Args:
             tiles: tiles of the image.
-            optical_T_link: (rows, 4, 4) poses of the links.
+            optical_T_link: (rows, 4, 4) poses of the links in the optical frame.
             sun: (rows, 3) unit vectors towards the sun in the link frames.
-            light: (2,) ambient and diffuse light.
+            light: (2,) ambient light and diffuse light of the sun.
             near, far: clip distances along the axes of the tiles, m.
         """
         g, c = self._triangles, self._triangles.clusters
@@ -132,21 +136,22 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
          out_tile, out_member, out_full):
     """Compute the fields of VisibleTriangles; return the numbers of triangles and of pairs.
 
-    A pair is a triangle and a tile that it touches.
-    Pairs beyond the capacity of the output are counted but not stored.
+    A pair consists of a triangle and a tile that it touches. Pairs beyond the capacity of the
+    output arrays are counted but not stored.
 
     Args:
-        planes: work space for the planes of the triangles, plane . x = 1.
-        length2: work space for the squared lengths of `side`.
-        cover: -1 for each node of the tile tree. A triangle that covers a node is stored there, not
-            in its children, and hides the triangles behind it.
+        planes: work space for the planes of the triangles; points x of a plane fulfil plane . x =
+    1.
+        length2: work space for the squared lengths of the vectors in out_side.
+        cover: -1 for each node of the tile tree. A triangle that covers a node and hides the
+    triangles behind it is written to the node, not to the node's children.
     """
     visible = pairs = 0
     top = len(levels) - 1
     root = levels[top, 0]
     one = np.int64(1)
     p = np.empty((3, 3))
-    # Position of the camera in each link's frame, and whether the link is out of view.
+    # Position of the camera in the frame of each link, and whether the link is out of view.
     camera_origins, out_of_view = (
         np.empty((len(row_centre), 3)),
         np.empty(len(row_centre), np.bool_),
@@ -158,7 +163,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         out_of_view[r] = row_half[r, 0] < 0.0 or is_box_outside(
             T, r, row_centre, row_half, r, nodes, root
         )
-    # Stack of nodes: level, row, column, triangles as a bit mask, covering triangle.
+    # Stack of the nodes still to be visited: level, row, column, bit mask of the cluster's
+    # triangles that may touch the node, and covering triangle.
     stack = np.empty((15 * (top - 1) + 1, 5), np.int64)
     touched = np.empty(16, np.bool_)
     # Sides of the cluster's triangles, and their squared lengths.
@@ -167,7 +173,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
         r = row[c]
         if out_of_view[r]:
             continue
-        # Position of the camera relative to the cluster: can any front face be visible?
+        # Skip the cluster if all its triangles are turned away from the camera.
         xe, ye, ze = camera_origins[r, 0], camera_origins[r, 1], camera_origins[r, 2]
         x, y, z = xe - centre[c, 0], ye - centre[c, 1], ze - centre[c, 2]
         distance = np.sqrt(x * x + y * y + z * z)
@@ -244,7 +250,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
             visible += 1
         if visible == first_visible:
             continue
-        # A tile inside the four outer sides of a quad is covered; one triangle represents both.
+        # A tile inside the four outer sides of a quad is covered by its two triangles together. The
+        # first of them then represents both.
         whole = (quad[c] and visible == first_visible + 2 and not out_cut[visible - 1]
                  and not out_cut[visible - 2])
         stack[0, 0], stack[0, 1], stack[0, 2] = top, 0, 0
@@ -263,12 +270,13 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     + yc * children[parent, 1, k]
                     + zc * children[parent, 2, k]
                 )
-                # The sum of both angles may exceed half a turn.
+                # The first condition is true if the sum of the cones' angles exceeds half a turn.
                 touched[k] = (cosine_n < 1.5) & (
                     (sine_n * cosine_c + cosine_n * sine_c < 0.0)
                     | (at >= cosine_c * cosine_n - sine_c * sine_n - 1e-12))
                 touched_count += touched[k]
-            # Most triangles of a small cluster touch all nodes that the cluster touches.
+            # The triangles are not tested one by one if the cluster touches only one node or is
+            # small compared with the nodes, because most triangles would touch all these nodes.
             all_together = touched_count == 1 or (level > 1 and small_c < children[parent, 4, 0])
             level -= 1
             for child in range(16):
@@ -278,7 +286,7 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                 node = levels[level, 0] + i * levels[level, 2] + j
                 own = cover[node] if cover[node] >= 0 else above
                 if own >= 0:
-                    # Is the whole cluster behind the covering triangle?
+                    # Skip the node if the whole cluster is behind the covering triangle.
                     x, y, z = planes[own, 0], planes[own, 1], planes[own, 2]
                     nearest = distance * (x * xc + y * yc + z * zc)
                     for k in range(3):
@@ -318,7 +326,8 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
                     stack[stack_size, 0], stack[stack_size, 1], stack[stack_size, 2] = level, i, j
                     stack[stack_size, 3], stack[stack_size, 4] = remaining, own
                     stack_size += 1
-    # Pass covering triangles down to the tiles. If neither of two is nearer everywhere, list one.
+    # Pass covering triangles down to the tiles. If a tile would get two of which neither is nearer
+    # everywhere, one is added to the tile's list.
     for level in range(top, 0, -1):
         span = 1 << (2 * level - 2)
         for i0 in range(levels[level, 1]):
@@ -347,7 +356,10 @@ def _bin(T, sun, light, first, count, row, centre, half, radius, axis, cosine, h
 
 @jit("i8[::1], i8[::1], b1[::1], i8, i8")
 def _sort_by_tile(tile, member, full, pairs, tiles):
-    """Sort the pairs by tile, then by member: start (tiles + 1,), member and full (pairs,)."""
+    """Sort the pairs by tile, then by member.
+
+    Return start (tiles + 1,), member (pairs,) and full (pairs,), as in VisibleTriangles.
+    """
     start = np.zeros(tiles + 1, np.int64)
     for n in range(pairs):
         start[tile[n] + 1] += 1
@@ -358,7 +370,7 @@ def _sort_by_tile(tile, member, full, pairs, tiles):
     for n in range(pairs):
         at = place[tile[n]]
         place[tile[n]] = at + 1
-        # Covering triangles were appended last, but belong at the position of their index.
+        # Covering triangles were appended last; move them to the position of their index.
         while at > start[tile[n]] and out_member[at - 1] > member[n]:
             out_member[at], out_full[at] = out_member[at - 1], out_full[at - 1]
             at -= 1

@@ -12,7 +12,10 @@ V = TypeVar("V")
 
 
 class ByteLimitedCache(Generic[K, V]):
-    """Recently used values up to `capacity` bytes in total, at least one value; thread-safe."""
+    """Thread-safe cache of the most recently used values.
+
+    It keeps as many values as fit into the capacity, but at least one.
+    """
 
     def __init__(
         self, capacity: int, size: Callable[[V], int] = lambda value: value.nbytes,
@@ -21,16 +24,16 @@ class ByteLimitedCache(Generic[K, V]):
         """Create an empty cache.
 
         Args:
-            capacity: largest total size, bytes.
-            size: size of a value, in the unit of `capacity`.
-            drop: called with each value that is removed.
+            capacity: largest total size of the values, bytes.
+            size: function that returns the size of a value, bytes.
+            drop: function that is called with each value that is removed.
         """
         self._capacity, self._size, self._drop = capacity, size, drop
         self._values: OrderedDict[K, V] = OrderedDict()
         self._lock = threading.Lock()
 
     def get(self, key: K, make: Callable[[], V]) -> V:
-        """Return the value of a key; make it if it is not in the cache."""
+        """Return the value of a key; call `make` to create it if it is not in the cache."""
         with self._lock:
             if key in self._values:
                 self._values.move_to_end(key)

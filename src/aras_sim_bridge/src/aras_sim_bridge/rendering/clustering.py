@@ -1,7 +1,7 @@
 """Grouping of neighbouring triangles that face the same direction into clusters.
 
-It is compiled, because the model of a robot may have a hundred thousand triangles, and the
-simulation waits until they are grouped.
+The grouping is compiled, because the model of a robot may have a hundred thousand triangles, and
+the simulation waits until they are grouped.
 """
 
 from __future__ import annotations
@@ -10,22 +10,27 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-# With 32 triangles per cluster, 40 000 triangles are drawn as fast as with 16 or 64, and the robot
-# is drawn a tenth faster than with 128.
+# Largest number of triangles in a cluster. With 32, a scene with 40 000 triangles is drawn as fast
+# as with 16 or 64, and the robot is drawn a tenth faster than with 128.
 CLUSTER_SIZE = 32
-# A smaller cluster is also split if this reduces its cost (surface of its box times number of
-# triangles) below this ratio. Testing the box of a cluster costs as much as BOX_TEST_COST
-# triangles.
+# A cluster with at most CLUSTER_SIZE triangles is split, too, if the cost of the two halves is less
+# than LARGEST_COST_RATIO of the cost of the cluster. The cost is the surface of the bounding box
+# times the number of triangles plus BOX_TEST_COST, which accounts for the test of the box.
 LARGEST_COST_RATIO, BOX_TEST_COST = 0.6, 1
 
 
 def cluster_triangles(
     corners: np.ndarray, normal: np.ndarray, part: np.ndarray
 ) -> list[np.ndarray]:
-    """Return clusters of triangles (T, 3, 3) of one part whose normals have the same main axis.
+    """Group triangles (T, 3, 3) into clusters; return the indices of each cluster's triangles.
 
-    Clusters are split in two until they are small, and further if the boxes around the halves are
-    much smaller.
+    The triangles of a cluster belong to the same visual, and their normals have the same main axis.
+    Clusters are split in two until they are small, and further if this reduces their cost.
+
+    Args:
+        corners: (T, 3, 3) corners of the triangles.
+        normal: (T, 3) normals of the triangles.
+        part: (T,) number of each triangle's visual.
     """
     if not len(corners):
         return []
@@ -42,7 +47,7 @@ def cluster_triangles(
 
 @jit_inline
 def _compute_surface(low, high, members):
-    """Return half the surface of the box around the boxes of some triangles."""
+    """Return half the surface of the box that encloses the boxes of some triangles."""
     a0, a1, a2 = low[members[0]]
     b0, b1, b2 = high[members[0]]
     for m in members[1:]:
@@ -54,7 +59,10 @@ def _compute_surface(low, high, members):
 
 @jit("f8[:,::1], f8[:,::1], f8[:,::1], i8[::1], i8[::1]")
 def _split_clusters(low, high, keys, order, bounds):
-    """Split the pieces order[bounds[k]:bounds[k + 1]]; return members (T,) and cluster starts."""
+    """Split the groups order[bounds[k]:bounds[k + 1]] of triangles into clusters.
+
+    Return the triangles cluster by cluster, (T,), and the start of each cluster.
+    """
     members, first = np.empty_like(order), np.empty_like(order)
     done, found = 0, 0
     pending = [(bounds[k], bounds[k + 1]) for k in range(len(bounds) - 1)]
@@ -65,7 +73,7 @@ def _split_clusters(low, high, keys, order, bounds):
         half = count // 2
         cost, best = np.inf, group
         if count > 1:
-            # By position along each axis, or by size.
+            # Try to split by the position along each axis, and by the size.
             for k in range(len(keys)):
                 one = group[np.argsort(keys[k][group], kind="mergesort")]
                 split_cost = (BOX_TEST_COST + half) * _compute_surface(low, high, one[:half])

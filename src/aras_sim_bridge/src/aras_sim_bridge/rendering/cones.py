@@ -1,7 +1,7 @@
-"""Tests of boxes and triangles against the cones of rays of tiles, or of groups of tiles.
+"""Tests of boxes and triangles against cones. A cone encloses the rays of a tile or of several.
 
-A cone is a row of Tiles.nodes. The tests are conservative: a positive answer is certain, a negative
-one is not.
+Cones are rows of Tiles.nodes. The tests are conservative: if the answer is True, it is certain; if
+it is False, it is not.
 """
 
 from __future__ import annotations
@@ -10,16 +10,16 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit, jit_inline
 
-# Number of triangles that are processed together, as in a SIMD register of the processor.
+# Number of triangles that are processed together, so that the compiler can use SIMD instructions.
 VECTOR_WIDTH = 8
 
 
 @jit_inline
 def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
-    """Return whether a cone around the unit vector x, y, z is disjoint from the cone of node n."""
+    """Return whether the cone of node n does not overlap a cone around the unit vector x, y, z."""
     if nodes[n, 3] > 1.5:
         return True
-    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # their sum exceeds half a turn
+    if nodes[n, 4] * cosine + nodes[n, 3] * sine < 0.0:  # the sum of the angles is above pi
         return False
     between = x * nodes[n, 0] + y * nodes[n, 1] + z * nodes[n, 2]
     return between < cosine * nodes[n, 3] - sine * nodes[n, 4] - 1e-12
@@ -27,7 +27,7 @@ def is_cone_disjoint(x, y, z, cosine, sine, nodes, n):
 
 @jit_inline
 def is_box_outside(T, r, centre, half, n, nodes, root):
-    """Return whether box n, in the frame of link r, is behind or outside the root's cone."""
+    """Return whether box n, in the frame of link r, is outside the cone of node `root`."""
     cosine, sine = nodes[root, 3], nodes[root, 4]
     if cosine <= 0.0:
         return False
@@ -42,7 +42,7 @@ def is_box_outside(T, r, centre, half, n, nodes, root):
         ahead += half[n, k] * abs(T[r, 0, k] * x + T[r, 1, k] * y + T[r, 2, k] * z)
     if ahead <= 0.0:
         return True
-    # Plane that touches the cone on the side of the box's centre.
+    # Test the box against the plane that touches the cone on the side of the box's centre.
     xa, ya, za = xp - along * x, yp - along * y, zp - along * z
     across = np.sqrt(xa * xa + ya * ya + za * za)
     share = cosine / max(across, 1e-12)
@@ -55,7 +55,7 @@ def is_box_outside(T, r, centre, half, n, nodes, root):
 
 @jit_inline
 def is_outside(side, length2, m, nodes, n):
-    """Return whether the cone of node n is outside a side of triangle m.
+    """Return whether the cone of node n is outside one of the sides of triangle m.
 
     `length2` (., 3) contains the squared lengths of the vectors in `side`.
     """
@@ -82,10 +82,16 @@ def is_within(side, length2, m, nodes, n):
 
 @jit("f8[:,:,::1], i8, f8[:,::1], i8", allocates=False)
 def find_touching(work, count, nodes, n):
-    """Return two bit masks: triangles that touch the cone of node n, and those with a side in it.
+    """Find the triangles of a cluster that may touch the cone of node n.
 
-    `work` (12, CLUSTER_SIZE / VECTOR_WIDTH, VECTOR_WIDTH) are the sides of the cluster's triangles
-    and their squared lengths.
+    Args:
+        work: (12, CLUSTER_SIZE / VECTOR_WIDTH, VECTOR_WIDTH) sides of the triangles, and their
+    squared lengths.
+        count: number of triangles.
+
+    Returns:
+        Bit masks of the triangles that may touch the cone, and of those that have a side that may
+    cross it.
     """
     x, y, z = nodes[n, 0], nodes[n, 1], nodes[n, 2]
     sine2 = nodes[n, 4] * nodes[n, 4] if nodes[n, 3] > 0.0 else np.inf
@@ -114,8 +120,8 @@ def compare_depth(planes, m, other, nodes, n):
     """Compare the depths of two triangles in the cone of node n.
 
     Returns:
-        1 if triangle m is nearer than `other` everywhere, -1 if it is farther, 0 if neither is
-        certain.
+        1 if triangle m is nearer than `other` everywhere in the cone, -1 if it is farther
+        everywhere, 0 if neither is certain.
     """
     x, y, z = (planes[m, 0] - planes[other, 0], planes[m, 1] - planes[other, 1],
                planes[m, 2] - planes[other, 2])

@@ -1,4 +1,8 @@
-"""Visible areas in pixels with many triangles: sampled visibility times exact widths."""
+"""Visible areas of triangles in pixels with many triangles.
+
+The visible area of a triangle is the area that it covers times the fraction of it that is visible.
+The area is integrated along rows; the fraction is estimated from samples.
+"""
 
 from __future__ import annotations
 
@@ -8,10 +12,13 @@ from aras_visual_servo_base.compiled import jit_inline, jit_inline_numba
 
 from .areas import COPLANAR_TOLERANCE, PLANE
 
-FINE = 32  # samples in pixels with more than DENSE triangles
-UNIT = 1 << 20  # unit of widths: sums are integers, so they do not depend on the order
-# Samples relative to the pixel centre, px: one in each column and each row. The row is the column
-# with reversed bits (Hammersley points).
+# Number of samples in pixels with more than areas.DENSE triangles.
+FINE = 32
+# Widths are rounded to integer multiples of 1 / UNIT px, so that their sum does not depend on the
+# order of the summands.
+UNIT = 1 << 20
+# Positions of the samples relative to the pixel centre, px. Each of FINE columns and rows contains
+# one sample. The number of the row is that of the column with reversed bits (Hammersley points).
 SAMPLE_X = ((np.arange(FINE) + 0.5) / FINE - 0.5).astype(np.float32)
 SAMPLE_ROW = np.array([int(f"{n:05b}"[::-1], 2) for n in range(FINE)], np.int32)
 SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
@@ -19,16 +26,18 @@ SAMPLE_Y = SAMPLE_X[SAMPLE_ROW]
 
 @jit_inline_numba
 def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, work, counts):
-    """Count the samples of a pixel that are inside each triangle, and those that show it.
+    """Count the samples of a pixel that each triangle covers, and those where it is visible.
 
     Args:
         x0, y0: position of the pixel.
-        count, opaque_count: numbers of triangles and of opaque ones, which come first.
+        count: number of triangles.
+        opaque_count: number of opaque triangles, which are the first ones.
         work: (3, FINE) float32, work space.
-        counts: (., 2) receives both counts of each triangle; the first is -1 for slivers.
+        counts: (., 2) both counts of each triangle are written to this array. The first count of a
+            sliver is -1.
 
-    Returns:
-        Smallest inverse distance of the visible triangles at the samples.
+        Returns:
+            Smallest inverse distance of the opaque triangles that are visible at the samples.
     """
     zero, one = np.float32(0.0), np.float32(1.0)
     for i in range(FINE):
@@ -36,7 +45,7 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
     for n in range(count):
         k = triangles[n]
         counts[n, 0] = counts[n, 1] = 0.0
-        a0 = a1 = a2 = one  # missing lines are positive everywhere
+        a0 = a1 = a2 = one  # a triangle without lines fills the pixel
         b0 = b1 = b2 = c0 = c1 = c2 = zero
         if sliver[k]:
             counts[n, 0] = -1.0
@@ -93,7 +102,7 @@ def sample_pixel(triangles, line, lines, sliver, x0, y0, count, opaque_count, wo
 
 @jit_inline
 def compute_sample_mean(work, n, visible_count, middle):
-    """Write the mean position of the samples that show triangle n to middle[n]."""
+    """Write the mean position of the samples where triangle n is visible to middle[n]."""
     name, x, y = np.float32(n), np.int32(0), np.int32(0)
     for i in range(FINE):
         x += np.int32(work[2, i] == name) * np.int32(i)
@@ -106,8 +115,9 @@ def compute_sample_mean(work, n, visible_count, middle):
 def integrate_rows(own, lines, work, middle, n):
     """Return the area of a pixel on the positive side of the lines own[0, :lines].
 
-    The area is the mean of the exact width along FINE rows, or along columns if the area is thinner
-    in that direction. Its centre is written to middle[n]; `work` is (3, FINE) float32.
+    The area is the mean of its exact widths in FINE rows, or of its heights in FINE columns if it
+    is thinner in that direction. Its centre is written to middle[n]. `work` (3, FINE) float32 is
+    work space.
     """
     across = down = 0.0
     for k in range(lines):
@@ -144,9 +154,9 @@ def integrate_rows(own, lines, work, middle, n):
 
 @jit_inline
 def is_hidden(triangles, line, lines, counts, n, opaque_count, x, y):
-    """Return whether one of the first `opaque_count` triangles hides triangle n at a point.
+    """Return whether one of the first `opaque_count` triangles hides triangle n at x, y.
 
-    Slivers are ignored.
+    Slivers do not hide other triangles.
     """
     k = triangles[n]
     depth = line[k, PLANE, 0] + line[k, PLANE, 1] * x + line[k, PLANE, 2] * y

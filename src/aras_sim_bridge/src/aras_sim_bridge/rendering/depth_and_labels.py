@@ -13,10 +13,13 @@ from .tiles import TILE, Tiles
 
 def measure(tiles: Tiles, visible: VisibleTriangles, samples: PixelSamples, labels: np.ndarray
              ) -> tuple[np.ndarray, np.ndarray]:
-    """Return depth (height, width) float32, m, and segmentation (height, width) int32.
+    """Return the depth and the segmentation of a view, as described in Renderer.measure.
 
-    See Renderer.measure. `samples` are those of the pixel centres; `labels` (N,) int32 are the
-    labels of the visible triangles.
+    Args:
+        tiles: tiles of the image.
+        visible: visible triangles.
+        samples: samples at the pixel centres.
+        labels: (N,) int32, labels of the visible triangles.
     """
     depth = np.empty((tiles.height, tiles.width), np.float32)
     label = np.empty((tiles.height, tiles.width), np.int32)

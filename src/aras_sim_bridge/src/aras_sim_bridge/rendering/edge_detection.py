@@ -1,9 +1,10 @@
 """Detection of the pixels that contain edges.
 
-A pixel contains an edge if its corners show different surfaces. A wire, a gap between two parts or
-the tip of a triangle may lie between the corners. Therefore each triangle of a tile whose colour
-differs from the colour at the pixel's corners is tested: does it reach into the pixel in front of
-what the corners show? A gap inside one part that is narrower than a pixel is not found.
+A pixel contains an edge if its corners show different surfaces. Smaller objects, such as a wire, a
+gap between two visuals or the tip of a triangle, may lie between the corners. Therefore every
+triangle of the tile whose colour differs from that at the corners is also tested. The pixel
+contains an edge if such a triangle reaches into it in front of the surfaces at the corners. Gaps
+inside one visual that are narrower than a pixel are not found.
 """
 
 from __future__ import annotations
@@ -17,8 +18,9 @@ from .binning import VisibleTriangles
 from .sampling import BACKGROUND, NOTHING, SEVERAL, PixelSamples
 from .tiles import TILE, Tiles
 
-# Grey levels. Smaller differences count as smooth shading. If the corners of a pixel hide an edge
-# of this contrast, the contour of a target of 100 levels moves by at most a thirtieth of a pixel.
+# Smallest contrast of an edge, grey levels. Smaller differences are treated as smooth shading. An
+# edge below this contrast that is not found moves the contour of a target with a contrast of 100
+# levels by at most a thirtieth of a pixel.
 THRESHOLD = 6
 
 
@@ -33,20 +35,22 @@ def find_edges(
     near: float,
     far: float,
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Return the pixels with edges as bit masks and as a list.
+    """Return the pixels with edges, both as bit masks and as a list.
 
     Args:
         tiles: tiles of the image.
         visible: visible triangles.
         samples: samples at the upper left corners of the pixels.
-        uniform: (N,) packed colours of the visible triangles with one colour, 0 for the others.
-        smooth, part: (N,) of the visible triangles, as in Triangles.
+        uniform: (N,) packed colour of each visible triangle; 0 if its colour varies.
+        smooth, part: (N,) Triangles.smooth (or .facets) and Triangles.part of the visible
+            triangles.
         sky: packed colour of the background.
         near, far: clip distances, m.
 
     Returns:
-        (tiles,) uint64, with bit row * TILE + column for each pixel of a tile; and (P,) row * width
-        + column in the padded image, cell by cell.
+        Bit masks (tiles,) uint64, in which bit row * TILE + column is set if the pixel of the tile
+        contains an edge; and the numbers (P,) of these pixels, row * width + column in the padded
+        image, cell by cell. The padded image consists of whole tiles.
     """
     t = tiles
     edges, mixed = _find_corner_edges(
@@ -105,7 +109,7 @@ def _has_contrast(a, b):
 
 @jit_inline
 def _compute_brightness(side, light, m, rx, ry, rz):
-    """Return the light on the plane of triangle m along a ray."""
+    """Return the light on triangle m at the point where a ray meets its plane."""
     lit = w = 0.0
     for k in range(3):
         share = side[m, k, 0] * rx + side[m, k, 1] * ry + side[m, k, 2] * rz
@@ -116,7 +120,7 @@ def _compute_brightness(side, light, m, rx, ry, rz):
 
 @jit_inline
 def _find_triangle_at(tile, pixel, columns, v, u):
-    """Return the triangle at the sample v, u; NOTHING outside the image."""
+    """Return the triangle that is visible at the sample v, u; NOTHING outside the image."""
     if v < 0 or u < 0 or v >= pixel.shape[0] or u >= pixel.shape[1]:
         return np.int64(NOTHING)
     whole = tile[(v // TILE) * columns + u // TILE]
@@ -142,10 +146,11 @@ def _find_corner_edges(
     cells,
     columns,
 ):
-    """Find edges from the samples at the pixel corners; return (2, tiles) uint64.
+    """Find the pixels with edges from the samples at the pixel corners.
 
-    Row 0: pixels whose corners show different surfaces, and all pixels of tiles with transparent
-    triangles. Row 1: pixels whose corners show several parts.
+    Return bit masks (2, tiles) uint64. The first row marks pixels whose corners show different
+    surfaces, and all pixels of tiles with transparent triangles. The second row marks pixels whose
+    corners show several visuals.
     """
     size, side_of = TILE // cells, TILE + 1
     # Smallest and largest light on each triangle.
@@ -201,7 +206,7 @@ def _find_corner_edges(
                     if other == NOTHING:
                         edge = True
                     elif m >= 0 and other >= 0 and smooth[m] == smooth[other] and smooth[m] >= 0:
-                        # Within a smooth part, colours differ only by the light.
+                        # Within a visual without texture, colours differ only by the light.
                         if (max(dim[m, 1], dim[other, 1]) - min(dim[m, 0], dim[other, 0])
                                 <= THRESHOLD / 255.0):
                             continue
@@ -251,15 +256,16 @@ def _find_thin_edges(
     near,
     far,
 ):
-    """Find edges between the pixel corners; return (tiles,) uint64.
+    """Find the pixels with edges that lie between the pixel corners.
 
-    These are pixels without an edge at their corners into which a surface of another colour reaches
-    in front of what the corners show. The sky counts as such a surface if the corners show several
-    parts and no triangle is behind them.
+    A surface of another colour reaches into such a pixel in front of the surfaces at the corners.
+    If the corners show several visuals and no triangle is behind these, the background may be such
+    a surface. Return bit masks (tiles,) uint64.
     """
     size, one = TILE // cells, np.uint64(1)
     out = np.zeros(len(tile), np.uint64)
-    # Triangles of one colour, or of one smooth part, get the same number.
+    # Number of each triangle's colour. Triangles with the same uniform colour get the same number,
+    # as do triangles of a visual without texture.
     colour = np.empty(len(uniform))
     for m in range(len(uniform)):
         own = smooth[m] if smooth[m] >= 0 else len(uniform) + m
@@ -267,10 +273,11 @@ def _find_thin_edges(
     longest = 1
     for n in range(len(tile)):
         longest = max(longest, start[n + 1] - start[n])
-    # For the triangles of a tile: inverse distance a + b x + c y, its change from a pixel's centre
-    # to a corner, and the index of each triangle among them.
+    # For each triangle of a tile: a, b, c of its inverse distance a + b x + c y, and the largest
+    # change of this from a pixel's centre to a corner. `place` is the row of a triangle in
+    # `planes`.
     planes, place = np.empty((longest, 4)), np.empty(len(colour), np.int64)
-    # For the pixels of a cell: inverse distance at the front, and number of the colour.
+    # For each pixel of a cell: inverse distance of the visible surface, and number of its colour.
     work = np.empty((2, TILE, TILE))
     line = np.empty((3, 3))
     for n in range(len(tile)):
@@ -285,7 +292,7 @@ def _find_thin_edges(
         for cell in range(cells * cells):
             y0, x0 = cell // cells * size, cell % cells * size
             M = matrices[n * cells * cells + cell]
-            # The pixels of the cell; a byte of the mask is a row.
+            # Bit mask of the cell's pixels; each byte is a row of pixels.
             square = ((one << np.uint64(size)) - one) * (
                 np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - size)))
             square <<= np.uint64(y0 * TILE + x0)
@@ -312,7 +319,8 @@ def _find_thin_edges(
                     m = np.int64(pixel[v0 + i, u0 + j])
                     front, name = 0.0, float(sky) if m < 0 else colour[m]
                     if multi_part[n] & bit != 0:
-                        # Gaps between parts of one colour show the sky if no triangle is behind.
+                        # A gap between visuals of the same colour shows the background if no
+                        # triangle is behind it.
                         if (
                             not has_backing
                             and m >= 0
@@ -341,8 +349,8 @@ def _find_thin_edges(
                 if (one_colour and last == name
                         or a + (size - 1) * (max(b, 0.0) + max(c, 0.0)) <= nearest):
                     continue
-                # Lines of the triangle, relative to the cell's first pixel, moved outwards by the
-                # change over half a pixel.
+                # Sides of the triangle as lines, relative to the cell's first pixel. They are moved
+                # outwards by half a pixel.
                 for i in range(3):
                     for j in range(3):
                         line[i, j] = (side[m, i, 0] * M[0, j] + side[m, i, 1] * M[1, j]
@@ -377,7 +385,8 @@ def _find_thin_edges(
                         if name >= 0.0 and work[1, y, x] >= 0.0 and not _has_contrast(
                                 np.uint32(name), np.uint32(work[1, y, x])):
                             continue
-                        if cut[m]:  # is all of it in this pixel beyond near or far?
+                        # Skip the triangle if it is beyond near or far in the whole pixel.
+                        if cut[m]:
                             along = by = 0.0
                             for q in range(3):
                                 along += axis[n, q] * (M[q, 0] * x + M[q, 1] * y + M[q, 2])
@@ -386,7 +395,7 @@ def _find_thin_edges(
                                     or near * (w - 2.0 * planes[k, 3]) >= along + by):
                                 continue
                         if work[0, y, x] > 0.0:
-                            # Is it in front anywhere in the pixel?
+                            # Skip the triangle if it is nowhere in front in this pixel.
                             q = place[np.int64(pixel[v0 + y0 + y, u0 + x0 + x])]
                             d, e = planes[k, 1] - planes[q, 1], planes[k, 2] - planes[q, 2]
                             if (
@@ -404,7 +413,7 @@ def _find_thin_edges(
 
 @jit("u8[::1], i8, i8")
 def _list_pixels(edges, cells, columns):
-    """Return (P,) row * width + column of the pixels with edges, cell by cell."""
+    """Return the numbers (P,) of the pixels with edges, row * width + column, cell by cell."""
     size, width = TILE // cells, TILE * columns
     one = np.uint64(1)
     found = 0

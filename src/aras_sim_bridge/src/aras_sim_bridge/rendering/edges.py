@@ -1,10 +1,12 @@
-"""Exact areas of the triangles in pixels with edges.
+"""Exact visible areas of the triangles in pixels with edges.
 
-Each triangle is clipped to the square of the pixel, which gives the area that it covers. Triangles
-of one convex part in front of a triangle that fills the pixel do not hide each other: their areas
-are their shares, for any number and width of triangles. Otherwise, if the triangles are few, their
-hidden areas are cut off along straight lines; if they are many, samples estimate the visible share
-of the area of each.
+Each triangle is clipped to the square of the pixel, which gives the area that it covers. How the
+visible part of this area is found depends on the pixel:
+
+- Triangles of one convex visual that face the camera do not hide each other. If only such triangles
+are in front of one that fills the pixel, their whole areas are visible.
+- Otherwise, if there are few triangles, the hidden areas are cut off along straight lines.
+- If there are many triangles, the visible fraction of each area is estimated from samples.
 """
 
 from __future__ import annotations
@@ -30,20 +32,22 @@ from .areas import (
 from .dense_coverage import FINE, compute_sample_mean, integrate_rows, is_hidden, sample_pixel
 from .tiles import TILE
 
-# A triangle that is narrower than a pixel over this number does not hide others in samples, because
-# one sample would weigh more than the triangle.
+# A triangle that is narrower than 1 / SLIVER pixels is a sliver. Slivers do not hide other
+# triangles at samples, because one sample would represent a larger area than the sliver.
 SLIVER = 64.0
-# Triangles without a sample are ignored below this area: a tenth of a grey level.
+# Triangles that cover no sample are ignored if their area is smaller than this part of a pixel,
+# which changes a grey level by at most 0.1.
 SMALLEST_SHARE = 4e-4
 CELL = TILE * TILE  # largest number of pixels in a cell
-# Rows of the work space of a cell, one column per pixel: position, inverse distance of the nearest
-# triangle that fills the pixel, its changes to the right and downwards, and its index (-1: none).
+# Rows of the array `work`, which has a column for each pixel of a cell. X and Y are the position of
+# the pixel. TOP is the inverse distance of the nearest triangle that fills the pixel, TOP_X and
+# TOP_Y are its changes per pixel, and BEST is the index of this triangle (-1 if there is none).
 X, Y, TOP, TOP_X, TOP_Y, BEST = range(6)
 
 
 @jit_inline
 def _is_before(corner, side, m, other):
-    """Return whether all of triangle m is in front of the plane of another triangle."""
+    """Return whether the whole triangle m is in front of the plane of the triangle `other`."""
     before = True
     for k in range(3):
         at = 0.0
@@ -80,25 +84,28 @@ def resolve_fragments(
     out_share,
     out_at,
 ):
-    """Compute the fragments of the edge pixels (see fragments.Fragments); return their number.
+    """Write the fragments of the edge pixels to the arrays `out_...`; return their number.
 
-    Fragments beyond the capacity of the output are counted but not stored. `hull`: see Triangles.
+    The arrays are those of fragments.Fragments. Fragments beyond the capacity of the arrays are
+    counted but not stored. `hull` is Triangles.hull.
     """
     size = TILE // cells
     width = columns * TILE
     longest = 1
     for n in range(len(start) - 1):
         longest = max(longest, start[n + 1] - start[n])
-    # For the triangles of a cell, relative to its first pixel: lines and inverse distance.
+    # For each triangle of a cell: lines and inverse distance, relative to the cell's first pixel.
     line, lines = np.empty((longest, LINES + 1, 3)), np.empty(longest, np.int64)
     inside, sliver = np.empty((longest, CELL)), np.empty(longest, np.bool_)
-    # In one array, so that the compiler knows that rows do not overlap and vectorises the loops.
+    # These values are rows of one array. The compiler knows that rows do not overlap, and can
+    # vectorise loops over them.
     work = np.empty((6, CELL))
     bit_of, one = np.empty(CELL, np.uint64), np.uint64(1)
-    # For the pixels of a cell: the triangles in each.
+    # For each pixel of a cell: the triangles that reach into it.
     here_of, left_of = np.empty((CELL, longest + 1), np.int64), np.empty(CELL, np.int64)
     here = np.empty(longest + 1, np.int64)
-    # For the triangles of a pixel: lines and plane; polygons, pieces of them, two for work space.
+    # For each triangle of a pixel: lines and inverse distance. `shape` contains the clipped
+    # triangles, pieces of them, and two polygons of work space.
     own, own_lines = np.empty((DENSE, LINES + 1, 3)), np.empty(DENSE, np.int64)
     shape = np.empty((DENSE + PIECES + 2, CORNERS, 2))
     sizes = np.empty(DENSE + PIECES + 2, np.int64)
@@ -136,7 +143,7 @@ def resolve_fragments(
                 m = member[first + k]
                 lines[k] = 0 if full[first + k] else 5 if cut[m] else 3
                 for j in range(3):
-                    column = (j + 2) % 3  # order: constant, x, y
+                    column = (j + 2) % 3  # columns are stored as constant, x, y
                     x, y = matrices[cell, 0, column], matrices[cell, 1, column]
                     z = matrices[cell, 2, column]
                     for i in range(3):
@@ -146,7 +153,8 @@ def resolve_fragments(
                         along = axis[tile, 0] * x + axis[tile, 1] * y + axis[tile, 2] * z
                         line[k, 3, j] = along - near * line[k, PLANE, j]
                         line[k, 4, j] = far * line[k, PLANE, j] - along
-                # A sliver is narrow, measured by the change of its shares at its nearest corner.
+                # The width of the triangle is estimated from the change per pixel of its
+                # coefficients (see binning.py) at its nearest corner.
                 steep, nearest = 0.0, np.inf
                 for i in range(3):
                     steep = max(steep, abs(line[k, i, 1]) + abs(line[k, i, 2]))
@@ -157,8 +165,8 @@ def resolve_fragments(
                     inside[k, q] = np.inf
                 for i in range(lines[k]):
                     a, b, c = line[k, i, 0], line[k, i, 1], line[k, i, 2]
-                    # Scale the line such that a value <= -1 means that the pixel is outside, and
-                    # >= 1 that it is inside.
+                    # Scale the line such that values <= -1 at its centre mean that the pixel is
+                    # outside, and values >= 1 that it is inside.
                     scale = 2.0 / max(abs(b) + abs(c), 1e-300)
                     a, b, c = a * scale, b * scale, c * scale
                     for q in range(pixels):
@@ -180,7 +188,7 @@ def resolve_fragments(
                 a, b, c = line[k, PLANE, 0], line[k, PLANE, 1], line[k, PLANE, 2]
                 name = float(k)
                 for q in range(pixels):
-                    # Is the triangle in front of the filling one anywhere in the pixel?
+                    # Does the triangle reach into the pixel in front of the triangle that fills it?
                     ahead = a + b * work[X, q] + c * work[Y, q] - work[TOP, q] + 0.5 * (
                         abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
                     reaches = (inside[k, q] > -1.0) & ((ahead > COPLANAR_TOLERANCE * work[TOP, q])
@@ -192,7 +200,8 @@ def resolve_fragments(
         q = number - group
         xc, yc, left, best = work[X, q], work[Y, q], left_of[q], int(work[BEST, q])
         out_start[number] = count
-        # Is the pixel of one colour? Move opaque triangles to the front of the list.
+        # Find out whether the pixel has one colour, and move opaque triangles to the front of the
+        # list.
         colour = uniform[member[first + best]] if best >= 0 else np.uint32(0)
         same = best >= 0 and (left == 1 or colour != 0)
         solid, last = 0, -1
@@ -220,7 +229,7 @@ def resolve_fragments(
                         <= line[k, PLANE, 0] + line[k, PLANE, 1] * xc + line[k, PLANE, 2] * yc):
                     break
                 here[m], here[m - 1] = other, k
-        # Do all triangles belong to one convex part in front of the filling triangle?
+        # Do all triangles in front of the one that fills the pixel belong to one convex visual?
         one_part, convex, top = solid == left, np.int64(-2), work[TOP, q]
         for n in range(left):
             k = here[n]
@@ -232,7 +241,8 @@ def resolve_fragments(
                 b, c = line[k, PLANE, 1], line[k, PLANE, 2]
                 ahead = line[k, PLANE, 0] + b * xc + c * yc - top - 0.5 * (
                     abs(b - work[TOP_X, q]) + abs(c - work[TOP_Y, q]))
-                # If it is not in front in the whole pixel, is all of the triangle in front?
+                # Either the part of the triangle in this pixel or the whole triangle must be in
+                # front.
                 if ahead < -COPLANAR_TOLERANCE * top and not _is_before(
                     corner, side, m, member[first + best]
                 ):
@@ -261,7 +271,7 @@ def resolve_fragments(
                 )
                 for n in range(solid):
                     visible_count += counts[n, 1] if n != last else 0.0
-            # If one part covers the whole pixel, the samples give the shares of its triangles.
+            # If one convex visual covers all samples, the samples give the areas of its triangles.
             is_filled = one_part and visible_count == FINE
             for n in range(left):
                 if n == last:
@@ -283,7 +293,8 @@ def resolve_fragments(
                 elif crossing == 1:
                     a, b, c = own[0, 0, 0], own[0, 0, 1], own[0, 0, 2]
                     shares[n] = half_plane_area(a, b, c)
-                    if a < 0.0:  # midway between the line and the innermost corner
+                    # The centre is midway between the line and the innermost corner.
+                    if a < 0.0:
                         back = a / (b * b + c * c)
                         middle[n, 0] = 0.5 * ((0.5 if b > 0.0 else -0.5) - back * b)
                         middle[n, 1] = 0.5 * ((0.5 if c > 0.0 else -0.5) - back * c)

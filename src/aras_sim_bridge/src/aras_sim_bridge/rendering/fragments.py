@@ -1,4 +1,4 @@
-"""Fragments: visible shares of the triangles in pixels with edges."""
+"""Fragments: the visible parts of triangles in pixels with edges."""
 
 from __future__ import annotations
 
@@ -18,11 +18,11 @@ class Fragments:
     """Fragments of the pixels with edges.
 
     Attributes:
-        pixel: (P,) row * width + column in the padded image.
+        pixel: (P,) number of each pixel, row * width + column in the padded image.
         start: (P + 1,) start of each pixel's fragments in the following arrays.
-        member: (F,) index in VisibleTriangles; opaque triangles first, then transparent ones from
-            far to near.
-        share: (F,) share of the pixel's area.
+        member: (F,) triangle of each fragment, as an index in VisibleTriangles. In each pixel,
+            opaque triangles come first, then transparent ones from far to near.
+        share: (F,) area of the fragment, as a fraction of the pixel's area.
         at: (F, 2) centre of the fragment, x and y in its cell, px.
     """
 
@@ -52,7 +52,7 @@ class EdgeResolver:
     ) -> Fragments:
         """Return the fragments of the edge pixels.
 
-        `uniform` (N,) are the packed colours of the triangles with one colour, 0 for the others.
+        `uniform` is described in edge_detection.find_edges.
         """
         t = self._tiles
         while True:

@@ -1,9 +1,10 @@
 """Lights of a scene as rows of numbers in the optical frame.
 
-A light adds `diffuse` times the cosine of its angle to the surface normal, times the attenuation
-1 / (constant + linear d + quadratic d²), which is at most 1, and 0 beyond the range. A spot light
-has full intensity within its inner cone, falls off up to its outer cone, and is 0 beyond. There are
-no highlights: surfaces are Lambertian.
+A light with the colour `diffuse` adds `diffuse` times the cosine of the angle between its direction
+and the surface normal, times an attenuation. At the distance d, the attenuation is 1 / (constant +
+linear d + quadratic d²), but at most 1, and 0 beyond the light's range. The intensity of a spot
+light is full within the inner cone, decreases towards the outer cone, and is 0 outside of it.
+Surfaces are Lambertian, so there are no highlights.
 """
 
 from __future__ import annotations
@@ -17,13 +18,16 @@ from aras_visual_servo_base.poses import rotation_from_rpy
 
 from ..description.types import Light
 
-# Columns of a light's row: kind (0 directional, 1 point, 2 spot); unit vector towards a directional
-# light, otherwise its position (m); axis of a spot; colour; attenuation and range; cosines of a
-# spot's half angles, and its fall-off; whether it casts shadows; radius (rad or m).
+# First columns of a light's values in its row. KIND is DIRECTIONAL, POINT or SPOT. PLACE is the
+# unit vector towards a directional light, or the position of another light (m). AXIS is the
+# direction of a spot light. FADE are the attenuation's constant, linear and quadratic coefficients;
+# RANGE is the range (m). INNER and OUTER are the cosines of a spot light's half angles. RADIUS is
+# in rad for a directional light, and in m for others.
 KIND, PLACE, AXIS, COLOUR, FADE, RANGE, INNER, OUTER, FALLOFF, CASTS_SHADOWS, RADIUS = (
     0, 1, 4, 7, 10, 13, 14, 15, 16, 17, 18)
 WIDTH = 19
-# Radii of lights with soft shadows: rad for directional lights, m for the others.
+# Radii of lights with soft shadows: SOFT_SUN of directional lights in rad, SOFT_LAMP of others in
+# m.
 SOFT_SUN, SOFT_LAMP = 0.03, 0.04
 DIRECTIONAL, POINT, SPOT = range(3)
 _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
@@ -31,7 +35,10 @@ _KINDS = {"directional": DIRECTIONAL, "point": POINT, "spot": SPOT}
 
 def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: float, shadows: str
             ) -> np.ndarray:
-    """Return the rows (lights, WIDTH) of lights in the world; shadows: 'none', 'hard' or 'soft'."""
+    """Return the rows (lights, WIDTH) of lights that are given in the world frame.
+
+    `shadows` is 'none', 'hard' or 'soft'.
+    """
     rows = np.zeros((len(lights), WIDTH))
     R, t = optical_T_world[:3, :3], optical_T_world[:3, 3]
     for row, light in zip(rows, lights, strict=True):
@@ -39,7 +46,7 @@ def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: flo
         towards = -np.array(light.direction) / np.linalg.norm(light.direction)
         row[KIND] = kind
         row[PLACE:AXIS] = R @ towards if kind == DIRECTIONAL else R @ light.origin_xyz + t
-        # A spot shines along its direction, rotated by the orientation of its pose.
+        # The pose of a spot light rotates its direction.
         axis = -towards if kind != SPOT else rotation_from_rpy(*light.origin_rpy) @ -towards
         row[AXIS:COLOUR] = R @ axis
         row[COLOUR:FADE] = scale * np.array(light.diffuse[:3])
@@ -56,10 +63,10 @@ def pack_lights(lights: Sequence[Light], optical_T_world: np.ndarray, scale: flo
 
 @jit_inline
 def direction_to_lamp(lamps, n, p, d):
-    """Write the unit vector from the point p (3,) to lamp n into d (3,).
+    """Write the unit vector from the point p (3,) towards light n to d (3,).
 
     Returns:
-        Distance of the lamp (m; inf for a directional one) and the attenuation at p.
+        Distance of the light (m; inf for a directional light), and its attenuation at p.
     """
     far, left = np.inf, 1.0
     if lamps[n, KIND] == DIRECTIONAL:

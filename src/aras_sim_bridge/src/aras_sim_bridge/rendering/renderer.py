@@ -1,4 +1,4 @@
-"""Renderer: image, depth and segmentation of a view."""
+"""Renderer of images, depth images and segmentations of views."""
 
 from __future__ import annotations
 
@@ -28,12 +28,12 @@ from .view import Lighting, View
 if TYPE_CHECKING:
     from ..world import World
 
-# Offsets of the samples from the pixel centre in columns and rows, px.
+# Offset of the samples from the pixel centre, px; the same in columns and rows.
 CENTRE, UPPER_LEFT = 0.0, -0.5
 
 
 class _Canvas:
-    """Data and work space that images with the same tiles share."""
+    """Data and work space for images with the same tiles."""
 
     def __init__(self, tiles: Tiles) -> None:
         self.tiles = tiles
@@ -50,9 +50,9 @@ class SampledView:
     """Samples of the pixels of one view.
 
     Attributes:
-        canvas: data that all views with the same rays share.
-        visible: visible triangles.
-        samples: triangle at the sample of each pixel.
+        canvas: data that are shared by all views with the same rays.
+        visible: triangles that may be visible.
+        samples: visible triangle at the sample of each pixel.
         optical_T_link: (links, 4, 4) poses of the links in the optical frame.
     """
 
@@ -72,7 +72,7 @@ class Renderer:
     """
 
     def __init__(self, world: World, light: Lighting, cache_bytes: int) -> None:
-        """Create a renderer; `cache_bytes` limits the memory for cached data of views, in bytes."""
+        """Create a renderer; `cache_bytes` is the size of the cache for data of views."""
         self.scene = Scene(world)
         self.light = light
         self._canvases: ByteLimitedCache[Hashable, _Canvas] = ByteLimitedCache(cache_bytes)
@@ -83,7 +83,7 @@ class Renderer:
         self._closed = False
 
     def snapshot(self) -> None:
-        """Store the present poses; `blend` < 1 interpolates between them and later ones."""
+        """Store the present poses; with `blend` < 1, later images use poses closer to these."""
         self.scene.snapshot()
 
     def close(self) -> None:
@@ -92,7 +92,7 @@ class Renderer:
         self._canvases.clear()
 
     def prepare(self, view: View) -> None:
-        """Prepare the data that images with the same rays share.
+        """Prepare the data for images with the rays of this view.
 
         Raises:
             RenderingError, MemoryError: such images cannot be rendered.
@@ -128,27 +128,29 @@ class Renderer:
         return cv2.cvtColor(rgba[:view.height, :view.width], cv2.COLOR_RGBA2RGB)
 
     def measure(self, view: View, blend: float = 1.0) -> tuple[np.ndarray, np.ndarray]:
-        """Return depth and segmentation of the view at the pixel centres.
+        """Return the depth and the segmentation of the view at the pixel centres.
 
-        Depth (height, width) float32, m; inf for pixels without a surface. It is measured along the
-        optical axis, or along the ray if the lens has pixels that look sideways or backwards.
-        Segmentation (height, width) int32: body id + (link index + 1) << 24 as in Bullet; -1 for
-        pixels without a surface.
+        The depth (height, width) float32 is in m, and inf for pixels without a surface. It is
+        measured along the optical axis, or along the ray if the lens has pixels that look sideways
+        or backwards. The segmentation (height, width) int32 contains body id + ((link index + 1) <<
+        24), as in Bullet, and -1 for pixels without a surface.
         """
         one = self.sample(view, blend, CENTRE)
         labels = self.scene.compute_labels()[self.triangles.row[one.visible.triangle]]
         return measure(one.canvas.tiles, one.visible, one.samples, labels)
 
     def sample(self, view: View, blend: float, offset: float) -> SampledView:
-        """Sample each pixel at `offset` px from its centre in columns and rows.
+        """Find the visible triangle at one sample of each pixel.
+
+        `offset` is the distance of the sample from the pixel centre in columns and rows, px.
 
         Raises:
             RenderingError: the renderer is closed.
         """
         if self._closed:
-            raise RenderingError("the renderer is closed")
+            raise RenderingError("the renderer is closed; create another one")
         self.scene.refresh()
-        # Compare version numbers: a snapshot may have refreshed the scene already.
+        # The version is compared, because a snapshot may have refreshed the scene already.
         if self.scene.version != self._scene_version:
             self._scene_version = self.scene.version
             self.triangles = Triangles.from_visuals(self.scene.visuals)
@@ -171,7 +173,7 @@ class Renderer:
         Args:
             sampled: samples of the view.
             view: the view.
-            uniform: packed colours of the visible triangles with one colour, 0 for the others.
+            uniform: see edge_detection.find_edges.
 
         Returns:
             Bit masks of the pixels with edges (see edge_detection.find_edges), their fragments, and
@@ -198,7 +200,7 @@ class Renderer:
         return edges, fragments, background
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Return the names 'model::link' of visuals that contain the point (3,), world frame."""
+        """Return the names 'model::link' of visuals that contain a point (3,) of the world."""
         return self.scene.find_bodies_around(point)
 
     def _get_canvas(self, view: View) -> _Canvas:
@@ -207,7 +209,7 @@ class Renderer:
     def _compute_irradiance(
         self, sampled: SampledView, view: View, edges: np.ndarray, fragments: Fragments
     ) -> Irradiance:
-        """Return the light of the lamps; empty arrays if the sun is the only light."""
+        """Return the irradiance from all lights; empty arrays if there is only the sun."""
         light = self.light
         if not light.lights:
             return NO_IRRADIANCE

@@ -1,7 +1,7 @@
 """Sampling of the visible triangle at one point of each pixel.
 
-If a triangle covers a whole tile, the triangles behind it are removed. If no other triangle is
-left, the tile shows this one, and its pixels need no test. In the other tiles, the triangles are
+If a triangle covers a whole tile, the triangles behind it are removed. If none but this triangle is
+left, all pixels of the tile show it, and need not be tested. In the other tiles, the triangles are
 compared at each pixel.
 """
 
@@ -16,22 +16,26 @@ from aras_visual_servo_base.compiled import jit, jit_inline
 from .binning import VisibleTriangles
 from .tiles import TILE, Tiles
 
-# Values for tiles and pixels that do not show one triangle; triangles are numbered from 0.
+# Content of a tile or pixel that is not the index of one triangle.
 BACKGROUND, NOTHING, SEVERAL = -1, -2, -3
 
 
 @dataclass(frozen=True)
 class PixelSamples:
-    """Content of the pixels: an index in VisibleTriangles, BACKGROUND, or NOTHING outside a lens.
+    """Visible triangle at the sample of each pixel.
+
+    The content of a pixel is the index of a triangle in VisibleTriangles, BACKGROUND, or NOTHING if
+    the pixel is outside the lens.
 
     Attributes:
-        tile: (tiles,) content of the whole tile, or SEVERAL.
-        pixel: (rows * TILE, columns * TILE) int32, only set for tiles with SEVERAL.
+        tile: (tiles,) common content of all pixels of a tile; SEVERAL if they may differ.
+        pixel: (rows * TILE, columns * TILE) int32, content of each pixel. It is only set in tiles
+    with SEVERAL.
         most: content of most tiles.
-        start, member, full: as in VisibleTriangles, for the triangles that are left in tiles with
-            SEVERAL.
-        pixel_masks: (P,) uint64, pixels that each of these triangles may touch; the bit number is
-            row * TILE + column.
+        start, member, full: lists as in VisibleTriangles, of those triangles that touch pixels of
+    tiles with SEVERAL.
+        pixel_masks: (P,) uint64, bit mask of the pixels that each triangle in `member` may touch.
+    The number of a bit is row * TILE + column.
     """
 
     tile: np.ndarray
@@ -53,7 +57,7 @@ class PixelSampler:
     def sample(
         self, visible: VisibleTriangles, near: float, far: float, offset: float
     ) -> PixelSamples:
-        """Sample the opaque triangles; edges and transparent triangles are resolved later.
+        """Find the nearest opaque triangle at the sample of each pixel.
 
         Args:
             visible: visible triangles.
@@ -105,7 +109,7 @@ class PixelSampler:
 @jit("i8[::1], i8[::1], i8[::1], b1[::1], f8[:,:,::1], b1[::1], f8[:,:,::1], f8[:,::1], "
           "f8[:,::1], b1[::1], i8")
 def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes, whole, cells):
-    """Remove hidden triangles; return tile, most, start, member and full of PixelSamples."""
+    """Remove hidden triangles; return tile, most, start, member, full (see PixelSamples)."""
     tiles = len(whole)
     out = np.empty(tiles, np.int64)
     most_left = len(member) + tiles
@@ -144,7 +148,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
                         best, nearest = m, w
             if best >= 0 and end > left + 1:
                 for k in range(4):
-                    # Rays of the tile's corners, from its four outermost cells.
+                    # Rays of the tile's corners, which are corners of its four outermost cells.
                     down, right = k // 2, k % 2
                     c = n * per_tile + (cells - 1) * (down * cells + right)
                     x, y = right * size - 0.5, down * size - 0.5
@@ -183,8 +187,7 @@ def _cull_tiles(cover, start, member, full, side, opaque, matrices, axis, nodes,
 
 @jit_inline
 def _find_box(corner, m, inverse, n):
-    """Return the box around triangle m: left, right, top, bottom; px from the tile's first pixel.
-    """
+    """Return left, right, top and bottom of triangle m, px from the tile's first pixel."""
     left = top = np.inf
     right = bottom = -np.inf
     for j in range(3):
@@ -208,14 +211,15 @@ def _find_box(corner, m, inverse, n):
           "u8[::1]")
 def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inverse, spread, axis,
             cells, is_uniform, columns, near, far, at, pixel, pixel_masks):
-    """Fill `pixel` and `pixel_masks` for tiles with SEVERAL; return the number of pairs left.
+    """Fill `pixel` and `pixel_masks` for tiles with SEVERAL.
 
-    From start, member and full, all pairs are removed whose triangle touches no pixel of the tile.
+    Triangles that touch no pixel of a tile are removed from the tile's list in start, member and
+    full. Return the total length of the remaining lists.
     """
     size = TILE // cells
-    # For the pixels of a tile: ray (3), its length along the axis, inverse distance and index of
-    # the nearest triangle. In one array, so that the compiler knows that rows do not overlap and
-    # processes eight pixels at once.
+    # For each pixel of a tile: ray (3), its length along the axis, inverse distance and index of
+    # the nearest triangle. They are rows of one array, because the compiler then knows that they do
+    # not overlap, and processes eight pixels at a time.
     work = np.empty((6, TILE, TILE))
     one = np.uint64(1)
     box = np.empty((len(corner) if is_uniform else 0, 4))
@@ -258,10 +262,10 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
                 if u0 > u1 or v0 > v1:
                     continue
                 across = ((one << np.uint64(u1 - u0 + 1)) - one) << np.uint64(u0)
-                # One byte per row; bytes beyond the last row are shifted out.
+                # The mask has a byte for each row of pixels.
                 down = np.uint64(0x0101010101010101) >> np.uint64(8 * (TILE - 1 - v1 + v0))
                 pixels = across * (down << np.uint64(8 * v0))
-                # Rows with samples inside the box.
+                # First and last row with samples inside the box.
                 v0, v1 = max(int(np.ceil(top - at)), 0), min(int(np.floor(bottom - at)), TILE - 1)
                 sampled &= np.ceil(left - at) <= right - at
             member[stored], full[stored], pixel_masks[stored] = m, all_over, pixels
@@ -271,7 +275,7 @@ def _sample(tile, start, member, full, corner, side, cut, opaque, matrices, inve
             x, y, z = side[m, 0, 0], side[m, 0, 1], side[m, 0, 2]
             x1, y1, z1 = side[m, 1, 0], side[m, 1, 1], side[m, 1, 2]
             x2, y2, z2 = side[m, 2, 0], side[m, 2, 1], side[m, 2, 2]
-            if all_over:  # one triangle of a quad may represent both
+            if all_over:  # the sides do not matter; the triangle may represent both of a quad
                 x, y, z = x + x1 + x2, y + y1 + y2, z + z1 + z2
                 x1 = y1 = z1 = x2 = y2 = z2 = 0.0
             name = float(m)

@@ -24,7 +24,7 @@ _log = logging.getLogger(__name__)
 
 @dataclass(frozen=True)
 class VisualMesh:
-    """One visual: a mesh in its link's frame, the row of that link in the poses, a colour."""
+    """Mesh of a visual in its link's frame, row of the link in the poses, and colour."""
 
     row: int
     mesh: Mesh
@@ -33,7 +33,7 @@ class VisualMesh:
 
 @dataclass(frozen=True)
 class _ModelRows:
-    """Rows of a model's links with visuals in the pose table: root if `has_root`, then `links`."""
+    """Rows of a model in the poses: from `first` on, the root if `has_root`, then `links`."""
 
     model: Model
     first: int
@@ -42,11 +42,11 @@ class _ModelRows:
 
 
 class Scene:
-    """Visuals and link poses of one World; `refresh` follows spawned, changed and deleted models.
+    """Visuals of one World, and poses of the links that have visuals.
 
     Attributes:
-        visuals: meshes to draw.
-        version: number of changes of the visuals.
+        visuals: visuals that `refresh` read last.
+        version: number of times that `refresh` has changed the visuals.
     """
 
     def __init__(self, world: World) -> None:
@@ -63,9 +63,10 @@ class Scene:
         self._quaternions = np.zeros((0, 4))
 
     def refresh(self) -> bool:
-        """Read the visuals again if models were spawned, changed or deleted; return whether so.
+        """Read the visuals again if models were spawned, changed or deleted.
 
-        A mesh file that was damaged since the spawn is skipped with a warning.
+        A mesh file that has been damaged since the spawn is skipped with a warning. Return whether
+        the visuals were read.
         """
         if self._world.revision == self._revision:
             return False
@@ -75,11 +76,11 @@ class Scene:
         return True
 
     def read_poses(self) -> np.ndarray:
-        """Return the poses of all links with visuals, world_T_link, (rows, 4, 4)."""
+        """Return the poses world_T_link (rows, 4, 4) of all links with visuals."""
         return self.interpolate_poses(1.0)
 
     def interpolate_poses(self, blend: float) -> np.ndarray:
-        """Return poses (rows, 4, 4) between those of the last snapshot (0) and the present (1)."""
+        """Return poses (rows, 4, 4) between the last snapshot (blend 0) and the present (1)."""
         now = self._read_all()
         before = self._previous
         if before is None or len(before[0]) != len(now[0]):
@@ -93,11 +94,13 @@ class Scene:
         self._previous = p.copy(), q.copy()
 
     def compute_labels(self) -> np.ndarray:
-        """Return the (rows,) int32 labels: body id + (link index + 1) << 24, as in Bullet."""
+        """Return the labels (rows,) of the links: body id + ((link index + 1) << 24)."""
         return self._labels
 
     def find_bodies_around(self, point: np.ndarray) -> list[str]:
-        """Return names 'model::link' of links with a closed visual around a point (3,), world.
+        """Return the names 'model::link' of links with a visual around a point (3,) of the world.
+
+        Only visuals with a closed surface are found reliably.
         """
         self.refresh()
         poses = self.read_poses()
@@ -109,7 +112,10 @@ class Scene:
         return list(dict.fromkeys(names))
 
     def _read_all(self) -> tuple[np.ndarray, np.ndarray]:
-        """Return the present positions (rows, 3) and quaternions (rows, 4), in reused arrays."""
+        """Return the present positions (rows, 3) and quaternions (rows, 4) of the links.
+
+        The next call overwrites the arrays.
+        """
         p, q = self._positions, self._quaternions
         for rows in self._models:
             row = rows.first
@@ -148,7 +154,11 @@ class Scene:
         self._quaternions = np.empty((len(names), 4))
 
     def _make_visuals(self, row: int, link: Link, colour: Rgba | None) -> list[VisualMesh]:
-        """Make the meshes of a link; colour as in Gazebo: the link's, the mesh file's, or white."""
+        """Return the visuals of a link.
+
+        As in Gazebo, the colour is that of the link, otherwise that of the mesh file, otherwise
+        white.
+        """
         parts = []
         for visual in link.visuals:
             try:

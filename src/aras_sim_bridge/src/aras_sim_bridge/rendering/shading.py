@@ -1,10 +1,10 @@
-"""Shading of samples and fragments: albedo or texture times light.
+"""Shading of samples and fragments: the albedo or texture times the light.
 
-The light is that of the sun, interpolated between the corners of a triangle, or the irradiance of
-several lamps (shadows.Irradiance).
+The light is either that of the sun, interpolated between the corners of a triangle, or the
+irradiance from several lights (shadows.Irradiance).
 
-Pixels are packed colours, uint32: red, green, blue from the lowest byte, then 255; or 0 outside the
-image circle of a lens.
+A pixel is a packed colour, uint32. Its bytes, from the lowest to the highest, are red, green, blue
+and 255. Pixels outside the image circle of a lens are 0.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ class Shader:
     def compute_uniform_colours(
         self, triangles: Triangles, visible: VisibleTriangles
     ) -> np.ndarray:
-        """Return packed colours (N,) of the visible triangles with one colour, 0 for the others."""
+        """Return the packed colours (N,) of the visible triangles; 0 if the colour varies."""
         return _compute_uniform_colours(
             visible.triangle, visible.light, triangles.albedo, triangles.layer
         )
@@ -48,15 +48,15 @@ class Shader:
         light: Irradiance,
         backdrop: np.ndarray,
     ) -> np.ndarray:
-        """Shade all pixels without edges; the array is overwritten by the next image.
+        """Shade all pixels without edges. The next image overwrites the returned array.
 
         Args:
-            triangles, visible, samples: what the pixels show.
-            uniform, sky, edges: as in edge_detection.find_edges. `uniform` is 0 if `light` is not
-                empty.
-            light: irradiance of several lamps, or empty.
-            backdrop: packed colours of the background of the padded image; if it is empty, the
-                background is `sky`.
+            triangles, visible, samples: triangles of the scene, and those that the pixels show.
+            uniform, sky: as in edge_detection.find_edges. `uniform` is 0 if `light` is not empty.
+            edges: bit masks of the pixels with edges.
+            light: irradiance from several lights; empty if there is only the sun.
+            backdrop: packed colours of the background of the padded image. If it is empty, the
+        background has the colour `sky`.
         """
         t, g = self._tiles, triangles
         if samples.most == BACKGROUND:
@@ -98,9 +98,9 @@ class Shader:
         backdrop: np.ndarray,
         packed_image: np.ndarray,
     ) -> None:
-        """Write the pixels with fragments to `packed_image`.
+        """Shade the pixels with fragments and write them to `packed_image`.
 
-        `background` (3,) rgb 0..255 is used if the backdrop is empty.
+        If the backdrop is empty, the background has the colour `background` (3,), rgb 0..255.
         """
         g, t, f = triangles, self._tiles, fragments
         _blend_fragments(
@@ -128,7 +128,7 @@ class Shader:
 
 @jit("f8, f8, f8")
 def pack_colour(red, green, blue):
-    """Pack a colour 0..255 into a uint32."""
+    """Pack a colour with components from 0 to 255 into a uint32."""
     r = np.uint32(np.rint(min(max(red, 0.0), 255.0)))
     g = np.uint32(np.rint(min(max(green, 0.0), 255.0)))
     b = np.uint32(np.rint(min(max(blue, 0.0), 255.0)))
@@ -149,7 +149,7 @@ def _compute_uniform_colours(triangle, light, albedo, layer):
 
 @jit_inline
 def _interpolate_light(matrices, c, side, light, m, x, y):
-    """Return the light on triangle m at x, y of cell c."""
+    """Return the light on triangle m at the position x, y in cell c."""
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
     rz = matrices[c, 2, 0] * x + matrices[c, 2, 1] * y + matrices[c, 2, 2]

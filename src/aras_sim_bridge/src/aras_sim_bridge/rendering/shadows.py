@@ -1,14 +1,15 @@
 """Light of several lamps on each pixel, with shadows by ray casting.
 
-The points of a tile and a lamp span a beam. Only clusters of triangles (triangles.Clusters) that
-the beam touches can cast shadows on the tile; for most tiles there are none. Otherwise, rays are
-cast from each corner of a pixel to the lamp (two per corner to the rim of a soft lamp; the four
-corners together reach eight points of the rim). If all rays agree, the pixel is lit or dark; if
-not, MANY_RAYS rays, spread over the pixel and the lamp, give the lit share. A shadow that is
-narrower than a pixel may be missed.
+Only clusters of triangles (triangles.Clusters) that touch the beam between a tile and a lamp can
+cast shadows on the tile. For most tiles there are no such clusters. Otherwise, rays are cast from
+each corner of a pixel to the lamp. If the lamp has soft shadows, two rays per corner go to its rim,
+so that the four corners together reach eight points of the rim. If all rays give the same result,
+the whole pixel is lit or dark. If they do not, MANY_RAYS rays, distributed over the pixel and the
+lamp, give the fraction of the pixel that is lit. A shadow that is narrower than a pixel may be
+missed.
 
-Both sides of a triangle cast shadows. A convex part casts none on itself, so that its shading
-follows its normals, for example on a ball. Transparent triangles cast no shadows.
+Both sides of a triangle cast shadows, unless it is transparent. A convex visual, such as a ball,
+casts no shadow on itself, so that its shading only depends on its normals.
 """
 
 from __future__ import annotations
@@ -26,23 +27,24 @@ from .sampling import PixelSamples
 from .tiles import TILE, Tiles
 from .triangles import Triangles
 
-# Numbers of rays for a pixel with a shadow's edge, and for a fragment.
+# Numbers of rays: MANY_RAYS for a pixel with the edge of a shadow, FEW_RAYS for a fragment.
 MANY_RAYS, FEW_RAYS = 160, 16
 LIT, DARK, MIXED = 1, 2, 3
-# Offset of a ray's start from its surface, m, and per distance from the camera: mesh coordinates
-# have single precision.
+# Offset of a ray's start from the surface: OFF (m) plus OFF_FAR times the distance from the camera.
+# It is needed because mesh coordinates have single precision.
 OFF, OFF_FAR = 2e-5, 2e-6
 
 
 @dataclass(frozen=True)
 class Irradiance:
-    """Light on the pixels, red, green and blue, in units of 1/255.
+    """Light (red, green, blue) on pixels and fragments; 1 lights a white surface to level 255.
 
-    Both arrays are empty if only the sun shines; VisibleTriangles.light is used then.
+    Both arrays are empty if there is only the sun; VisibleTriangles.light is then used instead.
 
     Attributes:
-        pixels: (rows, columns, 3) float32, pixels of the padded image without edges.
-        fragments: (F, 3) float32.
+        pixels: (rows, columns, 3) float32, light on each pixel of the padded image that has no
+    edge.
+        fragments: (F, 3) float32, light on each fragment.
     """
 
     pixels: np.ndarray
@@ -53,11 +55,12 @@ NO_IRRADIANCE = Irradiance(np.zeros((0, 0, 3), np.float32), np.zeros((0, 3), np.
 
 
 def _make_spread() -> np.ndarray:
-    """Return (MANY_RAYS, 4) points spread evenly over a pixel, -0.5..0.5 px, and a unit disc.
+    """Return points (MANY_RAYS, 4) that are distributed evenly over a pixel and a unit disc.
 
-    The points are Roberts's sequence in four dimensions.
+    The first two coordinates are a point in the pixel, from -0.5 to 0.5 px; the last two are a
+    point in the disc. They come from Roberts's sequence in four dimensions.
     """
-    golden = 1.16730397826141868  # root of g**5 = g + 1, from Roberts
+    golden = 1.16730397826141868  # Roberts's constant: root g of g**5 = g + 1
     share = (0.5 + (np.arange(MANY_RAYS)[:, None] + 1) / golden ** np.arange(1, 5)) % 1.0
     radius, angle = np.sqrt(share[:, 2:3]), 2 * np.pi * share[:, 3:]
     return np.hstack([share[:, :2] - 0.5, radius * np.cos(angle), radius * np.sin(angle)])
@@ -94,11 +97,12 @@ class Illumination:
         """Return the irradiance of the pixels and fragments of an image.
 
         Args:
-            tiles, visible, samples, fragments: what the pixels show.
-            edges: as in edge_detection.find_edges.
-            optical_T_link: (rows, 4, 4) poses of the links.
-            lamps: rows from lamps.pack_lights.
-            ambient: (3,) ambient light in units of 1/255.
+            tiles: tiles of the image.
+            visible, samples, fragments: triangles that the pixels show.
+            edges: bit masks of the pixels with edges, from edge_detection.find_edges.
+            optical_T_link: (rows, 4, 4) poses of the links in the optical frame.
+            lamps: lights, as returned by lamps.pack_lights.
+            ambient: (3,) ambient light, in the same unit as Irradiance.
         """
         t, g, f, c = tiles, self._triangles, fragments, self._triangles.clusters
         turn = optical_T_link[g.row[visible.triangle], :3, :3]
@@ -144,7 +148,7 @@ class Illumination:
 
 @jit_inline
 def _make_basis(d, e):
-    """Write two unit vectors perpendicular to the unit vector d to the rows of e (2, 3)."""
+    """Write two unit vectors perpendicular to d, and to each other, to the rows of e (2, 3)."""
     k = 0 if abs(d[0]) < 0.6 else 1
     squared = 1.0 - d[k] * d[k]
     length = np.sqrt(squared)
@@ -157,16 +161,16 @@ def _make_basis(d, e):
 
 @jit_inline
 def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
-    """Return whether a beam may meet box n, which is in the frame of link r.
+    """Return whether a beam may touch box n, which is given in the frame of link r.
 
-    The beam starts at a point with `radius`, follows the unit vector d up to `far`, and its radius
-    increases by `growth` per distance.
+    The beam extends from `point` along the unit vector d over the distance `far`. Its radius is
+    `radius` at the start and increases by `growth` per distance.
     """
     low, high = 0.0, far
     wide = 0.0
     middle = 0.0
     for k in range(3):
-        # Centre and half size of the box along d, relative to the point.
+        # Coordinate of the box's centre along d, relative to the point, and the box's squared size.
         at = T[r, k, 0] * centre[n, 0] + T[r, k, 1] * centre[n, 1] + T[r, k, 2] * centre[n, 2]
         middle += (at + T[r, k, 3] - point[k]) * d[k]
         wide += half[n, k] * half[n, k]
@@ -184,7 +188,7 @@ def _is_beam_in_box(T, r, centre, half, n, point, radius, d, far, growth):
         else:
             a, b = (-reach - o) / s, (reach - o) / s
             low, high = max(low, min(a, b)), min(high, max(a, b))
-    # A box within the beam's radius is met at the start.
+    # The interval low..high of the distances at which the beam may touch the box must not be empty.
     return low <= high
 
 
@@ -210,9 +214,9 @@ def _is_blocked(
 ):
     """Return whether a cluster in `candidates[:candidate_count]` blocks the ray from p along d.
 
-    The ray ends at `far` times the length of d. Clusters of the part `skip` are ignored, and those
-    of the part `own` if they are nearer than `own_distance` (m), because p may lie outside its
-    triangle. The blocking cluster is moved to the front of the candidates.
+    The ray ends at p + far * d. Clusters of the visual `skip` are ignored. Clusters of the visual
+    `own` are ignored up to the distance `own_distance` (m), because p may be outside its triangle.
+    A cluster that blocks the ray is moved to the front of the candidates.
     """
     least = own_distance / np.sqrt(d[0] * d[0] + d[1] * d[1] + d[2] * d[2])
     for i in range(candidate_count):
@@ -265,9 +269,10 @@ def _is_blocked(
 
 @jit_inline
 def _find_surface_point(matrices, c, side, m, x, y, p, g):
-    """Write the point of triangle m's plane at x, y of cell c to p (3,), and its unit normal to g.
+    """Find the point of triangle m's plane that is visible at the position x, y in cell c.
 
-    The point is moved off the surface. Returns whether the ray meets the plane.
+    The point, shifted off the surface, is written to p (3,), and the unit normal of the plane to g
+    (3,). Return whether the ray through x, y meets the plane.
     """
     rx = matrices[c, 0, 0] * x + matrices[c, 0, 1] * y + matrices[c, 0, 2]
     ry = matrices[c, 1, 0] * x + matrices[c, 1, 1] * y + matrices[c, 1, 2]
@@ -288,10 +293,10 @@ def _find_surface_point(matrices, c, side, m, x, y, p, g):
 
 @jit_inline
 def _aim_ray(lamps, n, p, d, far, e, a, b, ray):
-    """Write the vector from p to the point a, b of lamp n's disc to ray (3,).
+    """Write the vector from p to the point a, b of the disc of lamp n to ray (3,).
 
-    d and the rows of e are the axes of the disc. Returns the length of the ray in units of this
-    vector; inf for a directional lamp.
+    d is the normal of the disc, and the rows of e are its axes. Return the length of the ray in
+    units of this vector, which is inf for a directional lamp.
     """
     radius = lamps[n, RADIUS]
     directional = lamps[n, KIND] == 0.0
@@ -309,14 +314,14 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                 hull, T, row_centre, row_half, order, bounds, cluster_part, cluster_row, first,
                 count, centre, half, corners, lamps, ambient, f_pixel, f_start, f_member, f_at,
                 out, f_out):
-    """Fill `out` and `f_out` with the irradiance of pixels and fragments.
+    """Write the irradiance of the pixels to `out`, and that of the fragments to `f_out`.
 
-    The points of a tile are its pixels without edges, followed by its fragments.
+    It is computed for the points of a tile: its pixels without edges, followed by its fragments.
     """
     size, one = TILE // cells, np.uint64(1)
     width = columns * TILE
     tiles = len(tile)
-    # First fragment of each tile: the pixels of a tile follow each other, cell by cell.
+    # First pixel of each tile in f_pixel, in which the pixels of a tile follow each other.
     f_first = np.full(tiles + 1, -1)
     for n in range(len(f_pixel)):
         at = (f_pixel[n] // width // TILE) * columns + f_pixel[n] % width // TILE
@@ -326,7 +331,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     for n in range(len(f_pixel)):
         longest = max(longest, f_start[n + 1] - f_start[n])
     room = TILE * TILE * (1 + longest)
-    # For the points: triangle, x, y in its cell, cell; positions, normals, light.
+    # For each point of a tile: its triangle (`members`), its cell, x and y in the cell (`at`), its
+    # position, its normals, and its light.
     members, cell, place = (
         np.empty(room, np.int64),
         np.empty(room, np.int64),
@@ -338,7 +344,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
     candidates = np.empty(len(order) + 1, np.int64)
     corner_of, corner_result = np.empty((9, 9), np.int64), np.empty((9, 9), np.int64)
     p, g, d, ray = np.empty(3), np.empty(3), np.empty(3), np.empty(3)
-    e = np.zeros((2, 3))  # unused for hard shadows, but multiplied by 0
+    e = np.zeros((2, 3))  # for hard shadows, it is only multiplied by 0
     middle, low, high = np.empty(3), np.empty(3), np.empty(3)
     for n in range(tiles):
         if tile[n] == -2 or tile[n] == -1:
@@ -370,7 +376,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
             k += 1
         if point_count == 0:
             continue
-        # If all points belong to one convex part, it casts no shadow on them.
+        # If all points belong to one convex visual, it casts no shadow on them.
         common_part = hull[triangle[members[0]]]
         for i in range(point_count):
             if hull[triangle[members[i]]] != common_part:
@@ -406,7 +412,7 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
         for j in range(3):
             middle[j] = 0.5 * (low[j] + high[j])
             radius += (high[j] - low[j])**2
-        # On an inclined surface, a pixel extends from its centre up to the next pixel's.
+        # Enlarge the radius, because a pixel on an inclined surface extends far beyond its centre.
         radius = 0.65 * np.sqrt(radius) + 2.0 * step
         for lamp in range(len(lamps)):
             candidate_count = 0
@@ -504,7 +510,8 @@ def _illuminate(tile, pixel, edges, valid, matrices, cells, columns, side, norma
                         lit_share = 0.0
                     elif result == MIXED:
                         rays, hits, shrink = MANY_RAYS, 0, 1.0
-                        if i >= pixel_count:  # a fragment's centre: the fragment may be small
+                        # Fragments may be small, so all their rays start at their centre.
+                        if i >= pixel_count:
                             rays, shrink = FEW_RAYS if soft else 1, 0.0
                         ray_count = 0
                         for k in range(rays):

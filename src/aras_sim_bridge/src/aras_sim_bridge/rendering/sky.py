@@ -1,4 +1,4 @@
-"""Clear sky: bluer with the height above the horizon, and haze below it."""
+"""Colours of a clear sky, and of haze below the horizon."""
 
 from __future__ import annotations
 
@@ -9,15 +9,15 @@ from aras_visual_servo_base.compiled import jit
 from .shading import pack_colour
 from .tiles import TILE, Tiles
 
-# Colours at the zenith, at the horizon and straight below; red, green, blue, 0..1.
+# Colours (red, green, blue, 0..1) at the zenith, at the horizon, and straight down.
 ZENITH, HORIZON, HAZE = (0.22, 0.42, 0.78), (0.80, 0.88, 0.95), (0.52, 0.52, 0.50)
-# Colour of the sky for edge detection.
+# Colour that represents the sky in edge detection.
 MIDDLE = (0.51, 0.65, 0.87)
 NO_SKY = np.zeros((0, 0), np.uint32)
 
 
 def draw_sky(tiles: Tiles, world_T_optical: np.ndarray) -> np.ndarray:
-    """Return the packed colours of the padded image, (rows * TILE, columns * TILE) uint32."""
+    """Return the packed colours of the sky for each pixel of the padded image, uint32."""
     out = np.empty((tiles.rows * TILE, tiles.columns * TILE), np.uint32)
     _fill(tiles.matrices, tiles.cells, tiles.columns, np.ascontiguousarray(world_T_optical[2, :3]),
           np.array([ZENITH, HORIZON, HAZE]), out)
@@ -37,7 +37,8 @@ def _fill(matrices, cells, columns, up, colours, out):
                 length += ray * ray
                 height += up[j] * ray
             height /= np.sqrt(max(length, 1e-300))
-            # Above the horizon it turns blue quickly; below, it fades within some degrees.
+            # Above the horizon, the sky turns blue quickly; below, it turns to haze within some
+            # degrees.
             share = np.sqrt(height) if height > 0.0 else min(-6.0 * height, 1.0)
             other = 0 if height > 0.0 else 2
             for j in range(3):

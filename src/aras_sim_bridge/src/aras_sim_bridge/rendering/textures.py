@@ -1,4 +1,4 @@
-"""Texture images with their mipmaps in one array, and texture sampling."""
+"""Storage of textures with their mipmaps in one array, and sampling of textures."""
 
 from __future__ import annotations
 
@@ -7,19 +7,23 @@ import numpy as np
 
 from aras_visual_servo_base.compiled import jit_inline
 
-# px per side, powers of two: images are resized to the nearest power within these limits.
+# Smallest and largest side of a texture, px. Images are resized to a power of two within these
+# limits.
 SMALLEST, LARGEST = 512, 1024
-CHANNEL_BITS = 21  # bits per colour, so that three colours are summed in one integer
+# Number of bits for each of red, green and blue in a texel, so that the sum of the three colours of
+# several texels can be computed with one integer.
+CHANNEL_BITS = 21
 
-# Sample points of a texture in a pixel. Pixels up to WIDE texels long use four; this locates the
-# corners of a marker 25 to 43 px wide to 0.002-0.004 px (one point 0.006-0.011, 16 points
-# 0.002-0.003). Longer pixels, on inclined surfaces, use DENSE per texel, at most PLACES, evenly
-# along the nearest of TURNS directions.
+# A pixel is shaded with the mean of the texture at several sample points. Pixels that are at most
+# WIDE texels long have four points. With these, the corners of a marker that is 25 to 43 px wide
+# have errors of 0.002-0.004 px; the errors are 0.006-0.011 px with one point, and 0.002-0.003 px
+# with 16 points. Longer pixels, on inclined surfaces, have DENSE points per texel, but at most
+# PLACES, evenly along the nearest of TURNS directions.
 PLACES, DENSE, WIDE, TURNS = 20, 0.8, np.sqrt(8.0), 16
 
 
 def _make_directions() -> np.ndarray:
-    """Return (TURNS, 2) unit vectors x, y over half a turn, numbered as in _find_direction."""
+    """Return unit vectors (TURNS, 2) that cover half a turn, numbered as by _find_direction."""
     part = 4.0 * np.arange(TURNS) / TURNS
     cosine = np.where(part < 2.0, 1.0 - part, part - 3.0)
     sine = np.where(part < 2.0, 1.0, -1.0) * (1.0 - abs(cosine))
@@ -28,16 +32,17 @@ def _make_directions() -> np.ndarray:
 
 
 def _make_sample_points() -> np.ndarray:
-    """Return (TURNS, PLACES + 1, PLACES, 2) sample points in a pixel, px from its centre.
+    """Return sample points (TURNS, PLACES + 1, PLACES, 2) in a pixel, px from its centre.
 
-    Element [k, n] has n points of equal weight, in coordinates along and across DIRECTIONS[k]:
-    evenly spaced along, by the golden ratio across. Element [0, 0] has four points in a square.
+    Element [k, n] contains n points of equal weight. Their coordinates are those along and across
+    DIRECTIONS[k]. Along this direction each point represents the same area; across it the points
+    are distributed by the golden ratio. Element [0, 0] contains four points in a square.
     """
     spots = np.zeros((TURNS, PLACES + 1, PLACES, 2))
     fine = np.linspace(-0.75, 0.75, 6001)
     for k, (c, s) in enumerate(DIRECTIONS):
         c, s = (x if abs(x) > 1e-9 else 1e-9 for x in (c, s))
-        # Extent of the pixel on both sides of the direction, and cumulative area along it.
+        # Lower and upper limit of the pixel across the direction, and cumulative area along it.
         low, high = (pick(0.5 * turn / abs(s) + fine * c / s, 0.5 * turn / abs(c) - fine * s / c)
                      for turn, pick in ((-1.0, np.maximum), (1.0, np.minimum)))
         before = np.cumsum(np.maximum(high - low, 0.0))
@@ -60,10 +65,11 @@ class Textures:
     """Textures of a scene with their mipmaps.
 
     Attributes:
-        texels: (N,) uint64, one texture after another. Each starts with the number of texels per
-            side. Then follow the texels, row by row from v = 0 upwards as in OBJ files, with
-            CHANNEL_BITS bits each for red, green and blue from the lowest bit. Then follow the
-            levels of half the size, a quarter and so on, down to one texel.
+        texels: (N,) uint64, one texture after another. The first element of a texture is its number
+            of texels per side. Its texels follow row by row, from v = 0 upwards as in OBJ files. A
+            texel contains red, green and blue from the lowest bit on, with CHANNEL_BITS bits each.
+            Then the mipmap levels follow in the same way, each with half the size of the previous
+            one, down to one texel.
     """
 
     def __init__(self, files: set[str]) -> None:
@@ -90,15 +96,16 @@ class Textures:
         self.texels = np.concatenate(texels)
 
     def find_layer(self, file: str) -> int:
-        """Return the start of a file's texture in `texels`."""
+        """Return the index in `texels` at which the texture of a file starts."""
         return self._first[file]
 
 
 @jit_inline
 def _find_direction(cosine, sine):
-    """Return the number of the nearest direction, from cosine and sine of its doubled angle to x.
+    """Return the number of the nearest direction from the cosine and sine of its doubled angle.
 
-    Both may have a common factor. The position on a square around 0 replaces that on a circle.
+    The angle is measured from x. The cosine and sine may have a common factor. Instead of the
+    angle, the position on the outline of a square around the origin is computed.
     """
     share = cosine / max(abs(cosine) + abs(sine), 1e-300)
     part = 1.0 - share if sine >= 0.0 else 3.0 + share
@@ -107,10 +114,10 @@ def _find_direction(cosine, sine):
 
 @jit_inline
 def _sum_texels(texels, at, size, x, y, one, shift):
-    """Return red, green and blue of a mipmap level at x, y, packed as in Textures.texels.
+    """Return the colour of a mipmap level at x, y, packed as in Textures.texels.
 
-    x and y are in units of 2**-15 texels. Values are interpolated linearly between texel centres,
-    repeated beyond 0..1, and multiplied by 2**(30 - shift).
+    x and y are in units of 2**-15 texels. Colours are interpolated linearly between texel centres
+    and multiplied by 2**(30 - shift). The texture is repeated beyond its borders.
     """
     half, mask = np.int64(1) << (shift - np.int64(1)), size - one
     column, row, right, down = x >> 15, y >> 15, x & 32767, y & 32767
@@ -118,10 +125,10 @@ def _sum_texels(texels, at, size, x, y, one, shift):
     right_weight = ((right << 15) + half >> shift) - corner_weight
     below_weight = ((down << 15) + half >> shift) - corner_weight
     first_weight = (one << (np.int64(30) - shift)) - corner_weight - right_weight - below_weight
-    # The size of a level is a power of two: the mask repeats it.
+    # The mask repeats the texture, because the size of a level is a power of two.
     upper, lower = at + (row & mask) * size, at + ((row + one) & mask) * size
     left, after = column & mask, (column + one) & mask
-    # Unsigned indices spare Numba the test for negative ones.
+    # The indices are unsigned, so that Numba does not test whether they are negative.
     return (np.uint64(first_weight) * texels[np.uint64(upper + left)]
             + np.uint64(right_weight) * texels[np.uint64(upper + after)]
             + np.uint64(below_weight) * texels[np.uint64(lower + left)]
@@ -130,11 +137,12 @@ def _sum_texels(texels, at, size, x, y, one, shift):
 
 @jit_inline
 def map_texture(matrices, c, side, m, uv, t, planes):
-    """Write the texture coordinates of triangle m as functions of the pixel in cell c to `planes`.
+    """Write the coefficients of a triangle's texture coordinates in a cell to `planes`.
 
-    The coordinates are U / W and V / W. The rows of `planes` (3, 3) are U, V, W; the columns are
-    the changes along x and y, and the value at the cell's first pixel. `t` is the index in
-    Triangles.
+    The texture coordinates of a pixel are U / W and V / W, where U, V and W are linear functions of
+    its position x, y in cell c. Each row of `planes` (3, 3) belongs to one of them; the columns are
+    the changes along x and y, and the value at the cell's first pixel. `m` is the index of the
+    triangle in VisibleTriangles, and `t` that in Triangles.
     """
     for j in range(3):
         U = V = W = 0.0
@@ -147,15 +155,15 @@ def map_texture(matrices, c, side, m, uv, t, planes):
 
 @jit_inline
 def apply_texture(planes, layer, texels, x, y, rgb):
-    """Multiply the colour rgb (3,) by the mean of a texture over the pixel at x, y of a cell.
+    """Multiply the colour rgb (3,) by the mean of a texture over the pixel at x, y in a cell.
 
-    `planes` are those of map_texture. The mipmap level depends on the pixel's shorter axis.
+    `planes` is the result of map_texture. The mipmap level is chosen from the pixel's shorter axis.
     """
     Ux, Uy, Vx, Vy, Wx, Wy = (planes[0, 0], planes[0, 1], planes[1, 0], planes[1, 1], planes[2, 0],
                               planes[2, 1])
     W = planes[2, 2] + Wx * x + Wy * y
     U, V = planes[0, 2] + Ux * x + Uy * y, planes[1, 2] + Vx * x + Vy * y
-    # Sides of the pixel in texels.
+    # Sides of the pixel on the texture, in texels.
     size, at, one = np.int64(texels[layer]), layer + np.int64(1), np.int64(1)
     scale = size / W
     u, v = U / W, V / W
@@ -176,7 +184,8 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         turn, kind = _find_direction(ux * ux + vx * vx - uy * uy - vy * vy,
                                 2.0 * (ux * uy + vx * vy)), count
         c, s = DIRECTIONS[turn, 0], DIRECTIONS[turn, 1]
-        # A mipmap level is blurred by half a texel each way; move the points closer together.
+        # Move the points closer together, because a mipmap level is blurred by half a texel on each
+        # side.
         narrow = np.sqrt(max(1.0 - 3.0 * (1.0 - level * level) * longer * longer
                              / max(area * area, 1e-300), 0.0))
         ux, uy = ux * c + uy * s, narrow * (uy * c - ux * s)
@@ -192,7 +201,7 @@ def apply_texture(planes, layer, texels, x, y, rgb):
         along, across = SAMPLE_POINTS[turn, kind, k, 0], SAMPLE_POINTS[turn, kind, k, 1]
         texel_sum = _sum_texels(texels, at, size, np.int64(u + along * ux + across * uy),
                      np.int64(v + along * vx + across * vy), one, shift)
-        if bright:  # clip each sample to white before averaging, as at edges
+        if bright:  # limit each sample to white before averaging, as at edges
             red += min(rgb[0] * part * float(texel_sum & mask), 255.0)
             green += min(rgb[1] * part * float(texel_sum >> np.uint64(CHANNEL_BITS) & mask), 255.0)
             blue += min(rgb[2] * part * float(texel_sum >> np.uint64(2 * CHANNEL_BITS)), 255.0)

@@ -1,9 +1,9 @@
 """Division of an image into tiles, each with its own pinhole model.
 
-For a pinhole camera the tiles are exact. For any other lens, a few pixels are approximated by the
-projective map through the rays of the tile's four corners, shifted by the mean error; the remaining
-error is at most LARGEST_MISFIT. If a lens bends the image too much for that, the tiles are divided
-into cells.
+For a pinhole camera the tiles are exact. For any other lens, a tile is approximated by the
+projective map through the rays of its four corners, which is then shifted by the mean error. If the
+remaining error exceeds LARGEST_MISFIT, the tile is divided into cells, which are approximated in
+the same way.
 """
 
 from __future__ import annotations
@@ -16,46 +16,49 @@ import numpy as np
 from ..errors import RenderingError
 from .byte_limited_cache import ByteLimitedCache
 
-TILE = 8  # px per side
-# Largest distance of a pixel from its true ray, px. The errors at the centre and at the corners of
-# a cell have opposite signs, so the mean error over a target is far smaller: see
+TILE = 8  # side of a tile, px
+# Largest distance of a pixel from its correct position, px. The errors at the centre and at the
+# corners of a cell have opposite signs, so the mean error over a target is far smaller: see
 # tests/benchmarks/render.py.
 LARGEST_MISFIT = 0.05
-# Largest focal length, px, and largest distance of a pixel from the axis, focal lengths: the volume
-# that a pixel's rays span is then well above the rounding error.
+# Largest focal length in px, and largest distance of a pixel from the axis in focal lengths. Within
+# these limits, the differences between the rays of a pixel are well above the rounding error.
 FARTHEST = 1e8
-# rad: if a tile has rays beyond this angle from the optical axis, depth is not measured along it.
+# Depth is measured along the optical axis only if no ray is beyond this angle from it, rad.
 SIDEWAYS_ANGLE = np.radians(89.9)
 
 Unproject = Callable[[np.ndarray], np.ndarray]
-# Bytes for cached tiles, and largest number of pixels of an image whose tiles are cached. A study
-# renders ten thousand images with the same camera.
+# Size of the cache for tiles, bytes, and largest image whose tiles are cached, px. A study renders
+# ten thousand images with the same camera.
 CACHE_BYTES, LARGEST_CACHED_IMAGE = 3 << 21, 640 * 480
 
 
 class Tiles:
-    """Rays of an image of width x height px.
+    """Rays of the pixels of an image, by tile.
+
+    The tiles form a tree: each node above the tiles joins 4 x 4 nodes of the level below.
 
     Attributes:
         width, height: size of the image, px.
-        is_uniform: whether all tiles have the same rays apart from a shift, as for a pinhole.
-        columns, rows: numbers of tiles.
+        is_uniform: whether the rays of all tiles differ only by a shift, as for a pinhole camera.
+        columns, rows: numbers of columns and rows of tiles.
         cells: number of cells along each side of a tile.
-        matrices: (rows * columns * cells**2, 3, 3). The ray of pixel x, y of a cell, relative to
-            the centre of the cell's first pixel, is matrix @ (x, y, 1), of any length. Tiles are
-            stored row by row, and cells in a tile likewise.
-        inverse: (rows * columns, 3, 3), for a tile as a single cell: maps a ray to s * (x, y, 1)
-            with s > 0, x and y relative to the tile's first pixel.
+        matrices: (rows * columns * cells**2, 3, 3) pinhole model of each cell. The ray of the pixel
+    x, y is matrix @ (x, y, 1), where x and y are relative to the centre of the cell's first pixel;
+    its length is arbitrary. Tiles are stored row by row, as are the cells of a tile.
+        inverse: (rows * columns, 3, 3) inverse pinhole model of each whole tile. It maps a ray to s
+    * (x, y, 1) with s > 0, where x and y are relative to the tile's first pixel.
         spread: (rows * columns,) largest error of `inverse`, px; inf if it is unknown.
-        axis: (rows * columns, 3) axis along which a tile measures near, far and depth.
-        forward: whether this is the optical axis for all tiles.
-        valid: (rows * TILE, columns * TILE) bool, pixels that are in the image and inside the lens.
-        whole: (rows * columns,) bool, tiles with only valid pixels.
-        nodes: (M, 5) cones of the tile tree: axis, cosine, sine; a cosine of 2 marks a node without
-            valid pixels. Level 0 are the tiles; each further level joins 4 x 4 nodes.
-        levels: (L, 4) of each level: first node, rows, columns, first entry in `children`.
-        children: (M - tiles, 5, 16) cones of the children of each node.
-        widest: 1 / cosine of the widest angle between a ray and its axis.
+        axis: (rows * columns, 3) axis along which near, far and depth are measured in each tile.
+        forward: whether this is the optical axis in all tiles.
+        valid: (rows * TILE, columns * TILE) bool, whether a pixel is in the image and in the lens.
+        whole: (rows * columns,) bool, whether a tile has only valid pixels.
+        nodes: (M, 5) for each node of the tree, the cone around its rays: axis, cosine and sine of
+    the angle. A cosine of 2 marks a node without valid pixels. The first nodes are the tiles.
+        levels: (L, 4) for each level of the tree: first node, rows, columns, first entry in
+    `children`. Level 0 consists of the tiles.
+        children: (M - tiles, 5, 16) for each node above the tiles, the cones of its children.
+        widest: 1 / cosine of the widest angle between a ray and the axis of its tile.
     """
 
     def __init__(self, width: int, height: int, matrices: np.ndarray, cells: int,
@@ -68,7 +71,7 @@ class Tiles:
         blocks = valid.reshape(self.rows, TILE, self.columns, TILE)
         has_valid = blocks.any(axis=(1, 3)).reshape(-1)
         self.whole = blocks.all(axis=(1, 3)).reshape(-1)
-        # Rays of the corners of each cell.
+        # Compute the rays of the corners of each cell.
         end = TILE // cells - 0.5
         square = np.array([[-0.5, end, -0.5, end], [-0.5, -0.5, end, end], np.ones(4)])
         around = (matrices @ square).reshape(-1, cells, cells, 3, 4).transpose(1, 2, 4, 0, 3)
@@ -89,7 +92,7 @@ class Tiles:
 
     @classmethod
     def of_pinhole(cls, width: int, height: int, K: np.ndarray) -> Tiles:
-        """Return the tiles of an image with camera matrix K (3, 3), without skew.
+        """Return the tiles of a pinhole image with the camera matrix K (3, 3), which has no skew.
 
         Raises:
             RenderingError: the focal lengths or the principal point exceed FARTHEST.
@@ -116,7 +119,8 @@ class Tiles:
 
         Args:
             width, height: size of the image, px.
-            unproject: pixels (N, 2) -> unit rays (N, 3) in the optical frame, NaN outside the lens.
+            unproject: function that returns the unit rays (N, 3) of pixels (N, 2) in the optical
+                frame, NaN outside the lens.
 
         Raises:
             RenderingError: no pixel is inside the lens.
@@ -127,7 +131,7 @@ class Tiles:
         coarse = np.stack(np.meshgrid(u, v), axis=2).reshape(-1, 2).astype(float)
         forward = np.nan_to_num(unproject(coarse)[:, 2], nan=-2.0)
         best, centre = forward.max(), coarse[forward.argmax()]
-        # The image circle is a disc: only if a corner of a tile is outside, pixels may be.
+        # The image circle is a disc, so pixels of a tile can be outside of it only if a corner is.
         if forward.min() == -2.0:
             best = -2.0
             for row in range(height):  # row by row, to limit the memory for large images
@@ -141,12 +145,14 @@ class Tiles:
         lens = _ExtrapolatedLens(unproject, centre)
         for cells in (1, 2, 4, 8):
             size = TILE // cells
-            # Use whole tiles, so that a tile's cone contains all of its cells and no more.
+            # Fit all cells of a tile that has a valid pixel, so that the tile's cone contains them
+            # all.
             tiles = valid.reshape(rows, TILE, columns, TILE).any(axis=(1, 3))
             corners = lens.corner_rays(np.kron(tiles, np.ones((cells, cells))) > 0, size)
             a, b, c, d = corners[:-1, :-1], corners[:-1, 1:], corners[1:, :-1], corners[1:, 1:]
             matrices = _fit_matrices(a, b, c, d, size)
-            # Cells at the rim of the lens have corners outside of it.
+            # Measure the error in cells inside the lens. Cells at its rim have corners outside of
+            # it.
             inner = valid.reshape(rows * cells, size, columns * cells, size).all(axis=(1, 3))
             at = np.linalg.solve(matrices[inner], lens.centre_rays(inner, size)[..., None])[..., 0]
             errors = at[:, :2] / at[:, 2:] - (size - 1) / 2
@@ -163,10 +169,10 @@ class Tiles:
 
     @cached_property
     def exact(self) -> np.ndarray:
-        """Unit rays (height, width, 3) of the pixel centres, float32, NaN outside the lens.
+        """Exact unit rays (height, width, 3) of the pixel centres, float32; NaN outside the lens.
 
-        They come from the lens model itself, not from the cells. The array is empty for a pinhole,
-        whose cells are exact.
+        They are computed with the lens model, not with the cells. The array is empty for a pinhole,
+        because its cells are exact.
         """
         if self._unproject is None:
             return np.empty((0, self.width, 3), np.float32)
@@ -177,7 +183,7 @@ class Tiles:
         return out
 
     def compute_rays(self) -> np.ndarray:
-        """Return the unit rays (height, width, 3) of the pixel centres, NaN outside the lens."""
+        """Return the unit rays (height, width, 3) of the pixel centres; NaN outside the lens."""
         n, size = self.cells, TILE // self.cells
         x, y = np.meshgrid(np.arange(size), np.arange(size))
         pixels = np.stack([x, y, np.ones_like(x)], axis=2).astype(float)
@@ -189,7 +195,10 @@ class Tiles:
         return rays[:self.height, :self.width]
 
     def _fit_one_cell(self, outer: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return inverse and spread; `outer` (4, tiles, 3) are unit rays of the tiles' corners."""
+        """Return the attributes `inverse` and `spread`.
+
+        `outer` (4, tiles, 3) are unit rays of the tiles' corners.
+        """
         n, size = self.cells, TILE // self.cells
         one = self.matrices if n == 1 else _fit_matrices(*outer, TILE)
         flat = np.abs(np.linalg.det(one)) < 1e-18
@@ -206,7 +215,7 @@ class Tiles:
                                          mapped[..., 1] / mapped[..., 2] - at[:, None] - y)
                     errors[~((mapped[..., 2] > 0.0) & np.isfinite(errors))] = np.inf
                     spread = np.maximum(spread, errors.max(axis=(1, 2)))
-        # The error may be larger between these points.
+        # The factor accounts for larger errors between these points.
         return inverse, 1.5 * spread + 1e-6
 
     @property
@@ -228,7 +237,8 @@ class _ExtrapolatedLens:
     def corner_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
         """Return unit rays (rows + 1, columns + 1, 3) of the corners of cells of `size` px.
 
-        `visible` (rows, columns) selects the cells; other corners get a ray straight ahead.
+        Only corners of the cells that `visible` (rows, columns) selects are computed; the others
+        get the ray (0, 0, 1).
         """
         needed = np.zeros((visible.shape[0] + 1, visible.shape[1] + 1), bool)
         for down, across in ((0, 0), (0, 1), (1, 0), (1, 1)):
@@ -238,7 +248,7 @@ class _ExtrapolatedLens:
         return out
 
     def centre_rays(self, visible: np.ndarray, size: int) -> np.ndarray:
-        """Return unit rays (N, 3) of the centres of the visible cells."""
+        """Return unit rays (N, 3) of the centres of the cells that `visible` selects."""
         return self.compute_rays((np.argwhere(visible)[:, ::-1] + 0.5) * size - 0.5)
 
     def compute_rays(self, points: np.ndarray) -> np.ndarray:
@@ -260,7 +270,7 @@ class _ExtrapolatedLens:
         rim, inner = (self._unproject(self._centre + share[:, None] * direction)
                       for share in (near, back))
         rate = (rim - inner) / np.maximum(near - back, 1e-12)[:, None]
-        # Tiles whose corners are farther away have no pixel inside the lens.
+        # Limit the extrapolation: tiles with corners farther away have no pixel inside the lens.
         share = np.minimum(1.0 - near, 2 * TILE / np.maximum(length, 1e-9))
         extrapolated = rim + share[:, None] * rate
         rays[beyond] = extrapolated / np.linalg.norm(extrapolated, axis=1, keepdims=True)
@@ -268,9 +278,9 @@ class _ExtrapolatedLens:
 
 
 def get_shared_tiles(width: int, height: int, key: Hashable, make: Callable[[], Tiles]) -> Tiles:
-    """Return tiles from a cache that all renderers of the process share, or make them.
+    """Return tiles from a cache that all renderers of the process share.
 
-    `key` identifies the rays of the image.
+    If they are not in the cache, `make` creates them. `key` identifies the rays of the image.
     """
     if width * height > LARGEST_CACHED_IMAGE:
         return make()
@@ -289,12 +299,13 @@ def _mark_inside(width: int, height: int, rows: int, columns: int) -> np.ndarray
 def _fit_matrices(
     a: np.ndarray, b: np.ndarray, c: np.ndarray, d: np.ndarray, size: int
 ) -> np.ndarray:
-    """Return matrices (..., 3, 3) of cells of `size` px from corner rays (..., 3), row by row.
+    """Return the matrices (..., 3, 3) of cells of `size` px from the rays of their corners.
 
-    The rays are scaled such that the fourth corner is b + c - a.
+    a, b, c and d (..., 3) are the upper left, upper right, lower left and lower right corner. They
+    are scaled such that d = b + c - a.
     """
     sides = np.stack([-a, b, c], axis=-1)
-    # Corners of a cell without valid pixels may coincide.
+    # The corners of a cell without valid pixels may coincide.
     flat = np.abs(np.linalg.det(sides)) < 1e-18
     sides[flat] = np.eye(3)
     weight = np.linalg.solve(sides, d[..., None])[..., 0]
@@ -306,13 +317,13 @@ def _fit_matrices(
 
 def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: int, columns: int
           ) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """Return nodes, levels and children of Tiles, from the tiles' cones."""
+    """Return nodes, levels and children of Tiles from the axes and angles of the tiles' cones."""
     nodes, levels, children = [], [], [np.zeros((0, 5, 16))]
     first = joined = 0
     axis, angle = axis.reshape(rows, columns, 3), angle.reshape(rows, columns)
     visible = visible.reshape(rows, columns)
-    # Values of the tiles; an axis of 0 marks a tile without valid pixels. span: tiles per node
-    # side.
+    # Values of level 0, where an axis of 0 marks a tile without valid pixels, and number of tiles
+    # along a side of a node.
     tile, wide, shown, span = axis * visible[..., None], angle, visible, 1
     while True:
         limit = np.minimum(angle + 1e-9, np.pi)
@@ -340,7 +351,7 @@ def _build_tree(axis: np.ndarray, angle: np.ndarray, visible: np.ndarray, rows: 
 
 
 def _group_by_fours(x: np.ndarray, rows: int, columns: int) -> np.ndarray:
-    """Return x as (rows, columns, 16, ...), in groups of 4 x 4, padded with zeros."""
+    """Return x in groups of 4 x 4, (rows, columns, 16, ...), padded with zeros."""
     pad = [(0, 4 * rows - x.shape[0]), (0, 4 * columns - x.shape[1])]
     x = np.pad(x, pad + [(0, 0)] * (x.ndim - 2)).reshape(rows, 4, columns, 4, *x.shape[2:])
     return x.swapaxes(1, 2).reshape(rows, columns, 16, *x.shape[4:])

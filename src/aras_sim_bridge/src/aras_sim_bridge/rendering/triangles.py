@@ -14,29 +14,32 @@ from .byte_limited_cache import ByteLimitedCache
 from .scene import VisualMesh
 from .textures import Textures
 
-# Bytes for cached scenes: a study renders the same scene ten thousand times.
+# Size of the cache for scenes, bytes. A study renders the same scene ten thousand times.
 CACHE_BYTES = 1 << 24
-# Largest number of corners times triangles for which a part is tested for convexity; and tolerance
-# of this test, relative to the part's size, because meshes have single precision.
+# A visual is tested for convexity if its number of vertices times its number of triangles is at
+# most MOST_CONVEX_TESTS. FLAT is the tolerance relative to its size, because meshes have single
+# precision.
 MOST_CONVEX_TESTS, FLAT = 1 << 22, 1e-6
 
 
 @dataclass(frozen=True)
 class Clusters:
-    """Clusters of neighbouring triangles with similar normals; most are culled as a whole.
+    """C clusters of neighbouring triangles with similar normals.
 
-    Large triangles come first, because they hide others. There are C clusters.
+    Most clusters are found to be invisible without a test of their triangles. Clusters with large
+    triangles come first, because these hide others.
 
     Attributes:
-        first, count: (C,) triangles of the cluster.
-        row: (C,) row of the link in the poses of the scene.
-        centre, half, radius: (C, 3), (C, 3), (C,) bounding box and sphere, link frame, m.
-        axis, cosine: (C, 3), (C,) cone around the normals.
-        height: (C,) height of the lowest of the triangles' planes above the centre, along its
-            normal, m.
-        opaque: (C,) bool.
-        quad: (C,) bool, whether the cluster is a flat convex quad of one colour. The common side of
-            its two triangles is then opposite their first corners.
+        first, count: (C,) first triangle, and number of triangles, of each cluster.
+        row: (C,) row of the cluster's link in the poses of the scene.
+        centre, half: (C, 3) centre and half sides of the bounding box in the link frame, m.
+        radius: (C,) radius of the bounding sphere around the centre, m.
+        axis, cosine: (C, 3), (C,) axis of the cone around the normals, and cosine of its angle.
+        height: (C,) smallest distance of a triangle's plane from the centre along the triangle's
+    normal, m.
+        opaque: (C,) bool, whether the triangles are opaque.
+        quad: (C,) bool, whether the cluster is a flat convex quad of one colour. If so, the first
+    corners of its two triangles are opposite to their common side.
     """
 
     first: np.ndarray
@@ -54,23 +57,24 @@ class Clusters:
 
 @dataclass(frozen=True)
 class Triangles:
-    """Triangles of all visuals, cluster by cluster. There are T triangles.
+    """T triangles of all visuals, cluster by cluster.
 
     Attributes:
         clusters: clusters of the triangles.
-        row_centre, row_half: (rows, 3) bounding box of each link, m; half is -1 without triangles.
-        corners: (T, 3, 3) corners, link frame, m.
-        normals: (T, 3, 3) normals at the corners, link frame.
-        plane: (T, 4) n, d with n . x = d.
-        row: (T,) row of the link in the poses of the scene.
-        part: (T,) number of the visual.
-        smooth: (T,) number of the visual without texture, whose colours differ only by the light;
-            -1 with a texture.
-        hull: (T,) number of the convex visual, whose triangles do not hide each other; -1 for
-            others.
-        albedo: (T, 4) rgb 0..255 and opacity 0..1.
-        uv: (T, 3, 2) texture coordinates.
-        layer: (T,) start of the texture in Textures.texels; -1 without texture.
+        row_centre, row_half: (rows, 3) centre and half sides of each link's bounding box, m. The
+    half sides are -1 if the link has no triangles.
+        corners: (T, 3, 3) corners in the link frame, m.
+        normals: (T, 3, 3) normals at the corners in the link frame.
+        plane: (T, 4) normal n and distance d of the plane, whose points x fulfil n . x = d.
+        row: (T,) row of the triangle's link in the poses of the scene.
+        part: (T,) number of the triangle's visual.
+        smooth: (T,) number of the triangle's visual if it has no texture, so that its colours
+    differ only by the light; otherwise -1.
+        hull: (T,) number of the triangle's visual if it is convex, so that its triangles do not
+    hide each other; otherwise -1.
+        albedo: (T, 4) red, green and blue, 0..255, and opacity, 0..1.
+        uv: (T, 3, 2) texture coordinates at the corners.
+        layer: (T,) start of the texture in Textures.texels; -1 if there is no texture.
         textures: textures of the visuals.
     """
 
@@ -91,7 +95,7 @@ class Triangles:
 
     @cached_property
     def facets(self) -> np.ndarray:
-        """Numbers (T,) as in `smooth`, but different for flat triangles with different normals."""
+        """Like `smooth` (T,), but flat triangles with different normals have different numbers."""
         flat = (self.normals == self.normals[:, :1]).all(axis=(1, 2))
         turned = np.where(flat[:, None], np.rint(1e4 * self.normals[:, 0]), 2e4).astype(np.int64)
         key = ((self.part * 40001 + turned[:, 0]) * 40001 + turned[:, 1]) * 40001 + turned[:, 2]
@@ -108,7 +112,7 @@ class Triangles:
 
     @classmethod
     def from_visuals(cls, visuals: list[VisualMesh]) -> Triangles:
-        """Return the triangles of these visuals, from a cache that all renderers share."""
+        """Return the triangles of these visuals. All renderers share a cache of them."""
         return _cache.get(_make_key(visuals), lambda: cls._build(visuals))
 
     @classmethod
@@ -171,7 +175,7 @@ class Triangles:
 
 
 def _is_convex(part: VisualMesh) -> bool:
-    """Return whether a visual is convex; False if it is too large to test."""
+    """Return whether a visual is convex; False if it has too many triangles for the test."""
     mesh = part.mesh
     points = np.unique(mesh.positions.astype(float), axis=0)
     if not 0 < len(points) * len(mesh.triangles) <= MOST_CONVEX_TESTS:
@@ -184,7 +188,7 @@ def _is_convex(part: VisualMesh) -> bool:
 
 
 def _compute_boxes(corners: np.ndarray, row: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return row_centre and row_half of Triangles."""
+    """Return the attributes row_centre and row_half of Triangles."""
     rows = row.max(initial=-1) + 1
     low, high = np.full((rows, 3), np.inf), np.full((rows, 3), -np.inf)
     np.minimum.at(low, row, corners.min(axis=1))
@@ -198,7 +202,7 @@ _cache: ByteLimitedCache[bytes, Triangles] = ByteLimitedCache(CACHE_BYTES)
 
 
 def _make_key(parts: list[VisualMesh]) -> bytes:
-    """Return a key of the visuals' content, including the file times of their textures."""
+    """Return a checksum of the visuals' content, including the times of their texture files."""
     key = hashlib.blake2b(digest_size=16)
     for part in parts:
         mesh = part.mesh
@@ -218,9 +222,10 @@ def _list_arrays(part: VisualMesh) -> tuple[np.ndarray | None, ...]:
 
 
 def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
-    """Return the unshared corner of each of two triangles (2, 3, 3) that form a flat convex quad.
+    """Test whether two triangles (2, 3, 3) form a flat convex quad.
 
-    None if they do not.
+    Return the index of the corner of each triangle that does not belong to both; None if they do
+    not form such a quad.
     """
     a, b = corners
     same = (a[:, None] == b[None]).all(axis=2)
@@ -231,7 +236,8 @@ def _find_quad(corners: np.ndarray) -> tuple[int, int] | None:
     side = np.roll(outline, -1, axis=0) - outline
     turn = np.cross(side, np.roll(side, -1, axis=0))
     normal = turn.sum(axis=0)
-    # The normal is perpendicular to both diagonals; mesh coordinates have seven digits.
+    # The normal is perpendicular to both diagonals. The tolerance accounts for mesh coordinates
+    # with seven digits.
     near = 1e-6 * np.abs(side).max() + 2e-7 * np.abs(outline).max()
     flat = abs(side[0] @ normal) <= near * np.linalg.norm(normal)
     return (i, j) if flat and (turn @ normal > 0.0).all() else None

@@ -22,11 +22,12 @@ class View:
     Attributes:
         width, height: image size, px.
         world_T_optical: (4, 4) pose of the optical frame (z forward, x right, y down).
-        K: (3, 3) camera matrix without skew. Pixel centres have integer coordinates, so the centre
-            of the image is ((width - 1) / 2, (height - 1) / 2).
-        near, far: surfaces nearer or farther along the optical axis are not drawn, m.
-        lens: tiles of an image through a lens; K is not used then. If rays point sideways or
-            backwards, near and far are measured along the axis of each tile.
+        K: (3, 3) camera matrix of a pinhole, without skew. Pixel centres have integer coordinates,
+        so the centre of the image is ((width - 1) / 2, (height - 1) / 2).
+        near, far: clip distances along the optical axis, m. Surfaces nearer than `near` or farther
+            than `far` are not drawn.
+        lens: tiles of an image through a lens, which are used instead of K; None for a pinhole. If
+            rays point sideways or backwards, near and far are measured along the axis of each tile.
     """
 
     width: int
@@ -39,15 +40,17 @@ class View:
 
     def __post_init__(self) -> None:
         if self.width < 1 or self.height < 1:
-            raise RenderingError(f"a view of {self.width} x {self.height} pixels has no image")
+            raise RenderingError(
+                f"a view of {self.width} x {self.height} px has no image: give sizes above 0"
+            )
         if not 0.0 < self.near < self.far:
             raise RenderingError(
-                f"clip distances near={self.near} far={self.far}: need 0 < near < far"
+                f"clip distances are near={self.near} far={self.far}, must fulfil 0 < near < far"
             )
 
     @property
     def optical_T_world(self) -> np.ndarray:  # noqa: N802
-        """(4, 4), inverse of world_T_optical."""
+        """Inverse (4, 4) of world_T_optical."""
         return inverse(self.world_T_optical)
 
     @property
@@ -63,26 +66,26 @@ class View:
 
 @dataclass(frozen=True)
 class Lighting:
-    """Lighting: a white sun without shadows, or `lights` instead; the defaults are Gazebo's.
+    """Lighting: ambient light, and either a white sun without shadows or `lights`.
 
-    With the sun, a surface of albedo a and normal n reflects
-    a * (ambient + diffuse * max(0, n . -direction)); the image shows this times `scale`.
+    With the sun, a surface of albedo a and normal n reflects a * (ambient + diffuse * max(0, n .
+    -direction)). The image shows this value times `scale`. The defaults are those of Gazebo.
 
     Attributes:
-        direction: from the sun to the ground, world frame.
-        ambient: ambient light.
-        diffuse: light of the sun.
+        direction: direction of the sunlight in the world frame, from the sun to the ground.
+        ambient: intensity of the ambient light.
+        diffuse: intensity of the sunlight.
         background: colour of the background.
-        exposure: 'unclipped' scales the light such that a white surface that faces the sun, the
-            brightest possible, has at most 255; darker images are not changed. 'gazebo' does not
-            scale; values above 255 are clipped, which moves the edges of textures towards the dark
-            side by hundredths of a pixel.
-        lights: lights of any kind and colour (see lamps.py), in addition to the ambient light.
-        shadows: one of SHADOWS, for the lights that cast them.
-        tint: colour of the ambient light (red, green, blue), multiplied by `ambient`.
+        exposure: 'unclipped' scales the light such that the brightest possible surface, which is
+    white and faces the sun, has a grey level of at most 255; images with less light are not
+    changed. 'gazebo' does not scale the light. Grey levels above 255 are then clipped, which moves
+    the edges of textures towards the dark side by hundredths of a pixel.
+        lights: lights of any kind and colour (see lamps.py), which replace the sun.
+        shadows: kind of the shadows of those lights that cast shadows, one of SHADOWS.
+        tint: colour of the ambient light (red, green, blue), by which `ambient` is multiplied.
         sky: whether a sky replaces the background.
-        reference_white_level: white level that the exposure 'unclipped' uses; None for that of this
-            light. It is set for lights that vary, so that the exposure of the camera is constant.
+        reference_white_level: white level that the exposure 'unclipped' uses; None for
+    `white_level`. It is set for lights that vary, so that the exposure of the camera is constant.
     """
 
     direction: tuple[float, float, float] = (-0.5, 0.1, -0.9)
@@ -98,7 +101,7 @@ class Lighting:
 
     @property
     def white_level(self) -> float:
-        """Largest light that a white surface reflects."""
+        """Largest intensity that a white surface reflects."""
         if self.lights:
             diffuse = np.sum([light.diffuse[:3] for light in self.lights], axis=0)
             return float((diffuse + self.ambient * np.array(self.tint)).max())
@@ -106,7 +109,7 @@ class Lighting:
 
     @property
     def scale(self) -> float:
-        """Grey level, in units of 255, per reflected light."""
+        """Factor that converts reflected light to grey levels, where 1 is the grey level 255."""
         if self.exposure == "gazebo":
             return 1.0
         return 1.0 / max(
@@ -116,14 +119,14 @@ class Lighting:
 
     @property
     def ambient_levels(self) -> np.ndarray:
-        """Ambient light (3,), in units of 1/255."""
+        """Ambient light (3,) after scaling, where 1 is the grey level 255."""
         return self.scale * self.ambient * np.array(self.tint)
 
     @cached_property
     def to_sun(self) -> np.ndarray:
-        """Unit vector towards the sun, (3,), world frame."""
+        """Unit vector (3,) towards the sun in the world frame."""
         d = -np.asarray(self.direction, dtype=float)
         norm = np.linalg.norm(d)
         if not norm > 0.0:
-            raise RenderingError("the sun's direction is the zero vector")
+            raise RenderingError("the sun's direction is the zero vector; give another direction")
         return d / norm

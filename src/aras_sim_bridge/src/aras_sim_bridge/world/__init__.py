@@ -1,4 +1,4 @@
-"""Physics world; no other package calls Bullet's dynamics."""
+"""The physics world. Only this package calls the dynamics of Bullet."""
 
 from aras_visual_servo_base.lazy import lazy_exports
 

@@ -1,4 +1,4 @@
-"""Kinematic tree of a model with a fixed base, as arrays for joint_dynamics.py."""
+"""Kinematic tree of a model with a fixed base, as the arrays that joint_dynamics.py reads."""
 
 from collections.abc import Sequence
 
@@ -18,27 +18,31 @@ from aras_sim_bridge.world.joint_dynamics import (
 )
 from aras_visual_servo_base.poses import IDENTITY, Pose
 
-_BODY = 50  # columns of a row of `bodies`
-# rad/s or m/s: speed at which a joint without a velocity limit returns into its position limits
+_BODY = 50  # number of columns of Articulation.bodies
+# Speed at which a joint without a velocity limit returns into its position limits, rad/s or m/s.
 _RETURN_SPEED = 1.0
 
 
 class Articulation:
-    """Rigid bodies of a fixed-base model, one per moving joint.
+    """Rigid bodies of a model with a fixed base, one per moving joint.
 
     A body consists of the child link of a moving joint and all links that are fixed to it. The base
     consists of the root link and all links that are fixed to it.
 
     Attributes:
-        names: moving joints; row k of the arrays belongs to joint names[k].
-        bodies (n, 50): one row per moving joint. Columns 0:30 give the joint frame in the frame of
-            the parent body: three (3, 3) matrices A, B, C for the rotation
-            A + B cos(q) + C sin(q), then the origin (m). Columns 30:33 are the axis in the joint
-            frame, 33 the mass (kg), 34:37 the first moments (kg m) and 37:43 the second moments of
-            mass (kg m²; xx xy xz yy yz zz) in the joint frame about its origin, 43:47 the mass and
-            first moments of the links that gravity acts on, 47:50 the axis in the parent's frame.
+        names: names of the moving joints. Row k of each array belongs to the joint names[k].
+        bodies (n, 50): data of the bodies. q is the joint position. The columns are:
+            0:27   rotation of the joint frame in the frame of the parent body,
+                   A + B cos(q) + C sin(q): the (3, 3) matrices A, B and C
+            27:30  origin of the joint frame in the frame of the parent body, m
+            30:33  joint axis in the joint frame
+            33     mass, kg
+            34:37  first moments of mass about the joint frame's origin, in its axes, kg m
+            37:43  second moments of mass likewise (xx xy xz yy yz zz), kg m²
+            43:47  mass and first moments of only those links that gravity acts on
+            47:50  joint axis in the frame of the parent body
         base (50,): the same columns for the base, in the root frame.
-        tree (n, 4): topology, see joint_dynamics.py.
+        tree (n, 4): topology, described in joint_dynamics.py.
         link_joint: index of the joint that moves each link; -1 for the links of the base.
     """
 
@@ -53,7 +57,8 @@ class Articulation:
         for joint in description.joints.values():
             children.setdefault(joint.parent, []).append(joint)
         order: list[int] = []
-        # link, index of the joint that moves it, pose of the link in that joint's frame
+        # Each entry: a link, the index of the joint that moves it, and its pose in that joint's
+        # frame.
         pending: list[tuple[str, int, Pose]] = [(description.root, -1, IDENTITY)]
         while pending:
             name, mover, pose = pending.pop()
@@ -77,7 +82,7 @@ class Articulation:
         self.tree[:, 3] = range(count)
 
     def _set_frame(self, body: int, at: Pose, axis: Vector3) -> None:
-        """Write the pose `at` of the joint frame in the parent frame, and the axis."""
+        """Write the joint axis, and the pose `at` of the joint frame in the parent frame."""
         rotation, u = at.matrix()[:3, :3], np.array(axis)
         along = np.outer(u, u)
         skew = np.array([[0.0, -u[2], u[1]], [u[2], 0.0, -u[0]], [-u[1], u[0], 0.0]])
@@ -90,8 +95,7 @@ class Articulation:
 
 
 def _add_mass(row: np.ndarray, inertial: Inertial, pose: Pose, gravity: bool) -> None:
-    """Add the inertia of a link to the row of its body; `pose` is the link's frame in the joint's.
-    """
+    """Add the inertia of a link to the row of its body; `pose` is joint_T_link."""
     frame = pose @ inertial.pose
     rotation = frame.matrix()[:3, :3]
     centre = np.array(frame.xyz)
@@ -128,7 +132,8 @@ def make_joint_rows(
             if limits.velocity > 0.0:
                 rows[k, RETURN] = limits.velocity
         ratio, offset = 1.0, 0.0
-        while joint.mimic is not None:  # ends: the reader rejects files whose mimics form a loop
+        # This loop ends, because the reader rejects descriptions whose mimics form a loop.
+        while joint.mimic is not None:
             offset += ratio * joint.mimic.offset
             ratio *= joint.mimic.multiplier
             joint = description.joints[joint.mimic.joint]

@@ -1,6 +1,7 @@
 """Fixed joints that are added and removed between links of two models during the simulation.
 
-The counterparts of the plug-ins gazebo_ros_link_attacher and gazebo_grasp_fix use them.
+They are used by the counterparts of the Gazebo plug-ins gazebo_ros_link_attacher and
+gazebo_grasp_fix.
 """
 
 from __future__ import annotations
@@ -13,13 +14,13 @@ from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Pose
 
-# N and N m, the largest force and torque of such a joint: above that of any motor here, and small
-# enough that the solver does not diverge when an attached object is caught in a wall.
+# Largest force (N) and torque (N m) of a fixed joint: larger than those of any motor here, but
+# small enough that the solver does not diverge when an attached object is caught in a wall.
 _LARGEST_FORCE = 1e6
 
 
 class AttachedLinks(NamedTuple):
-    """Two links that a fixed joint connects, and the names of their models."""
+    """Two links that are connected by a fixed joint, and the names of their models."""
 
     model: str
     link: str
@@ -73,7 +74,11 @@ class Attachments:
         self._on_change()
 
     def detach(self, ends: AttachedLinks) -> None:
-        """Remove the joint between two links; WorldError if they are not attached."""
+        """Remove the joint between two links.
+
+        Raises:
+            WorldError: the links are not attached.
+        """
         if ends not in self._frames:
             attached = ", ".join(f"{a}::{b} and {c}::{d}" for a, b, c, d in self._frames) or "none"
             raise WorldError(f"'{ends.model}::{ends.link}' and '{ends.other_model}::"
@@ -89,7 +94,7 @@ class Attachments:
         self._update_models()
 
     def clear(self) -> None:
-        """Forget all joints, after Bullet was reset."""
+        """Forget all joints; called after Bullet was reset."""
         self._without_contacts.clear()
         self._frames.clear()
         self._constraints.clear()
@@ -101,7 +106,7 @@ class Attachments:
             self._remove_constraint(ends)
 
     def renew(self) -> None:
-        """Create the joints in Bullet that it does not have yet."""
+        """Create those joints that do not exist in Bullet yet."""
         for ends in self._frames:
             if ends not in self._constraints:
                 self._make_constraint(ends)

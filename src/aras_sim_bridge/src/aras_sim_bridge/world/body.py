@@ -1,4 +1,4 @@
-"""Body of a model in Bullet: loading, indices of links and joints, and dynamics parameters."""
+"""The body of a model in Bullet: how it is loaded, its indices, and its dynamics parameters."""
 
 import math
 
@@ -10,9 +10,9 @@ from aras_visual_servo_base.poses import IDENTITY, Pose
 
 DEFAULT_FRICTION = 1.0  # Gazebo's default
 _UNBOUNDED_VELOCITY = 1e9  # Bullet limits joint velocities to 100 rad/s by default
-# m, Bullet's collision margins. Convex hulls of meshes grow by the margin, and resting bodies sink
-# in by the root's; it is small so that they rest at their true height. The margin of the other
-# links cannot be changed.
+# Bullet's collision margins, m. Bullet enlarges convex hulls of meshes by the margin. A body at
+# rest sinks into the ground by the margin of its root, which is therefore small. The margin of the
+# other links cannot be changed.
 LINK_MARGIN = 1e-3
 ROOT_MARGIN = 1e-5
 
@@ -25,7 +25,7 @@ class Body:
         links: Bullet's link index by link name; -1 is the root.
         joint_indices: Bullet's joint index by joint name.
         inertial_poses: link_T_principal by link name; the principal frame is Bullet's link frame.
-        is_asleep: whether the body is put to sleep, so that Bullet's steps do not move it.
+        is_asleep: whether the body is asleep, so that Bullet's steps do not move it.
         weightless_link_masses: masses of the links that gravity does not act on, kg.
         friction: contact friction coefficient by Bullet's link index.
     """
@@ -51,7 +51,8 @@ class Body:
                 self.body_id = pybullet.loadURDF(
                     files.urdf, pose.xyz, pose.quat, useFixedBase=self.fixed_base,
                     flags=pybullet.URDF_USE_INERTIA_FROM_FILE
-                    | pybullet.URDF_USE_IMPLICIT_CYLINDER,  # else a prism, which does not roll
+                    # Without this flag, a cylinder is a prism, which does not roll.
+                    | pybullet.URDF_USE_IMPLICIT_CYLINDER,
                     physicsClientId=self.client)
             except pybullet.error as error:
                 raise WorldError(
@@ -82,7 +83,7 @@ class Body:
         pybullet.removeBody(self.body_id, physicsClientId=self.client)
 
     def set_asleep(self, asleep: bool) -> None:
-        """Put the body to sleep, or wake it up; a woken body moves from the second step on."""
+        """Put the body to sleep, or wake it. It starts to move in the second step after that."""
         self.is_asleep = asleep
         states = ((pybullet.ACTIVATION_STATE_ENABLE_SLEEPING,
                    pybullet.ACTIVATION_STATE_DISABLE_WAKEUP, pybullet.ACTIVATION_STATE_SLEEP)
@@ -98,7 +99,7 @@ class Body:
         for index in range(pybullet.getNumJoints(self.body_id, physicsClientId=self.client)):
             info = pybullet.getJointInfo(self.body_id, index, physicsClientId=self.client)
             if info[1].decode() not in description.joints:
-                continue  # the empty first link of bullet_files.py
+                continue  # an empty link that bullet_files.py added
             joints[info[1].decode()] = index
             links[info[12].decode()] = index
         missing = set(description.links) - set(links)
@@ -110,9 +111,10 @@ class Body:
                          for index, mu in coefficients.items()}
 
     def _set_dynamics(self, bodies: RobotDescription) -> None:
-        """Disable Bullet's own motors, damping and velocity limit, and set ours."""
+        """Disable Bullet's damping and velocity limit, and set contact parameters and inertias."""
         client, body = self.client, self.body_id
-        # For the whole body: with one of these settings, PyBullet applies a link call to the root.
+        # These settings apply to the whole body: PyBullet applies a call with one of them to the
+        # root, whichever link it names.
         pybullet.changeDynamics(body, -1, linearDamping=0.0, angularDamping=0.0,
                                 maxJointVelocity=_UNBOUNDED_VELOCITY, collisionMargin=ROOT_MARGIN,
                                 physicsClientId=client)
@@ -124,7 +126,8 @@ class Body:
                 "restitution": 0.0, "rollingFriction": 0.0, "spinningFriction": 0.0,
             }
             if link.inertial is not None and not (index == -1 and self.fixed_base):
-                # Bullet zeroes tensors that violate the triangle inequality: set the true moments.
+                # Bullet sets an inertia tensor that violates the triangle inequality to zero. Set
+                # the true moments instead.
                 settings["localInertiaDiagonal"] = bullet_files.find_principal_frame(link.inertial)[
                     1
                 ]

@@ -1,4 +1,4 @@
-"""PyBullet without the lines that its C code prints, and the management of Bullet clients."""
+"""Import of PyBullet without the lines that its C code prints, and management of Bullet clients."""
 
 import ctypes
 import os
@@ -10,11 +10,11 @@ from contextlib import contextmanager
 
 @contextmanager
 def silence_output() -> Iterator[None]:
-    """Discard all that C and Python code writes to standard output and error.
+    """Discard all output that C and Python code writes to standard output and standard error.
 
-    Errors still arrive as exceptions.
+    Exceptions are still raised.
     """
-    flush = ctypes.CDLL(None).fflush  # C buffers its output to pipes and files
+    flush = ctypes.CDLL(None).fflush  # needed because C buffers output to pipes and files
     for stream in (sys.stdout, sys.stderr):
         if stream is not None:
             stream.flush()
@@ -34,19 +34,21 @@ def silence_output() -> Iterator[None]:
 
 
 if "pybullet" not in sys.modules:
-    with silence_output():  # it prints "pybullet build time: …"
+    with silence_output():  # pybullet prints "pybullet build time: …"
         import pybullet
 else:
     import pybullet
 
 __all__ = ["connect", "find_contacts", "release_client", "pybullet", "silence_output"]
 
-# Clients without a window that were released before their first step. Connecting takes 14 ms of a
-# study's run. A client that has made steps is not reused: only a fresh one is deterministic.
+# Clients without a window that were released before their first step, for reuse: connecting a new
+# one takes 14 ms in each run of a study. A client that has made steps is not reused, because its
+# results would depend on these steps.
 _idle_clients: list[int] = []
 
 
-# Bullet ends the process if it cannot open its window, so another process tries first.
+# Bullet ends the process if it cannot open its window. Therefore this program tries it first, in a
+# process of its own.
 _WINDOW_PROGRAM = "import pybullet; raise SystemExit(pybullet.connect(pybullet.GUI) < 0)"
 WINDOW_TIMEOUT = 30.0  # s
 
@@ -96,13 +98,14 @@ def release_client(client: int, is_unused: bool) -> None:
 
 
 def find_contacts(body: int, client: int) -> list[tuple[int, int, int, tuple[float, ...]]]:
-    """Return the contacts of a body: its link, the other body, the other link, sixteen numbers.
+    """Return the contacts of a body, each as (link, other body, other link, sixteen numbers).
 
-    The numbers are the contact point (m, world), three forces on the body (normal and two of
-    friction), each as magnitude (N) and unit direction, and the penetration depth (m).
+    The numbers are the contact point in the world (m), three forces on the body and the penetration
+    depth (m). The forces are the normal force and two friction forces, each given as magnitude (N)
+    and unit direction.
 
-    For the contacts of a single body, PyBullet flips the normals where needed, but not the friction
-    directions. Therefore all contacts are read, and both are flipped here.
+    If PyBullet is asked for the contacts of a single body, it reverses the normals where needed,
+    but not the friction directions. Therefore all contacts are read, and both are reversed here.
     """
     found = []
     for c in pybullet.getContactPoints(physicsClientId=client):

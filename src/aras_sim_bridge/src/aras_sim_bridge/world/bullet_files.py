@@ -1,8 +1,9 @@
 """Temporary URDF and mesh files through which a RobotDescription is loaded into Bullet.
 
-Bullet never reads the user's files. It reads new files with the checked data and principal
-inertias, without the damping, friction and effort limits that World applies itself. The camera
-images are rendered from the description; only Bullet's own window needs visuals.
+Bullet never reads the user's files. It reads new files that contain the checked data and principal
+inertias. They do not contain damping, friction and effort limits, which World applies itself. They
+contain visuals only for Bullet's own window, because the camera images are rendered from the
+description.
 """
 
 from __future__ import annotations
@@ -33,19 +34,21 @@ from aras_visual_servo_base.meshes.files import write_obj, write_stl
 from aras_visual_servo_base.poses import Pose, quaternion_from_matrix
 from aras_visual_servo_base.urdf import ZERO, Joint
 
-# For a link without a visual, Bullet builds graphics from the collisions: 4 ms for a plane.
+# Visual of a link that has none. Without it, Bullet would build graphics from the collision shapes,
+# which takes 4 ms for a plane.
 _EMPTY_VISUAL = '<visual><geometry><box size="0 0 0"/></geometry></visual>'
-# m: width of the rims of rolling shapes; between the rims the radius is smaller by the margin
+# Width of the two rims of a rolling shape, and the amount by which the radius is smaller between
+# the rims; m. See _split_round_shape.
 _RIM, _RADIUS_MARGIN = 1e-3, 1e-4
 
 
 def is_root_fixed(description: RobotDescription, requested: bool | None = None) -> bool:
     """Return whether the root link of a model is fixed in the world.
 
-    A root without mass is always fixed. Otherwise `requested` decides; if it is None, the root is
-    fixed if it is named 'world' (the ROS convention), if it is marked as kinematic
-    (`<gazebo reference="root"><kinematic>`, never moved by forces, as in Gazebo) or if the model is
-    static. The mass of the root includes that of the links that are fixed to it.
+    A root without mass is always fixed; links that are fixed to the root count towards its mass.
+    Otherwise `requested` decides. If `requested` is None, the root is fixed if it is named 'world'
+    (the ROS convention), if it is marked as kinematic (`<gazebo reference="root"><kinematic>`: as
+    in Gazebo, forces do not move it), or if the model is static.
     """
     root = give_root_mass(description).links[description.root]
     if requested is None:
@@ -57,9 +60,9 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
     """Return the description with mass in the root link, if a link that is fixed to it has mass.
 
     Many mobile robots have a massless base_link to which the chassis is fixed. Gazebo merges the
-    two, but Bullet would fix a massless root in the world. Therefore the inertial moves from the
-    heaviest link that is fixed to the root to the root itself; the motion is the same, because
-    both belong to one rigid body.
+    two, but Bullet would fix a massless root in the world. Therefore the inertial of the heaviest
+    link that is fixed to the root is moved to the root. This does not change the motion, because
+    both links belong to one rigid body.
     """
     root = description.links[description.root]
     if root.inertial is not None or description.static or root.name == "world":
@@ -84,9 +87,9 @@ def give_root_mass(description: RobotDescription) -> RobotDescription:
     return replace(description, links=links)
 
 
-@lru_cache(maxsize=1024)  # called three times for each link
+@lru_cache(maxsize=1024)  # cached, because it is called three times for each link
 def find_principal_frame(inertial: Inertial) -> tuple[Pose, tuple[float, float, float]]:
-    """Return link_T_principal, the frame of principal inertia, and the moments (kg m²)."""
+    """Return link_T_principal, the pose of the principal axes, and the moments (kg m²)."""
     moments, axes = principal_axes(inertial.inertia)
     pose = inertial.pose @ Pose((0.0, 0.0, 0.0), quaternion_from_matrix(axes))
     return pose, tuple(float(m) for m in moments)
@@ -98,14 +101,14 @@ MEMORY_FOLDER = "/dev/shm"  # noqa: S108
 class BulletFiles:
     """Temporary URDF and mesh files of one model; a context manager that removes them.
 
-    The files are placed directly in the temporary folder: creating and removing a folder for each
-    model takes half of the loading time. The URDF, which is small, is written to a file system in
-    memory if there is one, because removing it from a disk takes 3 ms. File names are unique,
-    because Bullet caches meshes by name.
+    The files are placed directly in the temporary folder, because creating and removing a folder
+    for each model would take half of the loading time. The URDF is small; it is written to a file
+    system in memory if there is one, because removing it from a disk takes 3 ms. File names are
+    unique, because Bullet caches meshes by name.
     """
 
     def __init__(self, description: RobotDescription, fixed_base: bool, visible: bool) -> None:
-        """Write the files; `visible` adds visuals for Bullet's window."""
+        """Write the files; if `visible`, with visuals for Bullet's window."""
         self._paths: list[str] = []
         self._meshes: dict[str, str] = {}
         parts = ['<?xml version="1.0"?>', f"<robot name={quoteattr(description.name)}>"]
@@ -140,7 +143,7 @@ class BulletFiles:
                 os.remove(self._paths.pop())
 
     def write_mesh(self, filename: str) -> str:
-        """Return the path of a copy of a mesh file that Bullet can read, in the same unit."""
+        """Write a copy of a mesh file that Bullet can read, in the same unit; return its path."""
         if filename not in self._meshes:
             meshes = mesh_files.read(filename)
             pieces = {mesh.piece for mesh in meshes}
@@ -152,7 +155,7 @@ class BulletFiles:
         return self._meshes[filename]
 
     def write_plane(self, geometry: Geometry) -> str:
-        """Return the path of a mesh that shows a plane, for which Bullet has no graphics."""
+        """Write a mesh that shows a plane, because Bullet does not draw planes; return its path."""
         path = self._make_file("stl")
         write_stl(shapes.make_meshes(geometry), path)
         return path
@@ -179,7 +182,7 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     else:
         pose, moments = find_principal_frame(link.inertial)
         mass = link.inertial.mass
-    # Bullet rejects moments that violate the triangle inequality and uses zeros; body.py sets the
+    # Bullet replaces moments that violate the triangle inequality by zeros; body.py sets the
     # true moments after loading.
     largest = max(moments)
     ixx, iyy, izz = moments if 2.0 * largest <= sum(moments) else (largest,) * 3
@@ -198,8 +201,8 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
     elif link.collisions:
         body += _EMPTY_VISUAL
     for collision in link.collisions:
-        # A mesh that never moves stays concave (a table with a frame below it); Bullet requires
-        # moving meshes to be convex.
+        # A mesh that never moves may be concave, such as a table with a frame below it. Bullet
+        # requires moving meshes to be convex.
         hollow = ' concave="yes"' if concave and collision.geometry.kind == "mesh" else ""
         for part in (collision,) if concave else _split_round_shape(collision):
             body += f"<collision{hollow}>{_format_shape(part, files)}</collision>"
@@ -209,10 +212,11 @@ def _format_link(link: Link, concave: bool, colour: Rgba | None, files: BulletFi
 def _split_round_shape(collision: Collision) -> Iterator[Collision]:
     """Split a moving cylinder or capsule into a middle part and two rims, so that it rolls freely.
 
-    Bullet finds one contact point per step between two shapes and keeps the points of earlier steps
-    at their old positions. For a rolling cylinder, the end that was found a step earlier lags
-    behind, and the weight on it accelerates the cylinder by some per cent. The rims at both ends
-    touch in one point each; the middle part is slightly thinner and does not touch.
+    In each step, Bullet finds one contact point between two shapes, and it keeps the points of
+    earlier steps at their old positions. Of the two end points of a rolling cylinder, the one that
+    was found a step earlier therefore lags behind, and the weight on it accelerates the cylinder by
+    some per cent. With two rims, each rim has one contact point of its own; the middle part is
+    slightly thinner and touches nothing.
     """
     shape, half = collision.geometry, 0.5 * collision.geometry.length
     if shape.kind not in ("cylinder", "capsule"):
@@ -232,11 +236,11 @@ def _split_round_shape(collision: Collision) -> Iterator[Collision]:
 
 
 def _needs_empty_link(description: RobotDescription) -> bool:
-    """Return whether collisions of a moving link would miss all static bodies.
+    """Return whether an empty first link is needed so that moving links collide with static bodies.
 
-    To decide whether a link is static, Bullet checks that all joints above it are fixed, but skips
-    the joint of the first link. Links that are fixed to a moving first link therefore count as
-    static, and Bullet tests no pairs of static bodies. An empty first link prevents this.
+    Bullet treats a link as static if all joints above it are fixed, but it does not check the joint
+    of the first link. It therefore treats links that are fixed to a moving first link as static,
+    and never tests them against static bodies. An empty first link prevents this.
     """
     joints = list(description.joints.values())
     first = next((joint for joint in joints if joint.parent == description.root), None)

@@ -1,4 +1,4 @@
-"""Checks that a model can be simulated, made before it is loaded into Bullet."""
+"""Checks before a model is loaded into Bullet: whether it can be simulated."""
 
 import math
 from collections.abc import Iterator
@@ -7,9 +7,13 @@ from aras_sim_bridge.description.inertia import principal_axes
 from aras_sim_bridge.description.types import Geometry, Inertial, Link, RobotDescription
 from aras_sim_bridge.errors import WorldError
 
-LARGEST = 1e9  # m, kg: beyond it doubles do not resolve a micrometre, and Bullet's boxes overflow
-SMALLEST = 1e-9  # m, kg: smallest size and mass
-MOST_LINKS = 128  # of one model; PyBullet returns no data for a larger one
+# Largest length (m) and mass (kg). Coordinates in double precision do not resolve a micrometre
+# beyond it, and Bullet's bounding boxes overflow.
+LARGEST = 1e9
+# Smallest size of a shape (m) and mass of a link (kg).
+SMALLEST = 1e-9
+# Largest number of links of a model: PyBullet returns no data for larger models.
+MOST_LINKS = 128
 
 
 def check_simulable(description: RobotDescription, name: str) -> None:
@@ -24,12 +28,12 @@ def check_simulable(description: RobotDescription, name: str) -> None:
                          "other, or split the model")
     for link in description.links.values():
         for where, size in _list_sizes(link):
-            if not size <= LARGEST:  # also refuses NaN
+            if not size <= LARGEST:  # also true for NaN
                 raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
-                                 f"beyond {LARGEST:.0e} m")
+                                 f"beyond {LARGEST:.0e} m; reduce it")
             if where.endswith("size") and size < SMALLEST:
                 raise WorldError(f"model '{name}', link '{link.name}': {where} of {size:.4g} m is "
-                                 f"below {SMALLEST:.0e} m")
+                                 f"below {SMALLEST:.0e} m; increase it")
         if link.inertial is not None and not description.static:
             _check_inertial(link.inertial, f"model '{name}', link '{link.name}'")
     for joint in description.joints.values():
@@ -37,14 +41,14 @@ def check_simulable(description: RobotDescription, name: str) -> None:
         if not distance <= LARGEST:
             raise WorldError(
                 f"model '{name}', joint '{joint.name}': an origin {distance:.4g} m away is "
-                f"beyond {LARGEST:.0e} m"
+                f"beyond {LARGEST:.0e} m; correct its <origin>"
             )
     if not description.static:
         _check_joints(description, name)
 
 
 def _list_sizes(link: Link) -> Iterator[tuple[str, float]]:
-    """Yield the name and value of each length of a link, in m."""
+    """Yield the name and the value (m) of each length in a link's description."""
     if link.inertial is not None:
         yield "a centre of mass", math.hypot(*link.inertial.origin_xyz)
     for kind, parts in (("visual", link.visuals), ("collision", link.collisions)):
@@ -64,10 +68,12 @@ def _list_extents(geometry: Geometry) -> tuple[float, ...]:
 
 def _check_inertial(inertial: Inertial, where: str) -> None:
     if not SMALLEST <= inertial.mass <= LARGEST:
-        raise WorldError(f"{where}: a mass of {inertial.mass:.4g} kg is not within "
-                         f"[{SMALLEST:.0e}, {LARGEST:.0e}] kg")
+        raise WorldError(f"{where}: a mass of {inertial.mass:.4g} kg is not between "
+                         f"{SMALLEST:.0e} and {LARGEST:.0e} kg; correct its <inertial>")
     if not all(map(math.isfinite, inertial.inertia)):
-        raise WorldError(f"{where}: the inertia tensor {inertial.inertia} is not finite")
+        raise WorldError(
+            f"{where}: the inertia tensor {inertial.inertia} is not finite; correct it"
+        )
     moments = sorted(float(moment) for moment in principal_axes(inertial.inertia)[0])
     if moments[0] < -1e-9 * moments[2] or not moments[2] > 0.0:
         raise WorldError(f"{where}: the inertia tensor has the principal moments "
@@ -75,7 +81,8 @@ def _check_inertial(inertial: Inertial, where: str) -> None:
     radius = math.sqrt(moments[2] / inertial.mass)
     if not SMALLEST <= radius <= LARGEST:
         raise WorldError(f"{where}: an inertia of {moments[2]:.4g} kg m² does not fit a mass of "
-                         f"{inertial.mass:.4g} kg; the radius of gyration would be {radius:.4g} m")
+                         f"{inertial.mass:.4g} kg, because the radius of gyration would be "
+                         f"{radius:.4g} m; correct one of them")
 
 
 def _check_joints(description: RobotDescription, name: str) -> None:
@@ -83,7 +90,7 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     parents: dict[str, str] = {}
     for joint in description.joints.values():
         parents[joint.child] = joint.parent
-    with_mass: set[str] = set()  # links that have mass, or carry links with mass
+    with_mass: set[str] = set()  # links with mass, or with a descendant that has mass
     for link in description.links.values():
         name_above = link.name if link.inertial is not None else None
         while name_above is not None and name_above not in with_mass:
@@ -92,6 +99,6 @@ def _check_joints(description: RobotDescription, name: str) -> None:
     for joint in description.joints.values():
         if joint.is_movable and joint.child not in with_mass:
             raise WorldError(
-                f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it has "
-                "no mass; give it an <inertial>"
+                f"model '{name}', link '{joint.child}': joint '{joint.name}' moves it, but it "
+                "has no mass; give it an <inertial>"
             )

@@ -1,4 +1,4 @@
-"""Closed kinematic chains: joints outside the tree, held by Bullet's constraints."""
+"""Closed kinematic chains: joints that are not part of the tree become constraints of Bullet."""
 
 import math
 from collections.abc import Iterator
@@ -8,15 +8,18 @@ from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 from aras_visual_servo_base.poses import Pose, Vector3, scale
 
-_LARGEST_FORCE = 1e12  # N: large enough that the constraint does not give way
-_SMALLEST_LENGTH = 1e-3  # m, half the distance between the two points that define an axis
+# Largest force of a constraint, N: large enough that the constraint does not yield.
+_LARGEST_FORCE = 1e12
+# Smallest distance from a revolute joint to each of the two points that define its axis, m.
+_SMALLEST_LENGTH = 1e-3
 
 
 def close_loop(body: Body, loop: LoopJoint) -> list[int]:
     """Constrain the two links of a loop-closing joint; return Bullet's constraint ids.
 
-    A revolute joint becomes two point constraints on its axis. Their distance from the joint
-    equals the distance of the joint from the farther link frame, which conditions them well.
+    A revolute joint becomes two point constraints on its axis. Their distance from the joint is
+    that from the joint to the farther of the two link frames, so that the constraints are well
+    conditioned.
     """
     joint = loop.joint
     parent, child = (body.inertial_poses[name].inverse() @ pose for name, pose in (
@@ -33,7 +36,7 @@ def close_loop(body: Body, loop: LoopJoint) -> list[int]:
 
 
 def _list_constraints(loop: LoopJoint) -> Iterator[tuple[int, Vector3, Vector3]]:
-    """Yield the type, axis and point of each constraint, in the joint's frame."""
+    """Yield the type of each constraint, and its axis and point in the joint's frame."""
     joint = loop.joint
     if joint.kind in ("revolute", "continuous"):
         half = max(

@@ -1,9 +1,10 @@
 """Slow separation of bodies that overlap after a spawn or a jump, as in Gazebo.
 
-Bullet removes 8 % of the penetration depth per step. A robot that is spawned 5 cm inside the
+Bullet removes 8 % of the penetration depth in each step, so a robot that is spawned 5 cm inside the
 ground leaves it at 4 m/s. If the ground pushes a stretched arm along its links, no joint can yield,
 and the impulses grow without bound. Gazebo limits the separation speed (`<max_vel>`), and its
-contacts are slightly compliant.
+contacts are slightly compliant. This module gives Bullet's contacts both properties while bodies
+overlap.
 """
 
 from __future__ import annotations
@@ -18,30 +19,38 @@ from aras_sim_bridge.world.model import Model
 
 _log = logging.getLogger(__name__)
 
-_SEPARATION_SPEED = 0.01  # m/s, Gazebo's default of <max_vel>
-_DEFAULT_ERP = 0.08  # share of the depth that Bullet removes in a step by default
-_DRIVEN_STEPS = 10  # a body that jumps again within this time is driven by a program
-_CHECK_EVERY = 10  # steps between two checks, in which depths change by 0.1 mm
-# 1/kg, compliance of the contacts while the speed is limited. A Kinova Jaco spawned at joint
-# positions of 0, 18 cm inside the ground, spins at 2000 rad/s with 0 and at 350 rad/s from 1e-4 on.
+# Limit of the separation speed, m/s: Gazebo's default of <max_vel>.
+_SEPARATION_SPEED = 0.01
+# Fraction of the penetration depth that Bullet removes in each step by default.
+_DEFAULT_ERP = 0.08
+# A body that jumps again within this number of steps is assumed to be moved by a program.
+_DRIVEN_STEPS = 10
+# Number of steps between two checks. In this time the depths change by 0.1 mm.
+_CHECK_EVERY = 10
+# Compliance of the contacts while the separation speed is limited, 1/kg. It was measured on a
+# Kinova Jaco that is spawned 18 cm inside the ground: without compliance it spins at 2000 rad/s,
+# with a compliance of 1e-4 or more at 350 rad/s.
 _COMPLIANCE = 1e-3
-_REPORTED_DEPTH = 5e-3  # m: shallower overlaps are not reported
+# Smallest penetration depth that is reported, m.
+_REPORTED_DEPTH = 5e-3
 
 
 class DeepContacts:
-    """Limits the separation speed of contacts from a spawn or jump until all are shallow.
+    """Limits the separation speed of overlapping bodies after a spawn or jump.
+
+    The limit applies until all penetration depths are small.
 
     Attributes:
-        is_active: whether `before_step` and `after_step` have to be called.
+        is_active: whether `before_step` and `after_step` must be called in each step.
     """
 
     def __init__(self, client: int, models: Mapping[str, Model]) -> None:
         self._client, self._models = client, models
         self.is_active = False
-        self._has_unknown_depth = False  # the depths after a jump are known after the next step
-        self._steps_since_move = 0  # steps since the last jump, counted while active
+        self._has_unknown_depth = False  # True from a jump until the step that follows it
+        self._steps_since_move = 0  # number of steps since the last jump, counted while active
         self._largest_depth = 0.0  # m
-        self._has_bounded_speed = False  # whether the parameters differ from Bullet's defaults
+        self._has_bounded_speed = False  # whether the separation speed is limited
         self._parameters = (_DEFAULT_ERP, 0.0)  # Bullet's present ERP and CFM of contacts
         self._reported_links: set[tuple[str, str]] = set()
 
@@ -62,7 +71,7 @@ class DeepContacts:
         self.is_active, self._steps_since_move = True, 0
 
     def clear(self) -> None:
-        """Forget all depths and reports, after Bullet was reset."""
+        """Forget all depths and reports; called after Bullet was reset."""
         self._reported_links.clear()
         self._largest_depth, self._parameters = 0.0, (_DEFAULT_ERP, 0.0)
 
@@ -82,7 +91,7 @@ class DeepContacts:
                                                physicsClientId=self._client)
 
     def after_step(self, dt: float) -> None:
-        """Update the largest penetration depth every few steps."""
+        """Update the largest penetration depth every _CHECK_EVERY steps, and after a jump."""
         self._steps_since_move += 1
         if not self._has_unknown_depth and self._steps_since_move % _CHECK_EVERY:
             return
@@ -93,7 +102,7 @@ class DeepContacts:
         if self._has_unknown_depth:
             self._warn_overlaps(contacts)
         self._has_unknown_depth = False
-        # One step with Bullet's default parameters is still checked.
+        # After the limit is removed, one more step with Bullet's default parameters is checked.
         self.is_active = (
             self._has_bounded_speed
             or self._largest_depth * _DEFAULT_ERP > _SEPARATION_SPEED * dt

@@ -1,4 +1,4 @@
-"""Modified copies of descriptions, as for Gazebo's set_link_properties and set_joint_properties.
+"""Modified copies of descriptions, for Gazebo's set_link_properties and set_joint_properties.
 
     simulation.world.change_model("robot", change_joint(model.description, "elbow", damping=0.5))
 """

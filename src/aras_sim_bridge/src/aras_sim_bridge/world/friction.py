@@ -1,9 +1,10 @@
-"""Contact friction as in Gazebo: the smaller of the two coefficients of a contact applies.
+"""Contact friction as in Gazebo: each contact uses the smaller coefficient of its two links.
 
-Bullet multiplies the two coefficients. Therefore each link gets a value exp(x_i) such that the
-products equal the smaller coefficients: x_i + x_j = log min(mu_i, mu_j) for all contacts, in the
-least-squares sense. The solution is exact unless contacts form rings with contradictory equations,
-such as four links that all touch each other with three different coefficients.
+Bullet multiplies the coefficients mu_i and mu_j of the two links instead. Therefore link i gets
+another coefficient exp(x_i), such that the product of two of them is the smaller original
+coefficient. The equations x_i + x_j = log min(mu_i, mu_j) of all contacts are solved by least
+squares. The solution is exact unless contacts form loops with contradictory equations, such as four
+links that all touch each other and have three different coefficients.
 """
 
 from collections.abc import Iterable
@@ -14,13 +15,15 @@ from aras_sim_bridge.world.body import DEFAULT_FRICTION
 from aras_sim_bridge.world.bullet import pybullet
 from aras_sim_bridge.world.model import Model
 
-CHECK_EVERY = 5  # steps between checks of the contacts; new ones have the product until the next
+# Number of steps between two checks for new contacts. Until it is checked, a new contact has the
+# product of the coefficients of its links.
+CHECK_EVERY = 5
 
 _LinkId = tuple[int, int]  # Bullet's body id and link index
 
 
 class ContactFriction:
-    """Maintains the friction coefficients of all contacts of a world."""
+    """Sets the friction coefficients in Bullet from the present contacts of a world."""
 
     def __init__(self, client: int) -> None:
         self._client = client
@@ -31,7 +34,7 @@ class ContactFriction:
         self.is_active = False
 
     def set_models(self, models: Iterable[Model]) -> None:
-        """Read the coefficients of all models, after some were spawned, deleted or reloaded."""
+        """Read the coefficients of all models; called after spawns, deletions and reloads."""
         self._coefficients, fixed = {}, set()
         for model in models:
             for name, index in model.link_indices.items():
@@ -40,7 +43,8 @@ class ContactFriction:
                     self._coefficients[part] = model.body.friction[index]
                     if model.fixed_base and index == -1:
                         fixed.add(part)
-        # A fixed body is mostly the ground, which is rougher than the bodies on it.
+        # A fixed body is usually the ground, which is rougher than the bodies on it. If its
+        # coefficient is limited to 1, its products with them already are the smaller coefficients.
         self._applied = {part: min(mu, DEFAULT_FRICTION) if part in fixed else mu
                        for part, mu in self._coefficients.items()}
         for (body, link), value in self._applied.items():
@@ -48,11 +52,12 @@ class ContactFriction:
         self._pairs = frozenset()
         self._countdown = 1
         values = self._applied.values()
-        # If at most one coefficient differs from 1, every product equals the smaller one.
+        # If no coefficient is above 1 and at most one differs from 1, every product already is the
+        # smaller coefficient.
         self.is_active = any(v > 1.0 for v in values) or sum(v != 1.0 for v in values) > 1
 
     def before_step(self) -> None:
-        """Update the coefficients if the contacts changed; call it each step while `is_active`."""
+        """Update the coefficients if contacts changed; call this in each step while `is_active`."""
         self._countdown -= 1
         if self._countdown:
             return
@@ -67,7 +72,7 @@ class ContactFriction:
                     self._apply(*part, value)
 
     def _solve_coefficients(self, pairs: Iterable[tuple[_LinkId, _LinkId]]) -> dict[_LinkId, float]:
-        """Return one coefficient per touching link; products equal the smaller original ones."""
+        """Return the coefficient for each touching link, see the equations of this module."""
         smooth = {part for pair in pairs for part in pair if self._coefficients[part] == 0.0}
         rough = [pair for pair in sorted(pairs) if not smooth.intersection(pair)]
         parts = sorted({part for pair in rough for part in pair})

@@ -1,9 +1,10 @@
 """Counterpart of libgazebo_grasp_fix.so: a grasped object is attached to the palm of the gripper.
 
 Friction alone does not hold an object for long in a simulated gripper. Several times a second, the
-plug-in checks whether two fingers press an object with opposed forces, and counts up or down. Above
-a threshold the object is attached to the palm. It is released when the count has fallen and a
-finger has moved away from its contact point (JenniferBuehler/gazebo-pkgs, GazeboGraspFix).
+plug-in checks whether two fingers press an object with opposed forces. It counts up if they do, and
+down otherwise. If the count exceeds a threshold, the object is attached to the palm. The object is
+released when the count has fallen to the threshold and a finger has moved away from its contact
+point. This is the algorithm of GazeboGraspFix (JenniferBuehler/gazebo-pkgs).
 """
 
 from __future__ import annotations
@@ -25,21 +26,23 @@ from aras_visual_servo_base.poses import Pose
 
 log = logging.getLogger(__name__)
 
-_LEAST_FORCE = 1e-4  # N; smaller forces are ignored, as upstream
-_LEAST_RATIO = 0.3  # of the smaller to the larger of two opposed forces, as upstream
+# Smallest force of a finger that is considered, N, as upstream.
+_LEAST_FORCE = 1e-4
+# Smallest ratio of the smaller to the larger of two opposed forces, as upstream.
+_LEAST_RATIO = 0.3
 _NEVER = 1 << 62  # ns
 LinkId = tuple[str, str]  # names of model and link
 
 
 @dataclass
 class FingerContact:
-    """Sums over the steps in which a finger pressed an object.
+    """Contact of a finger with an object: values that are summed over steps with contact.
 
     Attributes:
-        steps: number of these steps.
-        force: force on the object in world axes, N.
-        point: contact point in the finger's frame, m.
-        origin: origin of the object in the finger's frame, m.
+        steps: number of steps in which the finger pressed the object.
+        force: sum of the forces on the object in world axes, N.
+        point: sum of the contact points in the finger's frame, m.
+        origin: sum of the object's origins in the finger's frame, m.
     """
 
     steps: int = 0
@@ -48,7 +51,7 @@ class FingerContact:
     origin: np.ndarray = field(default_factory=lambda: np.zeros(3))
 
     def add(self, force: np.ndarray, point: np.ndarray, origin: np.ndarray) -> None:
-        """Add the values of one step."""
+        """Add the force, the contact point and the origin of one step."""
         self.steps += 1
         self.force += force
         self.point += point
@@ -57,7 +60,13 @@ class FingerContact:
 
 @dataclass
 class GraspedLink:
-    """Object that an arm holds, its joint, and the finger contacts when it was attached."""
+    """An object that an arm holds.
+
+    Attributes:
+        link: model and link of the object.
+        ends: links that the fixed joint connects: the palm and the object.
+        finger_contacts: contacts of the arm's fingers when the object was attached, by finger.
+    """
 
     link: LinkId
     ends: AttachedLinks
@@ -80,11 +89,11 @@ def has_opposed_forces(forces: Iterable[np.ndarray], angle: float) -> bool:
 
 
 class GraspFix:
-    """Grasp plug-in of one model, in simulated time (upstream's uses the wall clock).
+    """Grasp plug-in of one model. It uses simulated time; upstream's plug-in uses the wall clock.
 
     Attributes:
         model: model with the grippers.
-        grasped: grasped object by name of the arm.
+        grasped: the object that each arm holds, by the arm's name.
     """
 
     def __init__(self, description: GraspDescription, model: Model, world: World) -> None:
@@ -108,7 +117,7 @@ class GraspFix:
     def idle_until_ns(self) -> int:
         """Time in ns until which `after_step` need not be called.
 
-        A model that Bullet does not step touches nothing, so its fingers need no checks.
+        While Bullet does not step the model, it touches nothing, so its fingers need no checks.
         """
         if self.model.joints.has_own_dynamics and not self._counts and not self._finger_contacts:
             return _NEVER

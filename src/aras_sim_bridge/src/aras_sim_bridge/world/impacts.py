@@ -1,9 +1,9 @@
 """Impacts of fast free bodies: a body that would hit another within a step is moved to the contact.
 
 Bullet predicts a contact only if the distance is below a fiftieth of the body's size, and never for
-boxes. A body that crosses this distance in one step ends up inside the other body and is pushed
-out of it: a ball of 20 mm that arrived at 5.9 m/s left at 0.34 m/s. Bullet's restitution is also
-correct only if two bodies touch at the start of a step.
+boxes. A body that crosses this distance in one step ends up inside the other body, which pushes it
+out at a wrong speed: a ball of 20 mm that arrived at 5.9 m/s left at 0.34 m/s. Moreover, Bullet's
+restitution is only correct if the two bodies touch at the start of a step.
 """
 
 from __future__ import annotations
@@ -23,13 +23,23 @@ from aras_visual_servo_base.poses import (
     subtract,
 )
 
-_PENETRATION = 1e-5  # m, penetration that Bullet allows at a contact
-_SLOWEST = 0.05  # m/s; slower bodies are left to Bullet: they roll, slide or come to rest
-_STEP_MARGIN = 1.25  # steps of prediction: gravity may accelerate a slow body
-_SEARCH_MARGIN = 10  # steps of travel in which nearby bodies are searched
-_CLEAR_STEPS = 6  # steps without a search after no body was found nearby
-_TILT = 5e-3  # rad, a third of the angle at which Bullet discards the contact points of corners
-_SIDES = 9  # number of directions in which a body is tilted
+# Penetration depth that Bullet allows at a contact, m.
+_PENETRATION = 1e-5
+# Smallest speed of an impact, m/s. Slower bodies roll, slide or come to rest, which Bullet computes
+# correctly.
+_SLOWEST = 0.05
+# Number of steps for which impacts are predicted: more than 1, because gravity may accelerate a
+# slow body.
+_STEP_MARGIN = 1.25
+# Bodies are searched within the distance that a body travels in this number of steps.
+_SEARCH_MARGIN = 10
+# Number of steps without another search after no body was found nearby.
+_CLEAR_STEPS = 6
+# Angle by which _find_corners tilts a body, rad: a third of the angle at which Bullet discards the
+# contact points of corners.
+_TILT = 5e-3
+# Number of directions in which _find_corners tilts a body.
+_SIDES = 9
 
 _LinkId = tuple[int, int]  # Bullet's body id and link index
 
@@ -43,15 +53,16 @@ class Impacts:
 
     def __init__(self, client: int) -> None:
         self._client = client
-        self._links: dict[int, list[int]] = {}  # links with shapes, by free body
-        self._steps_without_check: dict[int, int] = {}  # steps in which no body is near
+        self._links: dict[int, list[int]] = {}  # links with collision shapes, by free body
+        # Number of steps in which no other body can be near, by free body.
+        self._steps_without_check: dict[int, int] = {}
         self._planes: set[int] = set()
         self._jointed: set[int] = set()
         self._bounce: dict[_LinkId, tuple[float, float]] = {}
         self._bouncing: list[_LinkId] = []
 
     def set_models(self, models: Collection[Model]) -> None:
-        """Read the shapes of all models, after some were spawned, deleted or reloaded."""
+        """Read the shapes of all models; called after spawns, deletions and reloads."""
         self._links, self._planes, self._bounce, self._bouncing = {}, set(), {}, []
         self._jointed = {model.body_id for model in models if model.joint_names}
         for model in models:
@@ -69,7 +80,7 @@ class Impacts:
         self.check_all()
 
     def check_all(self) -> None:
-        """Check all bodies in the next step, after one was pushed or moved."""
+        """Check all bodies in the next step; called after one of them was pushed or moved."""
         self._steps_without_check = dict.fromkeys(self._links, 0)
 
     def restore_restitution(self) -> None:
@@ -79,7 +90,10 @@ class Impacts:
         self._bouncing = []
 
     def place_at_impact(self, body: int, linear: Vector3, angular: Vector3, dt: float) -> None:
-        """Move a free body with this twist to the point of impact, if it hits within `dt` s."""
+        """Move a free body to its next point of impact if it hits another body within `dt` s.
+
+        `linear` and `angular` are the body's velocity, m/s and rad/s.
+        """
         if self._steps_without_check[body] > 0 or not self._links[body]:
             self._steps_without_check[body] -= 1
             return
@@ -117,11 +131,12 @@ class Impacts:
 
     def _find_impact(self, body: int, linear: Vector3, angular: Vector3, point: tuple, dt: float
                 ) -> tuple[float, int, _LinkId, float, Vector3, Vector3] | None:
-        """Predict the impact of one contact point; None if there is none within the step.
+        """Predict the impact of a body at one of Bullet's closest points.
 
         Returns:
-            Time to the impact (s), link of the body, body and link that it hits, restitution,
-            contact normal, and velocity (m/s) of a body with joints at the contact.
+            Time to the impact (s), link of the body, body and link that it hits, coefficient of
+        restitution, contact normal, and velocity of the contact point on the other body if that has
+        joints (m/s). None if there is no impact within the step.
         """
         other = point[2]
         speed, drift = (
@@ -148,7 +163,7 @@ class Impacts:
 
     def _compute_closing_speed(self, body: int, linear: Vector3, angular: Vector3, point: Vector3,
                  normal: Vector3) -> float:
-        """Return the speed of a body's point against a normal, m/s."""
+        """Return the speed at which a point of a body moves against a normal, m/s."""
         centre = pybullet.getBasePositionAndOrientation(body, self._client)[0]
         return -_dot(add(linear, cross(angular, subtract(point, centre))), normal)
 
@@ -165,7 +180,7 @@ class Impacts:
         return add(linear, cross(angular, subtract(point, centre)))
 
     def _advance(self, body: int, time: float, drift: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Move a body ahead by `time` s, relative to a frame that moves at `drift`."""
+        """Move a body along its twist for `time` s, relative to a frame with velocity `drift`."""
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         linear, angular = pybullet.getBaseVelocity(body, self._client)
         orientation = normalise(multiply((*scale(angular, 0.5 * time), 1.0), quat))
@@ -178,9 +193,10 @@ class Impacts:
     def _find_corners(self, body: int, normal: Vector3) -> None:
         """Make Bullet find all corners that hit a plane at the same time.
 
-        Bullet finds one corner per step, the deepest, so that a body that lands flat would start to
-        turn about it. It keeps the corners that it found, so the body is tilted slightly in several
-        directions, and contacts are computed for each.
+        In each step, Bullet only finds the deepest corner, so that a body that lands flat would
+        start to turn about it. However, Bullet keeps the corners that it has found. Therefore the
+        body is tilted slightly in several directions, and the contacts are computed for each of
+        them.
         """
         centre, quat = pybullet.getBasePositionAndOrientation(body, self._client)
         twist = pybullet.getBaseVelocity(body, self._client)

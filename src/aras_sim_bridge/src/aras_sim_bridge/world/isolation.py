@@ -1,10 +1,11 @@
 """Choice of the solver for each fixed-base model: its own joint dynamics, or Bullet.
 
-The steps of joint_dynamics.py take a tenth of Bullet's time, are exact, and give the same result to
-the last bit as without other models. Bullet takes over while another body may touch the model. The
-bounding boxes are therefore checked from time to time, as rarely as the speeds allow. While
-joint_dynamics.py steps a model, its copy in Bullet sleeps at the pose of the last check: no body
-can reach it before the next one.
+A step of joint_dynamics.py takes a tenth of the time of a step of Bullet and is exact. Its result
+does not depend on other models, not even in the last bit. However, it does not compute contacts.
+Therefore Bullet steps a model while another body may touch it. Whether this is possible is decided
+from bounding boxes, which are checked as rarely as the speeds allow. While joint_dynamics.py steps
+a model, its copy in Bullet sleeps at the pose of the last check, because no body can reach the
+model before the next check.
 """
 
 from __future__ import annotations
@@ -16,13 +17,17 @@ from dataclasses import dataclass
 from aras_sim_bridge.world.model import Model
 from aras_sim_bridge.world.reach import MARGIN, Box, HalfSpace, can_meet, compute_reach, find_solids
 
-_CONTACT_DISTANCE = 0.02  # m between boxes; bodies that are closer may touch in the next step
-# m/s, added to all measured speeds: the speed that forces may add between two checks
+# Distance between bounding boxes below which two bodies may touch in the next step, m.
+_CONTACT_DISTANCE = 0.02
+# Speed that forces may add between two checks, m/s. It is added to all measured speeds.
 _SPEED_MARGIN = 5.0
-_RETURN_STEPS = 8  # steps of free travel before joint_dynamics.py replaces Bullet
+# joint_dynamics.py replaces Bullet when no contact is possible in this number of steps.
+_RETURN_STEPS = 8
 _FAR = 1e9  # m
-_ARM_LENGTH = 2.0  # m, assumed lever of another robot, to turn joint speeds into m/s
-# steps between checks: while Bullet steps the model; with a body within reach; with none; never
+# Assumed lever of another robot, m, which converts its joint speeds to m/s.
+_ARM_LENGTH = 2.0
+# Numbers of steps between two checks: _OFTEN while Bullet steps the model, at most _WITHIN if a
+# body may come within the model's reach, _SELDOM if none does, _NEVER if there is none.
 _OFTEN, _WITHIN, _SELDOM, _NEVER = 10, 20, 100, 1 << 60
 
 
@@ -32,7 +37,7 @@ class IsolatedModel:
 
     Attributes:
         model: the model.
-        reach: boxes that its moving links never leave.
+        reach: boxes that the moving links never leave.
         links: Bullet's indices of the moving links.
         nearby_models: other fixed-base models that the moving links may touch.
     """
@@ -66,7 +71,7 @@ class IsolatedModel:
         far = min(
             (_compute_steps(self.reach, solid, fastest, dt) for solid in loose), default=_SELDOM
         )
-        if far >= _SELDOM and not self.nearby_models:  # far from all poses of the model
+        if far >= _SELDOM and not self.nearby_models:  # no body is near the reach
             return _SELDOM
         boxes, speed = self.compute_boxes_and_speed()
         near = [_compute_steps(boxes, solid, speed + fastest, dt) for solid in loose]
@@ -86,19 +91,18 @@ class IsolationMonitor:
     Attributes:
         isolated_models: fixed-base models with joints, which joint_dynamics.py may step.
         steps_until_update: steps until `update` is due.
-        is_base_touchable: whether a free body may touch a resting base that is held fixed.
+        is_base_touchable: whether a free body may touch a resting base that is treated as fixed.
     """
 
     def __init__(self, models: Mapping[str, Model], window: bool) -> None:
-        """Create a monitor; with `window`, Bullet makes all steps, because its window shows them.
-        """
+        """Create a monitor; if Bullet has a `window`, Bullet steps all models, to show them."""
         self._models, self._window = models, window
         self.isolated_models: list[IsolatedModel] = []
         self._loose: list[Model] = []
         self.steps_until_update, self.is_base_touchable = 0, False
 
     def refresh(self) -> None:
-        """Collect the models again, after some were spawned, deleted, fixed or released."""
+        """List the models; called after models were spawned, deleted, fixed or freed."""
         models = self._models.values()
         fixed = [model for model in models if model.fixed_base]
         self._loose = [model for model in models if not model.fixed_base]
@@ -128,9 +132,9 @@ class IsolationMonitor:
         self.steps_until_update = 0
 
     def update(self, dt: float) -> None:
-        """Choose the solver of each model, for steps of `dt` s."""
+        """Choose the solver of each model for the following steps of `dt` s."""
         loose = [find_solids(model, model.link_indices.values()) for model in self._loose]
-        # m/s; doubled, because one free body may hit another
+        # Doubled, because a free body that is hit by another one may become faster; m/s.
         fastest = 2.0 * max(map(_compute_speed, self._loose), default=0.0)
         wait, self.is_base_touchable = _NEVER, False
         for isolated in self.isolated_models:
@@ -139,7 +143,8 @@ class IsolationMonitor:
                 0.0 if model.is_attached else isolated.compute_isolated_steps(loose, fastest, dt)
             )
             is_isolated = steps >= (1 if model.joints.has_own_dynamics else _RETURN_STEPS)
-            if model.body.is_asleep and not is_isolated:  # it moves from the second step on
+            # A woken body moves only from the second step on, so wake it one step early.
+            if model.body.is_asleep and not is_isolated:
                 model.body.set_asleep(False)
                 wait = 1
                 continue
@@ -162,6 +167,9 @@ def _compute_speed(model: Model) -> float:
 
 def _compute_steps(boxes: Iterable[Box], solids: Iterable[Box | HalfSpace], speed: float,
            dt: float) -> float:
-    """Return the number of steps of `dt` s before boxes and solids may meet at `speed` m/s."""
+    """Return after how many steps of `dt` s boxes and solids that approach at `speed` may touch.
+
+    The unit of `speed` is m/s.
+    """
     gap = min((other.gap(one) for one in boxes for other in solids), default=_FAR)
     return (gap - _CONTACT_DISTANCE) / ((speed + _SPEED_MARGIN) * dt)

@@ -1,15 +1,17 @@
-"""Viscous joint damping of free-base models, stable for any d dt / I.
+"""Viscous joint damping of models with a free base, stable for any damping and time step.
 
-Bullet applies URDF damping explicitly, tau = -d v. This oscillates if d dt / I > 1 and diverges if
-d dt / I > 2. The method depends on r, the largest eigenvalue of dt D^1/2 M^-1 D^1/2:
+Bullet applies the damping d of a URDF joint explicitly: tau = -d v, with the joint velocity v
+before the step. With the inertia I and the time step dt, the velocity oscillates if d dt / I > 1
+and diverges if d dt / I > 2. Therefore the method depends on r, the largest eigenvalue of
+dt D^1/2 M^-1 D^1/2, where M is the mass matrix and D the diagonal matrix of the joints' damping:
 
-- r <= EXPLICIT_BOUND: Bullet's explicit damping, at no cost. Terminal velocities are exact; the
-  decay rate has a relative error of r/2.
-- r > EXPLICIT_BOUND: each stiff joint gets a velocity motor that removes the share r_i / (1 + r_i)
-  of its velocity, with r_i = d_i dt (M^-1)_ii. This is implicit Euler for each joint. The motor
-  replaces the joint's Coulomb friction.
+- r <= EXPLICIT_BOUND: Bullet's explicit damping is used, which takes no time. Terminal velocities
+  are exact; the decay rate has a relative error of r/2.
+- r > EXPLICIT_BOUND: each stiff joint i gets a velocity motor, which removes the fraction
+  r_i / (1 + r_i) of its velocity in each step, with r_i = d_i dt (M^-1)_ii. This is the implicit
+  Euler method for each joint. The motor replaces the joint's Coulomb friction.
 
-Fixed-base models have their damping from joint_dynamics.py.
+For models with a fixed base, joint_dynamics.py computes the damping.
 """
 
 from typing import Protocol
@@ -17,14 +19,18 @@ from typing import Protocol
 import numpy as np
 
 EXPLICIT_BOUND = 0.5
-CHECK_EVERY = 200  # steps; the inertia changes slowly with the configuration at 1 ms
+# Number of steps between two choices of the method. The inertia changes little in this time.
+CHECK_EVERY = 200
 
 
 class DampedJoints(Protocol):
     """Interface of a model's joints, implemented by ModelJoints.
 
-    A joint is identified by its index `slot` in `damping_coefficients` (N m s/rad or N s/m) and
-    `stiffness` (N m/rad or N/m).
+    The index `slot` of a joint is its index in the lists below.
+
+    Attributes:
+        damping_coefficients: viscous damping of each joint, N m s/rad or N s/m.
+        stiffness: stiffness of each joint's spring, N m/rad or N/m.
     """
 
     damping_coefficients: list[float]
@@ -37,11 +43,11 @@ class DampedJoints(Protocol):
 
 
 class JointDamping:
-    """Damping of the joints of one model; a new one is made when the model is loaded.
+    """Damping of the joints of one model. Whenever the model is loaded, a new object is made.
 
     Attributes:
-        springs: stiffness by joint, reduced such that the explicit step of a spring equals the
-            implicit step of a single joint.
+        springs: reduced stiffness by joint index. With the reduction, an explicit step of the
+    spring equals an implicit step of the joint alone.
     """
 
     def __init__(self, joints: DampedJoints) -> None:
@@ -51,14 +57,14 @@ class JointDamping:
         self.springs: dict[int, float] = {}
 
     def before_step(self, dt: float) -> None:
-        """Choose the damping method every CHECK_EVERY steps; called before each step."""
+        """Choose the damping method every CHECK_EVERY steps. This is called before each step."""
         if self._countdown == 0:
             self._choose_method(dt)
             self._countdown = CHECK_EVERY
         self._countdown -= 1
 
     def invalidate(self) -> None:
-        """Choose the method at the next step, after a jump of joints, inertia or time step."""
+        """Choose the method again at the next step: positions, inertia or time step changed."""
         self._countdown = 0
 
     def _choose_method(self, dt: float) -> None:

@@ -1,56 +1,65 @@
-"""Joint-space dynamics of a fixed-base kinematic tree, and one time step of it; compiled.
+"""Compiled joint-space dynamics of a kinematic tree with a fixed base, and its time step.
 
-All vectors are in the axes of the root frame. Spatial vectors are about its origin, angular part
-first, so that the inertias and forces of a subtree are summed without being transformed. The mass
-matrix comes from the composite-rigid-body algorithm, gravity and velocity terms from the recursive
-Newton-Euler algorithm (Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6).
+All vectors are in the axes of the root frame. Spatial vectors refer to the origin of the root frame
+and have the angular part first. Therefore the inertias and forces of a subtree can be added without
+transformation. The mass matrix M is computed with the composite-rigid-body algorithm. The bias
+efforts, due to gravity and velocities, are computed with the recursive Newton-Euler algorithm
+(Featherstone, Rigid Body Dynamics Algorithms, 2008, chapters 5 and 6).
 
-A step is semi-implicit Euler. Damping, springs, friction and stops are implicit:
+A step of the length dt uses the semi-implicit Euler method for the positions q and velocities v;
+damping, springs, friction and stops are implicit:
 
     (M + dt D + dt² K) v+ = M v + dt (effort - bias - K (q - q0)) - dt (friction + stops),
     q+ = q + dt v+
 
-K and q0 are the stiffness and the rest position of the springs. The friction of joint i is at most
-f_i: below f_i the joint moves at its target speed (0, or that of a velocity motor), otherwise the
-friction equals f_i against the relative motion. The stops apply the effort that keeps q+ within the
-limits. This is a convex problem with one solution. The set of joints that stick, slide or are at a
-stop is stored as the first guess for the next step, and this guess is mostly right.
+The superscript + marks values after the step. D is the damping. K and q0 are the stiffness and the
+rest position of the springs. The friction of joint i is at most f_i. If a friction below f_i
+suffices, the joint moves at its target speed, which is 0 or that of a velocity motor; otherwise the
+friction is f_i and opposes the relative motion. The stops apply the efforts that keep q+ within the
+limits. This is a convex problem with one solution. Each joint has a mode: it sticks, slides or is
+at a stop. The modes are stored as the first guess for the next step, which is usually right.
 
-Arrays, with one row or column per joint unless stated otherwise:
+The functions use these arrays, with n joints:
 
-    bodies (n, 50): see Articulation.bodies
-    tree (n, 4): tree[k, 0] is the k-th joint in an order from the root outwards; then for joint j:
-        its parent joint (-1: the root), whether it is prismatic, and the joint that it mimics (its
-        own index if none)
-    joints (n, 11): columns by the constants below
-    state (3, n): position, velocity, effort (rad or m, per s, N m or N)
+    bodies (n, 50): data of the bodies, see Articulation.bodies
+    tree (n, 4): topology. tree[:, 0] lists the joints in an order from the root outwards.
+        tree[j, 1:4] are, for joint j, its parent joint (-1 for the root), whether it is prismatic,
+        and the joint that it mimics (j itself if none)
+    joints (n, 11): parameters of the joints; constants below name the columns
+    state (3, n): positions (rad or m), velocities (rad/s or m/s) and efforts (N m or N)
     wrenches (n, 6): external torque and force on each body in the next step
-    gravity (3,): m/s²
-    frames (n, 46), matrices (3, n, n): work space; matrices[0] receives the mass matrix
-    rows (9, n): bias; effort of damping, springs and stops; new velocity; old velocity; work space
-    modes (n,): the set that is stored from step to step
+    gravity (3,): gravity vector, m/s²
+    frames (n, 46): work space, see _compute_kinematics
+    matrices (3, n, n): the mass matrix in matrices[0]; the others are work space
+    rows (9, n): vectors and work space; constants below name the rows
+    modes (n,): modes of the joints
 """
 
 from math import cos, inf, isfinite, sin, sqrt
 
 from aras_visual_servo_base.compiled import jit
 
-# column indices of the array `joints`
+# Column indices of the array `joints`. FORCE is the friction f, TARGET the target speed, RETURN the
+# speed of the return from beyond a limit, FASTEST the hard velocity limit. RATIO and OFFSET relate
+# the joint to the one that it mimics.
 (DAMPING, FORCE, TARGET, LOWER, UPPER, RETURN, FASTEST, RATIO, OFFSET, STIFFNESS,
  REST) = range(11)
-# values of `modes`: at the target speed, above it, below it, at the lower or the upper bound
+# Values of `modes`: the speed is at the target speed, above it, below it, at its lower bound, at
+# its upper bound.
 _AT, _ABOVE, _BELOW, _LOW, _HIGH = range(5)
-# Share of its position error that a joint outside its limits, or a mimicking joint, corrects per
-# step.
+# Fraction of its position error that a joint corrects in each step if it is beyond a limit or
+# mimics another joint.
 _BACK = 0.2
-# rad/s or m/s: beyond it the simulation counts as diverged. With steps of 1 ms, a joint then makes
-# 160 turns per step, and no force can depend on its position.
+# Speed (rad/s or m/s) above which the simulation is reported as diverged. With steps of 1 ms, a
+# joint then makes 160 turns per step, so that no force can depend on its position.
 FASTEST_SPEED = 1e6
 NO_LIMIT_FORCE = 1e18
-_GUESSES, _SWEEPS = 20, 4000  # largest numbers of mode corrections, and of sweeps after them
+# Largest number of corrections of the modes. If they do not suffice, at most _SWEEPS sweeps follow.
+_GUESSES, _SWEEPS = 20, 4000
 _ROUNDING = 1e-12  # relative rounding error
 
-# row indices of the array `rows`
+# Row indices of the array `rows`. BIAS are the bias efforts, PUSH the efforts of damping, springs
+# and stops, SPEED the velocities after the step, BEFORE those before it.
 BIAS, PUSH, SPEED, BEFORE, _RIGHT, _BOTTOM, _TOP, _HOLD, _GOAL = range(9)
 _TREE_TYPES = (
     "f8[:,::1], i8[:,::1], f8[:,::1], f8[:,::1], f8[::1], f8[:,::1], f8[:,:,::1], f8[:,::1]"
@@ -61,18 +70,18 @@ _SOLVER_TYPES = "i8[:,::1], i8[::1], f8[:,:,::1], f8[:,::1]"
 
 @jit("f8[::1], f8[::1], f8[::1]", allocates=False)
 def _compute_inertia(b, f, gravity):
-    """Compute the spatial inertia of a body and its inverse-dynamics force into `f`.
+    """Write the spatial inertia of body `b`, and the force that its motion requires, to `f`.
 
-    The force includes gravity, with the accelerations of the joints set to 0.
+    The force is that of inverse dynamics, with gravity and with joint accelerations of 0.
     """
     px, py, pz = f[9], f[10], f[11]
     m = b[33]
-    # first moment about the body's origin, then about the root's
+    # First moment of mass about the body's origin, then about the root's origin.
     gx = f[0] * b[34] + f[1] * b[35] + f[2] * b[36]
     gy = f[3] * b[34] + f[4] * b[35] + f[5] * b[36]
     gz = f[6] * b[34] + f[7] * b[35] + f[8] * b[36]
     hx, hy, hz = gx + m * px, gy + m * py, gz + m * pz
-    # second moments in the root's axes: R I R^T
+    # Second moments of mass in the root's axes: R I R^T, with the rotation R of the body.
     for i in range(3):
         x, y, z = f[3 * i], f[3 * i + 1], f[3 * i + 2]
         u = x * b[37] + y * b[38] + z * b[39]
@@ -90,7 +99,7 @@ def _compute_inertia(b, f, gravity):
     f[39] += m * (pp - pz * pz) + 2.0 * (pg - pz * gz)
     f[30], f[31], f[32], f[33] = m, hx, hy, hz
     ixx, ixy, ixz, iyy, iyz, izz = f[34], f[35], f[36], f[37], f[38], f[39]
-    # momentum, and its time derivative with the acceleration so far
+    # Momentum of the body, and its time derivative with joint accelerations of 0.
     wx, wy, wz, vx, vy, vz = f[18], f[19], f[20], f[21], f[22], f[23]
     lx = ixx * wx + ixy * wy + ixz * wz + hy * vz - hz * vy
     ly = ixy * wx + iyy * wy + iyz * wz + hz * vx - hx * vz
@@ -108,7 +117,7 @@ def _compute_inertia(b, f, gravity):
     f[43] = m * ax + by * hz - bz * hy + wy * kz - wz * ky
     f[44] = m * ay + bz * hx - bx * hz + wz * kx - wx * kz
     f[45] = m * az + bx * hy - by * hx + wx * ky - wy * kx
-    # gravity, on the part of the mass that it acts on
+    # Gravity on those links of the body that it acts on.
     n = b[43]
     gx, gy, gz = (
         f[0] * b[44] + f[1] * b[45] + f[2] * b[46] + n * px,
@@ -125,11 +134,18 @@ def _compute_inertia(b, f, gravity):
 
 @jit("f8[:,::1], i8[:,::1], f8[:,::1], f8[::1], f8[:,::1]", allocates=False)
 def _compute_kinematics(bodies, tree, state, gravity, frames):
-    """Compute poses, joint axes, velocities, inertias and forces of all bodies into `frames`.
+    """Write poses, joint axes, velocities, inertias and forces of all bodies to `frames`.
 
-    Columns: 0 rotation, 9 origin, 12 joint axis (angular, linear), 18 velocity, 24 acceleration for
-    joint accelerations of 0, 30 mass, 31 first moments, 34 second moments (xx xy xz yy yz zz),
-    40 force.
+    The columns of `frames` are:
+        0:9    rotation
+        9:12   origin
+        12:18  joint axis (angular, linear)
+        18:24  velocity
+        24:30  acceleration for joint accelerations of 0
+        30     mass
+        31:34  first moments of mass
+        34:40  second moments of mass (xx xy xz yy yz zz)
+        40:46  force, see _compute_inertia
     """
     for place in range(len(tree)):
         j = tree[place, 0]
@@ -139,7 +155,7 @@ def _compute_kinematics(bodies, tree, state, gravity, frames):
         slides = tree[j, 2] == 1
         c, s = (1.0, 0.0) if slides else (cos(q), sin(q))
         shift = q if slides else 0.0
-        # the joint's frame in the parent's: rotation r, origin o
+        # Rotation r and origin o of the joint's frame in the parent's frame.
         r0 = b[0] + c * b[9] + s * b[18]
         r1 = b[1] + c * b[10] + s * b[19]
         r2 = b[2] + c * b[11] + s * b[20]
@@ -189,7 +205,7 @@ def _compute_kinematics(bodies, tree, state, gravity, frames):
 
 @jit("i8[:,::1], f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
 def _compute_mass_matrix(tree, frames, mass, bias):
-    """Compute mass matrix and bias efforts from the output of `_compute_kinematics`.
+    """Compute the mass matrix and the bias efforts from the output of `_compute_kinematics`.
 
     The bodies are visited from the tips to the root.
     """
@@ -246,7 +262,9 @@ def _start_step(state, wrenches, rows):
 
 @jit("i8[:,::1], f8[:,::1], f8[:,::1], f8, f8[:,:,::1], f8[:,::1]", allocates=False)
 def _reduce(tree, joints, state, dt, matrices, rows):
-    """Reduce the problem to the joints that mimic no other: matrix, right side, bounds, friction.
+    """Set up the equations of a step for the joints that do not mimic another joint.
+
+    The matrix is written to matrices[1]; right side, bounds, friction and target speeds to `rows`.
     """
     n = len(tree)
     mass, a = matrices[0], matrices[1]
@@ -271,7 +289,7 @@ def _reduce(tree, joints, state, dt, matrices, rows):
         if joints[j, TARGET] != 0.0:
             rows[_GOAL, c] = joints[j, TARGET] / ratio
         q, lower, upper = state[0, j], joints[j, LOWER], joints[j, UPPER]
-        # A joint beyond a limit moves no further out; `advance` moves it back.
+        # These bounds keep a joint beyond a limit from moving farther out; `advance` moves it back.
         low = max(min((lower - q) / dt, 0.0), -joints[j, FASTEST])
         high = min(max((upper - q) / dt, 0.0), joints[j, FASTEST])
         if ratio < 0.0:
@@ -284,7 +302,7 @@ def _reduce(tree, joints, state, dt, matrices, rows):
 
 @jit(_SOLVER_TYPES, allocates=False)
 def _solve_speeds(tree, modes, matrices, rows):
-    """Solve for the new speeds with the joints in the given modes (Cholesky)."""
+    """Solve for the new speeds with the given modes, by a Cholesky factorisation."""
     n = len(tree)
     a, low = matrices[1], matrices[2]
     v = rows[SPEED]
@@ -330,7 +348,7 @@ def _solve_speeds(tree, modes, matrices, rows):
 
 @jit(_SOLVER_TYPES, allocates=False)
 def _correct_modes(tree, modes, matrices, rows):
-    """Correct the modes that the speeds contradict; return whether any mode was wrong."""
+    """Correct the modes that contradict the new speeds; return whether there were any."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
     changed = False
@@ -379,7 +397,7 @@ def _correct_modes(tree, modes, matrices, rows):
 
 @jit(_SOLVER_TYPES, allocates=False)
 def _sweep(tree, modes, matrices, rows):
-    """Solve by projected Gauss-Seidel, which converges slowly, but from any set of modes."""
+    """Solve for the new speeds by projected Gauss-Seidel, which is slow but always converges."""
     n = len(tree)
     a, v = matrices[1], rows[SPEED]
     for c in range(n):
@@ -419,7 +437,7 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
     converged = False
     for c in range(len(tree)):
         bound = rows[_BOTTOM if modes[c] == _LOW else _TOP, c]
-        if modes[c] >= _LOW and not isfinite(bound):  # this joint has no stop any more
+        if modes[c] >= _LOW and not isfinite(bound):  # the stop was removed
             modes[c] = _AT
     for _ in range(_GUESSES):
         _solve_speeds(tree, modes, matrices, rows)
@@ -428,13 +446,13 @@ def _solve(tree, joints, state, dt, matrices, rows, modes):
             break
     if not converged:
         _sweep(tree, modes, matrices, rows)
-    for j in range(len(tree)):  # a leader has itself as leader, with ratio 1
+    for j in range(len(tree)):  # tree[j, 3] is j, with ratio 1, unless j mimics another joint
         rows[SPEED, j] = joints[j, RATIO] * rows[SPEED, tree[j, 3]]
 
 
 @jit(_TREE_TYPES, allocates=False)
 def compute_dynamics(bodies, tree, state, wrenches, gravity, frames, matrices, rows):
-    """Compute the mass matrix (n, n) into matrices[0] and the bias efforts (n,) into rows[BIAS]."""
+    """Write the mass matrix (n, n) to matrices[0] and the bias efforts (n,) to rows[BIAS]."""
     _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
 
 
@@ -445,7 +463,8 @@ def advance(
     """Make one step of `dt` s: write the new positions and velocities to `state`.
 
     Returns:
-        -1, or the first joint whose position is not finite or whose speed exceeds FASTEST_SPEED.
+        Index of the first joint whose position is not finite or whose speed exceeds FASTEST_SPEED;
+        -1 if there is none.
     """
     _compute_equations(bodies, tree, state, wrenches, gravity, frames, matrices, rows)
     _start_step(state, wrenches, rows)
@@ -464,7 +483,7 @@ def advance(
         if leader != j:
             target = joints[j, RATIO] * state[0, leader] + joints[j, OFFSET]
             state[0, j] += _BACK * (target - state[0, j])
-        # Correct the position only: the joint gets no speed from the correction.
+        # Correct only the position, so that the correction does not change the speed.
         excess = state[0, j] - min(max(state[0, j], joints[j, LOWER]), joints[j, UPPER])
         if excess != 0.0:
             largest = dt * joints[j, RETURN]
@@ -479,7 +498,7 @@ def advance(
 def compute_reactions(
     bodies, tree, state, wrenches, gravity, frames, matrices, rows, joints, modes, dt
 ):
-    """Compute efforts of damping, springs and stops in the next step of `dt` s into rows[PUSH].
+    """Write the efforts of damping, springs and stops in the next step of `dt` s to rows[PUSH].
 
     Friction is not included; the solver that makes the step (Bullet) applies it.
     """

@@ -32,16 +32,19 @@ from aras_visual_servo_base.poses import (
 
 
 class JointSpace:
-    """Arrays of joint_dynamics.py for one model, with the joints in the order of `names`.
+    """State and dynamics of one model's joints, in the arrays of joint_dynamics.py.
+
+    The joints are in the order of the constructor's argument `names`.
 
     Attributes:
-        moving_links: links that a joint moves.
-        return_speeds (n,): speeds at which joints return from beyond their stops, rad/s or m/s.
-        state (3, n): positions, velocities, efforts; rad or m, per s, N m or N. The caller sets it.
+        moving_links: names of the links that a joint moves.
+        return_speeds (n,): speed at which each joint returns from beyond its stops, rad/s or m/s.
+        state (3, n): positions (rad or m), velocities (rad/s or m/s) and efforts (N m or N). The
+            caller sets them.
         previous_speeds (n,): velocities before the last step, rad/s or m/s.
-        gravity (3,): m/s², in the root's axes.
-        tree, frames: see joint_dynamics.py.
-        arrays: arguments of `joint_dynamics.advance` before dt.
+        gravity (3,): gravity vector in the root's axes, m/s².
+        tree, frames: arrays that are described in joint_dynamics.py.
+        arrays: all arguments of `joint_dynamics.advance` except dt.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
@@ -68,7 +71,7 @@ class JointSpace:
         self._links = LinkPoses(description, names)
 
     def set_root(self, root: Pose, gravity: Vector3) -> None:
-        """Set the pose of the root, world_T_root, and gravity in world axes, m/s²."""
+        """Set the pose of the root, world_T_root, and the gravity vector in world axes (m/s²)."""
         self._root = root
         self._links.set_root(root)
         self.gravity[:] = rotate(conjugate(root.quat), gravity)
@@ -86,7 +89,7 @@ class JointSpace:
         return origins.take(rows, axis=0), quaternions.take(rows, axis=0)
 
     def set_motor(self, slot: int, velocity: float, force: float) -> None:
-        """Drive a joint at `velocity` with at most `force`; a velocity of 0 is Coulomb friction."""
+        """Drive a joint at `velocity` with at most `force`; `velocity=0` is Coulomb friction."""
         self._joints[slot, TARGET] = velocity
         self._joints[slot, FORCE] = force
 
@@ -112,11 +115,11 @@ class JointSpace:
         )
 
     def advance(self, dt: float) -> int:
-        """Make one step of `dt` s; return -1, or the index of a joint that diverged."""
+        """Make one step of `dt` s; return the index of a joint that diverged, or -1 if none did."""
         return joint_dynamics.advance(*self.arrays, dt)
 
     def compute_reactions(self, dt: float) -> list[float]:
-        """Return the efforts of damping, springs and stops for a step of `dt` s made by Bullet."""
+        """Return the efforts of damping, springs and stops in Bullet's next step of `dt` s."""
         joint_dynamics.compute_reactions(*self.arrays, dt)
         return self._rows[PUSH].tolist()
 
@@ -140,7 +143,7 @@ class JointSpace:
         matrix[:6, :6] = _spatial_inertia(base[33], base[34:37], base[37:43])
         matrix[6:, 6:] = mass
         for j, frame in enumerate(self.frames, 6):
-            # spatial inertia of all bodies beyond the joint
+            # Spatial inertia of all bodies that the joint carries.
             inertia = _spatial_inertia(frame[30], frame[31:34], frame[34:40])
             matrix[:6, j] = matrix[j, :6] = inertia @ frame[12:18]
             if self.tree[j - 6, 1] < 0:
@@ -149,8 +152,7 @@ class JointSpace:
 
 
 def _spatial_inertia(mass: float, first: np.ndarray, second: np.ndarray) -> np.ndarray:
-    """Return the spatial inertia (6, 6), angular part first, from mass and moments about a point.
-    """
+    """Return the spatial inertia (6, 6), angular part first, from mass and moments of mass."""
     x, y, z = first
     cross_first = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     return np.block([[inertia_tensor(second), cross_first], [-cross_first, mass * np.eye(3)]])

@@ -1,4 +1,4 @@
-"""Link numbers in label images, as in Bullet's segmentation masks."""
+"""Numbers that identify links in label images. They are those of Bullet's segmentation masks."""
 
 from __future__ import annotations
 
@@ -10,7 +10,7 @@ if TYPE_CHECKING:
 
 
 def make_label(body: int, index: int) -> int:
-    """Return the label of a link of a body; link index -1 is the root."""
+    """Return the label of a link from Bullet's body id and link index (-1 for a root)."""
     return body + ((index + 1) << 24)
 
 

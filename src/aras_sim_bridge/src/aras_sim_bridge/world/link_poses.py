@@ -1,4 +1,4 @@
-"""Forward kinematics of a fixed-base tree: link poses from joint positions; compiled."""
+"""Compiled forward kinematics of a tree with a fixed base: link poses from joint positions."""
 
 from collections.abc import Sequence
 
@@ -13,12 +13,12 @@ class LinkPoses:
     """Forward kinematics of all links of a model.
 
     Attributes:
-        row: row of each link in the result of `compute_poses`. The root is first, and each link
-            comes after its parent.
+        row: row of each link in the result of `compute_poses`, by name. The root has row 0, and
+            each link follows its parent.
     """
 
     def __init__(self, description: RobotDescription, names: Sequence[str]) -> None:
-        """Read the tree; `names` are the moving joints in the order of their positions."""
+        """Read the tree; `names` lists the moving joints in the order of the joint positions."""
         number = {name: k for k, name in enumerate(names)}
         children: dict[str, list] = {}
         for joint in description.joints.values():
@@ -45,14 +45,15 @@ class LinkPoses:
         self._offsets[0] = (*root.xyz, *root.quat)
 
     def compute_poses(self, positions: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-        """Return positions (links, 3) and unit quaternions (links, 4; xyzw) of all link frames.
+        """Compute the poses of all link frames in the world from joint positions (n,), rad or m.
 
-        Poses are in the world, for joint positions (n,) in rad or m.
+        Returns:
+            Origins (links, 3), m, and unit quaternions (x, y, z, w), (links, 4).
         """
         return _compute_poses(self._tree, self._offsets, self._axes, positions)
 
     def find_rows(self, names: tuple[str, ...]) -> np.ndarray:
-        """Return the rows of these links; the result of the last call is cached."""
+        """Return the rows of these links. The result is cached until other links are given."""
         if names != self._cached_rows[0]:
             self._cached_rows = names, np.array([self.row[name] for name in names], np.int64)
         return self._cached_rows[1]
@@ -63,8 +64,9 @@ def _compute_poses(tree, offsets, axes, positions):
     """Compute the poses of all links, see LinkPoses.compute_poses.
 
     Args:
-        tree (links, 3): row of the parent, or -1; joint, or -1; whether the joint is prismatic.
-        offsets (links, 7): pose of the joint frame at position 0 in the parent's frame.
+        tree (links, 3): for each link, the row of its parent (-1 for the root), the index of the
+            joint that moves it (-1 if none does), and whether this joint is prismatic.
+        offsets (links, 7): pose of each joint frame at position 0 in the parent's frame.
         axes (links, 3): joint axes in the joint frames.
         positions (n,): joint positions, rad or m.
     """

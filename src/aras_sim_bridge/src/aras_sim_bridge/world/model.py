@@ -1,4 +1,4 @@
-"""A robot or object in the World: its body in Bullet, its joints and its link frames."""
+"""A model (robot or object) in the World: its body in Bullet, its joints and its link frames."""
 
 from __future__ import annotations
 
@@ -24,24 +24,24 @@ from aras_visual_servo_base.poses import (
 
 
 class Model:
-    """Spawned model. `World.spawn` creates it; the object stays the same over resets.
+    """A model that was spawned by `World.spawn`. A reset of the world does not replace this object.
 
     Attributes:
         client: Bullet's client id.
-        name: name in the world.
+        name: name of the model in the world.
         description: description from which the model was loaded.
-        main_model: model of which this one is a separate part, without a joint to it; otherwise
-            the model itself.
-        bodies: the model and its separate parts; of a part, only itself.
+        main_model: the model itself, or the model that it belongs to if it is a separate part (one
+            that no joint connects to the rest).
+        bodies: the model and its separate parts; only the model itself if it is a separate part.
         spawn_pose: world_T_root at the spawn.
         fixed_base: whether the root is fixed in the world.
-        release: called before the root of a base that rests on the ground is moved or pushed, see
-            resting_base.py; None for other models.
-        is_attached: whether a joint of attachments.py holds one of the links.
-        is_disturbed: whether the model was pushed; the code that reads it resets it.
-        applied_forces: recent arguments of `apply_force`, newest last; the code that reads them
-            clears them.
-        body: body in Bullet.
+        release: function to call before the root is moved or pushed if the model rests on the
+            ground (see resting_base.py); None for other models.
+        is_attached: whether a fixed joint of attachments.py connects a link to another model.
+        is_disturbed: whether the model was pushed. The code that reads this attribute resets it.
+        applied_forces: arguments of recent calls of `apply_force`, newest last. The code that reads
+            them clears them.
+        body: body of the model in Bullet.
         joints: moving joints. Their most used methods are also methods of the model.
     """
 
@@ -51,8 +51,9 @@ class Model:
                  main_model: Model | None = None) -> None:
         """Load the model.
 
-        `on_move(model, is_moved, has_new_positions)` is called when the whole model or its joints
-        were set to another position, when it got a twist, and when a free model was pushed.
+        `on_move(model, is_moved, has_new_positions)` is called after the whole model was moved to
+        another pose, its joints were set to other positions, its twist was set, or a free model was
+        pushed.
         """
         self.client = client
         self.name = name
@@ -84,7 +85,7 @@ class Model:
 
     @property
     def body_id(self) -> int:
-        """Bullet's body id, after the joints were updated in Bullet; it changes with each load."""
+        """Bullet's body id, which changes with each load. Reading it updates Bullet's joints."""
         self.joints.update_bullet()
         return self.body.body_id
 
@@ -95,11 +96,11 @@ class Model:
 
     @property
     def link_names(self) -> tuple[str, ...]:
-        """Names of all links in file order; the root need not be first."""
+        """Names of all links in the order of the description; the root need not be first."""
         return tuple(self.description.links)
 
     def get_scoped_name(self, part: str) -> str:
-        """Return the name of a link or joint, prefixed with the name of the main model."""
+        """Return the name of a link or joint after that of the main model: 'model::link'."""
         return f"{self.main_model.name}::{part}"
 
     @property
@@ -110,7 +111,7 @@ class Model:
     # ------------------------------------------------------------------ loading and stepping
 
     def reload(self) -> None:
-        """Load the model into Bullet in its state at the spawn, after Bullet was emptied."""
+        """Load the model into an empty Bullet, in the state in which it was spawned."""
         self.body.load(self.description, self.spawn_pose)
         self._root_pose = self.spawn_pose
         self.joints.load(self.description, self._spawn_positions)
@@ -124,8 +125,8 @@ class Model:
     def rebuild(self, description: RobotDescription) -> None:
         """Reload the model with a changed description, and continue from the present state.
 
-        Links and joints must be the same; masses, limits and other parameters may differ. Bullet
-        cannot move a centre of mass, so the body is loaded again and gets a new body id.
+        The links and joints must be the same; masses, limits and other parameters may differ. The
+        body is loaded again and gets a new body id, because Bullet cannot move a centre of mass.
         """
         states = self.joints.read_states()
         pose, twist = self.link_state(self.description.root)
@@ -171,7 +172,7 @@ class Model:
 
     def pose(self) -> Pose:
         """Return world_T_root, the pose of the root link's frame."""
-        # A fixed base is at the pose that was set; Bullet need not be read.
+        # A fixed base is at the pose that was set, so Bullet need not be read.
         return self._root_pose if self.fixed_base else self.link_pose(self.description.root)
 
     def twist(self) -> Twist:
@@ -179,10 +180,10 @@ class Model:
         return self.link_twist(self.description.root)
 
     def link_pose(self, name: str) -> Pose:
-        """Return world_T_link of the link's URDF frame; it unpacks as (xyz, quat xyzw).
+        """Return world_T_link, the pose of the link's URDF frame. It unpacks as (xyz, quat xyzw).
 
         Raises:
-            WorldError: unknown link.
+            WorldError: the model has no link of this name.
         """
         index = self.link_index(name)
         if self.joints.has_own_dynamics:
@@ -190,11 +191,11 @@ class Model:
         return self._read_com_pose(index) @ self.body.inertial_poses[name].inverse()
 
     def link_twist(self, name: str) -> Twist:
-        """Return the velocity of the link frame's origin in world axes (m/s, rad/s)."""
+        """Return the twist of a link's frame in world axes (m/s, rad/s)."""
         return self.link_state(name)[1]
 
     def link_state(self, name: str) -> tuple[Pose, Twist]:
-        """Return (world_T_link, twist of the link's origin in world axes)."""
+        """Return the pose world_T_link of a link's frame, and its twist in world axes."""
         index = self.link_index(name)
         inertial = self.body.inertial_poses[name]
         if index == -1:
@@ -206,7 +207,7 @@ class Model:
         return _compute_frame_state(com, linear, angular, inertial)
 
     def link_states(self) -> dict[str, tuple[Pose, Twist]]:
-        """Return `link_state` of every link in file order, with one call to Bullet."""
+        """Return the `link_state` of every link in the description's order; calls Bullet once."""
         names = [n for n in self.link_names if self.body.links[n] >= 0]
         indices = [self.body.links[n] for n in names]
         states = (pybullet.getLinkStates(self.body_id, indices, True, True, self.client) if names
@@ -276,9 +277,9 @@ class Model:
         self._on_move(self, True)
 
     def set_twist(self, twist: Twist) -> None:
-        """Give the model the twist of one rigid body (of its root frame, in world axes).
+        """Set the twist of the root frame in world axes. All links move like one rigid body.
 
-        Joint velocities become zero. A model with a fixed base does not move.
+        Joint velocities become zero. A model with a fixed base is not moved.
         """
         for part in self.bodies[1:]:
             lever = subtract(part.pose().xyz, self.pose().xyz)
@@ -305,7 +306,7 @@ class Model:
 
     def apply_force(self, link: str, force: Vector3, position: Vector3,
                     torque: Vector3 = (0.0, 0.0, 0.0)) -> None:
-        """Apply a force (N) at a world position and a torque (N m), world axes, for one step."""
+        """Apply a force (N) at a point and a torque (N m), all in the world, for one step."""
         self._apply_force(link, force, position, torque)
         self.applied_forces.append((link, force, position, torque))
         if not self.fixed_base:

@@ -1,4 +1,4 @@
-"""Joints of a model: reading, efforts, setting positions, motors and mimic constraints."""
+"""Joints of a model: their states, efforts, motors, and mimic constraints."""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -18,17 +18,18 @@ from aras_visual_servo_base.poses import Pose, Vector3
 
 
 class ModelJoints:
-    """Moving joints of a model, mimicking ones included.
+    """Moving joints of a model, including joints that mimic others.
 
     All sequences of joint values are in the order of `names`. Efforts act for one step.
 
-    If a fixed-base model has its own dynamics, `space` holds the state, `advance` makes the steps,
-    and `update_bullet` updates Bullet's copy before Bullet is queried. Otherwise Bullet makes the
-    steps and holds the state.
+    Either joint_dynamics.py or Bullet steps the joints of a model with a fixed base. In the first
+    case, the state is in `space`, `advance` makes the steps, and `update_bullet` copies the state
+    to Bullet before Bullet is queried. In the second case, and for free models, Bullet makes the
+    steps, and the state is in Bullet.
 
     Attributes:
-        names: names of the joints in file order.
-        has_own_dynamics: whether `space` steps the model instead of Bullet.
+        names: names of the joints in the order of the description.
+        has_own_dynamics: whether joint_dynamics.py steps the model instead of Bullet.
         applied_efforts: efforts of the last step, N m or N.
     """
 
@@ -64,7 +65,7 @@ class ModelJoints:
             pybullet.changeDynamics(body.body_id, index, jointLimitForce=NO_LIMIT_FORCE,
                                     physicsClientId=body.client)
             self.restore_friction(slot)
-        if self.space is not None:  # a base may have been free, and without limits, in between
+        if self.space is not None:  # restore limits from before the base was free
             for name, fastest in self._speed_bounds.items():
                 self.space.bound_speed(self._slot[name], fastest)
         for name, position in positions.items():
@@ -91,9 +92,9 @@ class ModelJoints:
                                  physicsClientId=self.body.client)
 
     def set_own_dynamics(self, own: bool) -> None:
-        """Choose whether `space` or Bullet steps the joints, and transfer their state.
+        """Choose joint_dynamics.py (`own`) or Bullet to step the joints, and transfer the state.
 
-        Own dynamics require that no other body can touch the model.
+        joint_dynamics.py may only be used while no other body can touch the model.
         """
         if self.space is None or own == self.has_own_dynamics:
             return
@@ -108,7 +109,7 @@ class ModelJoints:
             self._set_bullet_motor(slot, *self.space.read_motor(slot))
 
     def update_bullet(self) -> None:
-        """Write the joint states to Bullet if its copy is out of date."""
+        """Write the joint states to Bullet if those in Bullet are out of date."""
         if self._is_bullet_current:
             return
         self._is_bullet_current = True
@@ -127,9 +128,9 @@ class ModelJoints:
             self.space.set_root(root, self.gravity)
 
     def read(self) -> tuple[Sequence[float], Sequence[float], Sequence[float]]:
-        """Return (positions, velocities, efforts) in `names` order: rad or m, per s, N m or N.
+        """Return the positions (rad or m), velocities (rad/s or m/s) and efforts (N m or N).
 
-        Efforts are those applied in the last step. Callers must not modify the sequences.
+        The efforts are those of the last step. The caller must not modify the sequences.
 
         Raises:
             WorldError: the simulation diverged (a position is not finite, or a speed too high).
@@ -173,14 +174,14 @@ class ModelJoints:
         """Add `effort` (N m or N) to the effort on `joint` in the next step.
 
         Raises:
-            WorldError: unknown joint.
+            WorldError: the model has no joint of this name.
         """
         slot = self._slot.get(joint)
         self.pending_efforts[self._find_slot(joint) if slot is None else slot] += effort
         self._has_pending_efforts = True
 
     def check_efforts(self) -> None:
-        """Raise WorldError if a pending effort is not finite; all pending ones are then dropped."""
+        """Raise WorldError, and discard all pending efforts, if one of them is not finite."""
         if not math.isfinite(sum(self.pending_efforts)):
             invalid = [n for n, e in zip(self.names, self.pending_efforts, strict=True)
                    if not math.isfinite(e)]
@@ -188,7 +189,7 @@ class ModelJoints:
             raise WorldError(f"model '{self.body.name}', joint {invalid}: the effort is not finite")
 
     def before_step(self, dt: float) -> None:
-        """Pass the pending efforts, which must be finite, to Bullet."""
+        """Pass the pending efforts to Bullet; they must be finite."""
         self._bullet_stops.before_step(self.read()[0], dt)
         efforts = total = self.pending_efforts
         if self.space is not None:
@@ -216,7 +217,7 @@ class ModelJoints:
         self.space.state[0], self.space.state[1], _ = self.read()
 
     def advance(self, dt: float) -> None:
-        """Make a step of `dt` s in `space` with the pending efforts, which must be finite.
+        """Make a step of `dt` s with joint_dynamics.py. The pending efforts must be finite.
 
         Raises:
             WorldError: the simulation diverged.
@@ -227,7 +228,7 @@ class ModelJoints:
         self.finish_steps(self.space.advance(dt))
 
     def finish_steps(self, diverged_joint: int) -> None:
-        """Update efforts and caches after steps of `space` with the efforts in space.state[2].
+        """Update efforts and caches after steps with the efforts in space.state[2].
 
         Args:
             diverged_joint: result of the last `joint_dynamics.advance`; -1 if none diverged.
@@ -243,7 +244,7 @@ class ModelJoints:
 
     @property
     def is_calm(self) -> bool:
-        """True if `space` steps the model (not Bullet) and no effort is pending."""
+        """Whether joint_dynamics.py steps the model (not Bullet) and no effort is pending."""
         return self.has_own_dynamics and not self._has_pending_efforts
 
     def after_step(self) -> None:
@@ -261,25 +262,26 @@ class ModelJoints:
         self._cache = None
 
     def set_position(self, joint: str, position: float) -> float:
-        """Set the position of a joint, at rest, as Gazebo's Joint::SetPosition does.
+        """Set the position of a joint and stop it, as Gazebo's Joint::SetPosition does.
 
-        Drives that set positions call it in every step.
+        Drives that set positions call this in every step.
 
         Returns:
-            The position, clamped to the stops.
+            The position, limited to the range between the stops.
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing has changed then.
+            WorldError: the joint is unknown or a number is not finite; nothing is changed.
         """
         self._set_positions({joint: position})
         return self._clamp_to_stops(self._slot[joint], position)
 
     def set_joint_positions(self, positions: dict[str, float]) -> None:
-        """Set joint positions (rad or m), at rest, clamped to the stops; other joints stay.
+        """Set the positions (rad or m) of some joints, and stop these joints.
 
-        Mimicking joints follow their leaders unless they are listed themselves.
+        The positions are limited to the range between the stops. Joints that mimic one of these
+        joints follow, unless they are set themselves. Other joints do not move.
 
         Raises:
-            WorldError: unknown joint or a number that is not finite; nothing has changed then.
+            WorldError: the joint is unknown or a number is not finite; nothing is changed.
         """
         self._set_positions(positions)
         if self.damping is not None:
@@ -316,25 +318,25 @@ class ModelJoints:
         return result
 
     def stop_joints(self) -> None:
-        """Set all joint velocities to zero; positions stay."""
+        """Set all joint velocities to zero without changing the positions."""
         positions, _, _ = self.read()
         for slot, position in enumerate(positions):
             self._set_state(slot, position)
         self._cache = None
 
     def set_velocity_motor(self, joint: str, velocity: float, max_effort: float) -> None:
-        """Drive `joint` at `velocity` with at most `max_effort`, until it is set again.
+        """Drive `joint` at `velocity` with at most `max_effort`, until this is called again.
 
         The motor replaces the joint's Coulomb friction, as ODE's joint motor does in Gazebo.
         """
         slot = self._find_slot(joint)
         if not (math.isfinite(velocity) and max_effort >= 0.0):
-            raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} and "
-                             f"max_effort {max_effort} must be finite and non-negative")
+            raise WorldError(f"model '{self.body.name}', joint '{joint}': velocity {velocity} must "
+                             f"be finite, and max_effort {max_effort} must not be negative")
         self._set_motor(slot, velocity, min(max_effort, NO_LIMIT_FORCE))
 
     def bound_speed(self, joint: str, fastest: float) -> None:
-        """Limit the speed of `joint` to `fastest` (rad/s or m/s) under any forces.
+        """Limit the speed of `joint` to `fastest` (rad/s or m/s), whatever forces act on it.
 
         Raises:
             WorldError: unknown joint, a limit that is not positive, or a model without a fixed
@@ -351,7 +353,7 @@ class ModelJoints:
         self.space.bound_speed(slot, fastest)
 
     def set_damping_motor(self, slot: int, share: float) -> None:
-        """Set a motor that removes `share` of the velocity per step (see joint_damping.py)."""
+        """Set a motor that removes the fraction `share` of the velocity in each step."""
         self._set_bullet_motor(slot, 0.0, NO_LIMIT_FORCE, share)
 
     def set_bullet_damping(self, slot: int, value: float) -> None:
@@ -368,8 +370,8 @@ class ModelJoints:
     def bias_efforts(self) -> list[float]:
         """Return the efforts of gravity, Coriolis and centrifugal forces, N m or N.
 
-        Without friction and damping, these efforts would keep the joint velocities constant. Only
-        for models with a fixed base.
+        Without friction and damping, these efforts would keep the joint velocities constant. The
+        model must have a fixed base.
         """
         if not self.has_own_dynamics:
             self.read_bullet_state()
@@ -400,7 +402,7 @@ class ModelJoints:
         return gears
 
     def restore_friction(self, slot: int) -> None:
-        """Set the Coulomb friction of a joint: a motor at zero velocity with that effort limit."""
+        """Restore a joint's Coulomb friction: a motor with target speed 0 and limited effort."""
         self._set_motor(slot, 0.0, self.friction[slot])
 
     def _set_motor(self, slot: int, velocity: float, force: float) -> None:

@@ -12,7 +12,7 @@ from aras_sim_bridge.world.world import World
 
 @dataclass(frozen=True)
 class Overlap:
-    """Overlap of a link of a model with a link of another model; `depth` is in m."""
+    """Overlap of a link of one model with a link of another model; `depth` is in m."""
 
     link: str
     model: str
@@ -23,17 +23,17 @@ class Overlap:
 def find_overlaps(world: World, model: Model, before_step: bool = False) -> list[Overlap]:
     """Return the overlaps of the moving links of a model with other models, deepest first.
 
-    Links of one model may overlap, as in Gazebo; such overlaps are not reported.
+    As in Gazebo, links of the same model may overlap; this is not reported.
 
     Args:
         world: world that contains the model.
         model: model to check.
-        before_step: whether no step was made since the model was moved. Contacts are then computed
-            here; otherwise those of the last step are used.
+        before_step: whether no step was made since the model was moved. If so, contacts are
+            computed here; otherwise those of the last step are used.
     """
     if before_step:
         model.joints.update_bullet()
-        # Bullet keeps contacts of earlier poses while boxes overlap; this makes new pairs.
+        # While bounding boxes overlap, Bullet keeps contacts of earlier poses. This removes them.
         disable_distant_pairs(list(world.models.values()))
         pybullet.performCollisionDetection(physicsClientId=world.client)
     names = {index: name for name, index in model.link_indices.items()}

@@ -1,7 +1,8 @@
-"""Collision filters for pairs of links that can never touch, so that Bullet does not test them.
+"""Collision filters, so that Bullet does not test pairs of links that can never touch.
 
-The bounding boxes of such pairs may overlap all the same: links of one model overlap each other,
-and a ground plane overlaps everything. For an arm above the ground they take a tenth of a step.
+Bullet would test them because their bounding boxes may overlap nevertheless: adjacent links overlap
+each other, and a ground plane overlaps everything. For an arm above the ground, these tests take a
+tenth of the time of a step.
 """
 
 import math
@@ -20,14 +21,14 @@ from aras_visual_servo_base.poses import (
 )
 from aras_visual_servo_base.urdf import Joint
 
-# m, covers Bullet's collision margins and stops that yield slightly
+# Margin of the boxes, m. It covers Bullet's collision margins and stops that yield slightly.
 MARGIN = 0.1
-_DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1  # Bullet's filter groups
-_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # unused groups, one for each model
+_DEFAULT_GROUP, _STATIC_GROUP, _ALL = 1, 2, -1  # Bullet's collision filter groups
+_OWN_GROUPS = tuple(1 << bit for bit in range(6, 30))  # groups for the models, one for each
 
 
 class Box(NamedTuple):
-    """An axis-aligned box in the world, m."""
+    """An axis-aligned box in the world: its lowest and highest corner, m."""
 
     low: Vector3
     high: Vector3
@@ -38,34 +39,37 @@ class Box(NamedTuple):
                      for corner, side in zip(self, (-margin, margin), strict=True)))
 
     def gap(self, other: "Box") -> float:
-        """Return the largest distance along an axis, m; negative if the boxes overlap."""
+        """Return the largest of the distances between two boxes along the axes, m.
+
+        The result is negative if the boxes overlap.
+        """
         return max(max(c - b, a - d) for a, b, c, d in zip(*self, *other, strict=True))
 
 
 class HalfSpace(NamedTuple):
-    """Half-space below a plane."""
+    """Half-space below a plane, given by a point of the plane and its normal."""
 
     point: Vector3
     normal: Vector3
 
     def gap(self, box: Box) -> float:
-        """Return the height of the box's lowest corner above the plane, m; negative if below."""
+        """Return the height (m) of a box's lowest corner above the plane; negative if below."""
         corner = (low if n > 0.0 else high
                   for low, high, n in zip(*box, self.normal, strict=True))
         return sum(n * (c - p) for n, c, p in zip(self.normal, corner, self.point, strict=True))
 
 
 def disable_distant_pairs(models: list[Model]) -> None:
-    """Disable collisions within each model, and of links that cannot reach each other.
+    """Disable collisions between links of the same model, and between links that cannot meet.
 
-    Call it after models were added, removed or moved, or their joints changed.
+    Call this after models were added, removed or moved, or after their joints changed.
     """
     fixed = [model for model in models if model.fixed_base]
     own = iter(_OWN_GROUPS)
     for model in models:
         if model.main_model is not model:
             _disable_own_contacts(model)
-        # Bullet has no groups for more models: their own links are tested in vain.
+        # If there are more models than groups, Bullet tests the links of the others in vain.
         group = next(own, 0)
         reach = compute_reach(model) if model.fixed_base else None
         others = [other for other in fixed if other is not model]
@@ -89,7 +93,10 @@ def _disable_own_contacts(part: Model) -> None:
 
 
 def find_solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
-    """Return boxes and half-spaces of the collisions of these links (Bullet's indices)."""
+    """Return a box for the collision shapes of each link, or half-spaces for planes.
+
+    `links` are Bullet's link indices.
+    """
     found: list[Box | HalfSpace] = []
     body = model.body_id
     for name, index in model.link_indices.items():
@@ -106,13 +113,14 @@ def find_solids(model: Model, links: Collection[int]) -> list[Box | HalfSpace]:
 
 
 def compute_reach(model: Model) -> dict[str, Box]:
-    """Return a box for each link, except the root, that its shapes never leave."""
+    """Return, for each link except the root, a box that the link's shapes never leave."""
     description = model.description
     children: dict[str, list[Joint]] = {}
     for joint in description.joints.values():
         children.setdefault(joint.parent, []).append(joint)
     boxes: dict[str, Box] = {}
-    # link, box of all positions of its origin, its orientation (None if a joint can rotate it)
+    # Each entry: a link, the box of all positions of its origin, and its orientation, which is None
+    # if a joint can rotate the link.
     root = model.pose()
     pending: list[tuple[str, Box, Quaternion | None]] = [
         (description.root, Box(root.xyz, root.xyz), root.quat)
@@ -139,12 +147,12 @@ def compute_reach(model: Model) -> dict[str, Box]:
 
 
 def _compute_travel(joint: Joint) -> tuple[float, float]:
-    """Return the range over which a joint moves its link's origin along its axis, m."""
+    """Return the range of displacements of a joint's child link along the axis, m."""
     return joint.stops if joint.kind == "prismatic" else (0.0, 0.0)
 
 
 def _compute_extent(model: Model, link: str) -> float:
-    """Return an upper bound of the distance of a link's shapes from its origin, m."""
+    """Return an upper bound of the distance from a link's origin to any point of its shapes, m."""
     origin = model.link_pose(link).xyz
     low, high = pybullet.getAABB(model.body_id, model.link_index(link), model.client)
     return math.hypot(*(max(o - a, b - o) for o, a, b in zip(origin, low, high, strict=True)))
@@ -156,6 +164,6 @@ def _can_meet_root(box: Box, other: Model) -> bool:
 
 
 def can_meet(boxes: Iterable[Box], other: Model) -> bool:
-    """Return whether an object in these boxes may ever touch a link of a fixed-base model."""
+    """Return whether an object in these boxes may ever touch any link of a fixed-base model."""
     found = [*find_solids(other, (-1,)), *compute_reach(other).values()]
     return any(solid.gap(box) <= 0.0 for box in boxes for solid in found)

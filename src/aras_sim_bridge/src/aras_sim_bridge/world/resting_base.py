@@ -1,11 +1,12 @@
-"""Free bases at rest, simulated as fixed bases while the ground can support them.
+"""Free bases at rest, which are simulated as fixed bases while the ground can support them.
 
-The original robot weighs 1.7 t and rests on the floor. Computing the contacts of twelve corners
-takes five times as long as the arm, only to find that the base does not move. Therefore a free
-model that rests on a static body is stepped as if its base were fixed, similar to ODE's sleeping
-bodies. After every step, the wrench on the ground is computed from the motion of the arm and from
-other contacts. The ground can bear it if the centre of pressure is inside the support polygon and
-friction suffices. Otherwise, and when the model is pushed, moved or changed, the base is freed.
+The original robot weighs 1.7 t and rests on the floor with twelve corners. Computing their contacts
+takes five times as long as computing the motion of the arm, only to find that the base does not
+move. Therefore a free model that rests on a static body is stepped as if its base were fixed,
+similar to ODE's sleeping bodies. After every step, the wrench that the base exerts on the ground is
+computed from the motion of the arm and from other contacts. The ground can support the base if the
+centre of pressure is inside the support polygon and friction suffices. If it cannot, or if the
+model is pushed, moved or changed, the base is freed.
 """
 
 from __future__ import annotations
@@ -24,18 +25,26 @@ from aras_visual_servo_base.compiled import jit
 from aras_visual_servo_base.poses import Pose, Twist, rotate
 
 CHECK_EVERY = 50  # steps
-RETRY_STEPS = 1000  # steps until a base that the ground could not support is checked again
-_REST_TOLERANCE = 1e-6  # m and rad of motion between two checks
-_CONTACT_DISTANCE = 1e-4  # m; resting bodies sink in by a tenth of it in Bullet
-_LOAD_LIMIT = 0.9  # usable share of the friction and of the support polygon
-_SMALLEST_LEVER = 0.05  # relative motion of a contact below which its joints count as blocked
-# A body that hits a base finds it fixed for one step, and rebounds as from a wall. The relative
-# error is the mass of the body over that of the base, so a base must be much heavier to be fixed.
+# Number of steps after which a base that the ground could not support is checked again.
+RETRY_STEPS = 1000
+# A base is at rest if it moves by less than this between two checks, m and rad.
+_REST_TOLERANCE = 1e-6
+# Distance below which two bodies are in contact, m. In Bullet, bodies at rest sink in by a tenth of
+# it.
+_CONTACT_DISTANCE = 1e-4
+# Fraction of the friction and of the support polygon that may be used.
+_LOAD_LIMIT = 0.9
+# Smallest motion of a contact point along the normal, per motion of a joint, for which the joint is
+# able to move it. See _is_blocked.
+_SMALLEST_LEVER = 0.05
+# Smallest ratio of the mass of a fixed base to the mass of any free body. A body that hits the base
+# rebounds as from a wall for one step; the relative error is the inverse of this ratio.
 _LEAST_MASS_RATIO = 100.0
 
 
 BASE_TYPES = "f8[::1], f8[::1], f8[:,::1], f8[::1], f8[::1]"
-# Arguments of `is_supported` for a base that is really fixed.
+# Arguments ground, corners, contact_wrench and ground_wrench of `is_supported` for a base that is
+# not free but fixed.
 FIXED_BASE_ARRAYS = (np.zeros(11), np.zeros((1, 6)), np.zeros(6), np.zeros(6))
 
 
@@ -53,21 +62,21 @@ def is_supported(
     ground_wrench,
     dt,
 ):
-    """Return whether the ground supports the base of a fixed-base tree in the last step.
+    """Return whether the ground supported the base during the last step.
 
-    All vectors are in the root's axes, about its origin.
+    All vectors are in the axes of the root and refer to its origin.
 
     Args:
-        tree, frames, state: see joint_dynamics.py, after the step.
+        tree, frames, state: arrays of joint_dynamics.py after the step.
         previous_speeds (n,): joint velocities before the step.
-        gravity (3,): m/s².
-        ground (11,): mass and centre of mass of the base, normal of the ground, a point of the
-            ground, friction coefficient.
-        corners (m, 6): corners of the support polygon, relative to that point, each with the
-            outward normal of the edge that starts there.
-        contact_wrench (6,): torque and force of other contacts on the model.
-        ground_wrench (6,): receives the torque and force that ground and weight of the base must
-            provide.
+        gravity (3,): gravity vector, m/s².
+        ground (11,): mass of the base, centre of mass of the base, normal of the ground, a point of
+    the ground, friction coefficient.
+        corners (m, 6): corners of the support polygon. A row is the corner relative to the point of
+    the ground, followed by the outward normal of the edge that starts at the corner.
+        contact_wrench (6,): torque and force on the model of contacts other than with the ground.
+        ground_wrench (6,): the required torque and force of the ground and of the base's weight
+    together are written to this array.
         dt: time step, s.
     """
     for k in range(6):
@@ -88,7 +97,7 @@ def is_supported(
                 ground_wrench[k] += f[40 + k]
     mass, friction = ground[0], ground[10]
     wx, wy, wz = mass * gravity[0], mass * gravity[1], mass * gravity[2]
-    # Required ground reaction: force, and torque about the ground's point.
+    # Reaction that the ground must provide: force, and torque about the point of the ground.
     fx, fy, fz = ground_wrench[3] - wx, ground_wrench[4] - wy, ground_wrench[5] - wz
     cx, cy, cz = ground[1] - ground[7], ground[2] - ground[8], ground[3] - ground[9]
     px, py, pz = ground[7], ground[8], ground[9]
@@ -99,7 +108,7 @@ def is_supported(
     pressure = fx * nx + fy * ny + fz * nz
     if pressure <= 0.0:
         return False
-    # Centre of pressure, relative to the ground's point.
+    # Centre of pressure, relative to the point of the ground.
     rx = (ny * mz - nz * my) / pressure
     ry = (nz * mx - nx * mz) / pressure
     rz = (nx * my - ny * mx) / pressure
@@ -123,20 +132,21 @@ def is_supported(
         + (my - (rz * sx - rx * sz)) * ny
         + (mz - (rx * sy - ry * sx)) * nz
     )
-    # The pressure can be distributed such that friction resists rotation with a lever of at least
-    # nearest² / farthest distance of a corner.
+    # Let a be the distance of the nearest corner and b that of the farthest; the variables contain
+    # the squares. The pressure can be distributed such that friction resists rotation with a lever
+    # of at least a² / b.
     return slide + twist * np.sqrt(farthest) / nearest <= _LOAD_LIMIT * friction * pressure
 
 
 @jit("f8[:,::1], f8[:,::1], f8[::1]", allocates=False)
 def _add_contact_wrenches(contacts, root, contact_wrench):
-    """Add torque and force (6,) of contacts to `contact_wrench`, in the root's axes.
+    """Add the torque and force of contacts to `contact_wrench`.
 
     Args:
-        contacts (m, 15 or more): point, then three forces, each as magnitude and direction, in the
-            world.
+        contacts (m, 15 or more): contacts in world coordinates: the contact point, then three
+    forces, each as magnitude and direction.
         root (3, 4): world_T_root.
-        contact_wrench (6,): about the root's origin.
+        contact_wrench (6,): torque about the root's origin and force, in the root's axes.
     """
     for push in contacts:
         fx = fy = fz = 0.0
@@ -152,14 +162,14 @@ def _add_contact_wrenches(contacts, root, contact_wrench):
 
 
 class RestingBase:
-    """Free model at rest, stepped as if its base were fixed.
+    """A free model at rest, which is stepped as if its base were fixed.
 
     Attributes:
         model: the model.
-        mass: mass of its base, kg.
-        grounds: Bullet's ids of the bodies that it rests on.
+        mass: mass of the model's base, kg.
+        grounds: Bullet's ids of the bodies that the base rests on.
         ground, corners, contact_wrench: arguments of `is_supported`.
-        arrays: all arguments of `is_supported` before dt, once the base is fixed.
+        arrays: all arguments of `is_supported` except dt; empty until the base is fixed.
     """
 
     def __init__(self, model: Model, ground: np.ndarray, corners: np.ndarray,
@@ -175,7 +185,7 @@ class RestingBase:
 
     @classmethod
     def from_contacts(cls, model: Model, models: Mapping[int, Model]) -> RestingBase | None:
-        """Return the resting state of a free model; None unless it rests on static bodies.
+        """Return the RestingBase of a free model, or None if it does not rest on static bodies.
 
         Args:
             model: free model.
@@ -193,7 +203,7 @@ class RestingBase:
                     and _is_blocked(model, contact)
                 ):
                     return None
-                continue  # bodies on the model or next to it: `is_supported` considers their forces
+                continue  # `is_supported` considers the forces of bodies on the other links
             if not other.fixed_base:
                 continue
             if contact[4] != -1 or contact[8] < -_CONTACT_DISTANCE or other.release is not None:
@@ -211,7 +221,7 @@ class RestingBase:
             points = _find_footprint(model, np.array(points[0]), np.array(normals[0]))
         inverse = root.inverse()
         on_ground = np.array([inverse.apply(point) for point in points])
-        if len(on_ground) < 3:  # round shapes have no corners
+        if len(on_ground) < 3:  # a round shape, which has no corners
             return None
         mass, centre = _compute_base_mass(model, root)
         middle = on_ground.mean(axis=0)
@@ -234,7 +244,7 @@ class RestingBase:
     def is_supported(self, dt: float, is_touchable: bool) -> bool:
         """Return whether the ground supported the base in the last step of `dt` s.
 
-        `is_touchable`: whether a body may touch the base although Bullet does not step the model.
+        `is_touchable` is whether a body may touch the base although Bullet does not step the model.
         """
         if not self.model.joints.has_own_dynamics:
             self.model.joints.read_bullet_state()
@@ -243,10 +253,10 @@ class RestingBase:
         return is_supported(*self.arrays, dt)
 
     def _measure_contacts(self) -> None:
-        """Sum up the contact forces of Bullet's last step on the model.
+        """Compute the wrench of the contacts with other bodies in Bullet's last step.
 
-        Contacts with the ground are skipped. Bullet computes none for a fixed root, but it does for
-        links that are fixed to the root.
+        Contacts with the ground are skipped. Bullet does not compute them for a fixed root, but it
+        does for links that are fixed to the root.
         """
         contacts = find_contacts(self.model.body_id, self.model.client)
         pushes = [numbers for link, other, _, numbers in contacts
@@ -256,7 +266,7 @@ class RestingBase:
             _add_contact_wrenches(np.array(pushes), self._root, self.contact_wrench)
 
     def apply_excess_load(self) -> None:
-        """Apply the wrench that the ground could not provide to the model, which is free again."""
+        """Apply the load of the last step (-ground_wrench) to the base, which is free again."""
         root = self.model.pose()
         torque, force = (
             rotate(root.quat, tuple(-part)) for part in np.split(self._ground_wrench, 2)
@@ -265,16 +275,17 @@ class RestingBase:
 
 
 class RestingBases:
-    """Free models with joints, treated as fixed while they are at rest.
+    """Free models with joints, whose bases are treated as fixed while they are at rest.
 
     Attributes:
         is_new: whether `fix_at_start` must be called before the next step.
         is_active: whether `detect_rest` must be called after each step of Bullet.
-        fixed_bases: bases that are treated as fixed; each step checks their support.
+        fixed_bases: bases that are treated as fixed. After each step, `check_support` must be
+            called.
     """
 
     def __init__(self, models: Mapping[str, Model], on_change: Callable[[], None]) -> None:
-        """Create an empty list; `on_change` is called after models were reloaded."""
+        """Create the list without fixed bases; `on_change` is called after models were reloaded."""
         self._models, self._on_change = models, on_change
         self.fixed_bases: list[RestingBase] = []
         self.is_active = self.is_new = False
@@ -282,7 +293,7 @@ class RestingBases:
         self._countdown = CHECK_EVERY
 
     def refresh(self) -> None:
-        """Look for free models again, after some were spawned, deleted or reloaded."""
+        """Look for free models again; called after models were spawned, deleted or reloaded."""
         self.is_new = self.is_active = bool(self._list_free_models())
         self._last_poses = {}
 
@@ -331,7 +342,7 @@ class RestingBases:
         for model in free:
             model.is_disturbed = False
         if resting and not self._fix_resting(free):
-            self._countdown = 4 * CHECK_EVERY  # Bullet may find corners later
+            self._countdown = 4 * CHECK_EVERY  # Bullet may still find corners
 
     def _fix_resting(self, free: list[Model]) -> bool:
         """Fix the bases that are at rest; return False if there are none."""
@@ -352,9 +363,9 @@ class RestingBases:
         return True
 
     def check_support(self, dt: float, is_touchable: bool) -> None:
-        """Free all bases if the ground could not support one in the last step of `dt` s.
+        """Free all bases if the ground could not support one of them in the last step of `dt` s.
 
-        `is_touchable`: see IsolationMonitor.is_base_touchable.
+        `is_touchable` is IsolationMonitor.is_base_touchable.
         """
         for base in self.fixed_bases:
             if not base.is_supported(dt, is_touchable):
@@ -362,7 +373,7 @@ class RestingBases:
                 return
 
     def release_overload(self) -> None:
-        """Free all bases, after the ground could not support one, and apply the excess loads."""
+        """Free all bases after the ground could not support one, and apply their loads."""
         bases = self.fixed_bases
         self.release()
         self._countdown = RETRY_STEPS
@@ -370,14 +381,14 @@ class RestingBases:
             base.apply_excess_load()
 
     def release_for(self, model: Model) -> None:
-        """Free all bases if one of them is too light compared with a new free model."""
+        """Free all bases if one of them is not much heavier than a new free model."""
         if not model.fixed_base and any(
             one.mass < _LEAST_MASS_RATIO * model.mass for one in self.fixed_bases
         ):
             self.release()
 
     def release_from(self, model: Model) -> None:
-        """Free all bases if the model, which is to be moved or deleted, is one or supports one."""
+        """Free all bases if `model` is or supports one of them, before it is moved or deleted."""
         if any(model is one.model or model.body.body_id in one.grounds for one in self.fixed_bases):
             self.release()
 
@@ -401,7 +412,10 @@ def _is_at_rest(before: Pose, now: Pose) -> bool:
 
 
 def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
-    """Return mass (kg) and centre of mass (m, root frame) of the root and links fixed to it."""
+    """Return the mass (kg) and the centre of mass (m, root frame) of the base.
+
+    The base consists of the root and the links that are fixed to it.
+    """
     mass, moment = 0.0, np.zeros(3)
     base = model.list_base_links()
     for name, index in model.link_indices.items():
@@ -416,8 +430,8 @@ def _compute_base_mass(model: Model, root: Pose) -> tuple[float, np.ndarray]:
 def _is_blocked(model: Model, contact: tuple) -> bool:
     """Return whether no joint can move the contact point along the contact normal.
 
-    An example is a wheel: its axle cannot move the contact point below it vertically. With a fixed
-    root, the contact force would be unbounded.
+    For example, the axle of a wheel cannot move the contact point below it vertically. If the root
+    were fixed, the contact force at such a point would be unbounded.
     """
     point, normal = np.array(contact[5]), np.array(contact[7])
     names = {index: name for name, index in model.link_indices.items()}
@@ -442,9 +456,9 @@ def _is_plane(model: Model) -> bool:
 
 
 def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.ndarray:
-    """Return the points (m, 3; world) where the base touches a plane.
+    """Return the points (m, 3) in the world where the base touches a plane.
 
-    Bullet's contacts contain only few of the corners.
+    Bullet's contacts do not contain all corners.
     """
     found = []
     base = model.list_base_links()
@@ -462,8 +476,8 @@ def _find_footprint(model: Model, point: np.ndarray, normal: np.ndarray) -> np.n
 
 
 def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
-    """Yield points (m, 3) whose convex hull is the shape, m."""
-    if geometry.kind == "box":  # frequent, and triangulating it takes a millisecond
+    """Yield the corners (m, 3) of a shape's convex parts."""
+    if geometry.kind == "box":  # a frequent shape, whose triangulation would take a millisecond
         signs = [(x, y, z) for x in (-0.5, 0.5) for y in (-0.5, 0.5) for z in (-0.5, 0.5)]
         yield np.array(signs) * geometry.size
     else:
@@ -472,9 +486,9 @@ def _list_corners(geometry: Geometry) -> Iterator[np.ndarray]:
 
 
 def _make_polygon(points: np.ndarray, normal: np.ndarray) -> np.ndarray | None:
-    """Return corners and outward edge normals (m, 6) of the hull of planar points.
+    """Return the convex hull (m, 6) of points in a plane: its corners and outward edge normals.
 
-    None if the points are on a line.
+    Return None if the points are on a line.
     """
     aside = np.cross(normal, (1.0, 0.0, 0.0) if abs(normal[0]) < 0.7 else (0.0, 1.0, 0.0))
     aside /= np.linalg.norm(aside)

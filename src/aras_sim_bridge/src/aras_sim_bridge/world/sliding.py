@@ -1,11 +1,10 @@
-"""Correction of Bullet's friction, so that it opposes the sliding direction of a free body.
+"""Correction of Bullet's friction on free bodies, so that it opposes the sliding direction.
 
-Bullet's friction cone bounds the magnitude, but scales the two directions by the inertia of the
-body at each corner. A box of 0.6 x 0.1 m that slides at an angle to its edges is decelerated by a
-fifth too little and turns by 20 degrees. Therefore the difference between the correct friction,
-with the same magnitude against the sliding direction, and that of the last step is applied in the
-next step.
-The remaining error is 1 %.
+Bullet's friction has the correct magnitude, but its direction depends on the body's inertia at each
+corner. A box of 0.6 x 0.1 m that slides at an angle to its edges is decelerated by a fifth too
+little and turns by 20 degrees. The correct friction has the same magnitude and opposes the sliding
+direction. Its difference from the friction of the last step is applied in the next step. The
+remaining error is 1 %.
 """
 
 from __future__ import annotations
@@ -18,17 +17,20 @@ from aras_sim_bridge.world.impacts import Impacts
 from aras_sim_bridge.world.model import Model
 from aras_visual_servo_base.poses import Vector3, add, cross, scale, subtract
 
-_SLOWEST_SLIDING = 5e-3  # m/s; Bullet brings slower bodies to rest
-_SLOWEST_TURNING = 5e-2  # rad/s
-_PAUSE = 5  # steps between two checks while no body moves
-_STEPS = 4  # a point slides if friction needs more steps than this to stop it
+# Smallest speeds of a body that is corrected, m/s and rad/s. Bullet brings slower bodies to rest.
+_SLOWEST_SLIDING = 5e-3
+_SLOWEST_TURNING = 5e-2
+# Number of steps between two checks while no body moves.
+_PAUSE = 5
+# A contact point slides if friction needs more than this number of steps to stop it.
+_STEPS = 4
 
 
 class SlidingFriction:
-    """Corrects the friction of the free bodies of a world: models without joints or fixed base.
+    """Corrects the friction of a world's free bodies: models that have no joints and are not fixed.
 
     Attributes:
-        loose: these models.
+        loose: the free bodies.
     """
 
     def __init__(self, client: int) -> None:
@@ -39,12 +41,12 @@ class SlidingFriction:
         self._pause = 0  # steps
 
     def check_all(self) -> None:
-        """Check all bodies in the next step, after one was pushed or moved."""
+        """Check all bodies in the next step; called after one of them was pushed or moved."""
         self._pause = 0
         self._impacts.check_all()
 
     def set_models(self, models: Iterable[Model]) -> None:
-        """Find the free bodies, after models were spawned, deleted, reloaded or fixed."""
+        """List the free bodies; called after models were spawned, deleted, reloaded or fixed."""
         models = list(models)
         self.loose = [model for model in models if not (model.fixed_base or model.joint_names)]
         self._pause = 0
@@ -52,7 +54,7 @@ class SlidingFriction:
         self._fixed = frozenset(model.body.body_id for model in models if model.fixed_base)
 
     def before_step(self, dt: float) -> None:
-        """Correct the friction of the last step in the next one of `dt` s, and detect impacts."""
+        """Apply the correction for the last step in the next step of `dt` s, and detect impacts."""
         self._impacts.restore_restitution()
         if self._pause:
             self._pause -= 1
@@ -68,7 +70,10 @@ class SlidingFriction:
 
     def _correct_friction(self, model: Model, linear: Vector3, angular: Vector3, dt: float,
               corrected_bodies: set[int]) -> None:
-        """Correct the contacts of a free body, except those with one of `corrected_bodies`."""
+        """Correct the friction at the contacts of a free body.
+
+        Contacts with `corrected_bodies` are skipped, because they are already corrected.
+        """
         body = model.body_id
         contacts = [
             one for one in find_contacts(body, self._client) if one[1] not in corrected_bodies
@@ -97,7 +102,7 @@ class SlidingFriction:
                                     physicsClientId=self._client)
 
     def _compute_point_velocity(self, body: int, link: int, point: Vector3) -> Vector3:
-        """Return the velocity of the point of a link that is at `point`, m/s."""
+        """Return the velocity (m/s) of the point of a link whose position is `point`."""
         if link >= 0:
             state = pybullet.getLinkState(body, link, True, True, self._client)
             centre, linear, angular = state[0], state[6], state[7]

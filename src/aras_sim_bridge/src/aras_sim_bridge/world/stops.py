@@ -1,8 +1,9 @@
-"""Joint stops in Bullet, relaxed for joints that start far beyond a stop.
+"""Joint stops in Bullet, which are shifted for joints that start far beyond a stop.
 
-Bullet corrects a fifth of the distance in one step: a joint that is spawned 0.8 rad beyond its stop
-gets 160 rad/s, and an arm with light fingers breaks apart. Therefore the stop is first moved close
-to the joint. It then moves back at the speed at which joint_dynamics.py returns such a joint.
+Bullet corrects a fifth of the distance beyond a stop in one step. A joint that is spawned 0.8 rad
+beyond its stop would get a speed of 160 rad/s, and an arm with light fingers would break apart.
+Therefore the stop is first moved close to the joint. It then moves back, so that the joint returns
+at the same speed as in joint_dynamics.py.
 """
 
 from __future__ import annotations
@@ -14,7 +15,7 @@ import numpy as np
 from aras_sim_bridge.world.body import Body
 from aras_sim_bridge.world.bullet import pybullet
 
-_RETURN_SHARE = 0.2  # of the distance beyond a stop that Bullet corrects per step
+_RETURN_SHARE = 0.2  # fraction of the distance beyond a stop that Bullet corrects in each step
 
 
 class JointStops:
@@ -23,8 +24,8 @@ class JointStops:
     Args:
         body: the body.
         indices: Bullet's indices of the joints.
-        stops: (lower, upper) of each joint, rad or m; infinite if there is none.
-        speeds: return speed of each joint from beyond its stops, rad/s or m/s.
+        stops: lower and upper stop of each joint, rad or m; infinite for a missing stop.
+        speeds: speed at which each joint returns from beyond its stops, rad/s or m/s.
     """
 
     def __init__(self, body: Body, indices: Sequence[int],
@@ -35,7 +36,7 @@ class JointStops:
         self._shifted_slots: set[int] = set()
 
     def before_step(self, positions: Sequence[float], dt: float) -> None:
-        """Set the stops in Bullet for a step of `dt` s from these positions."""
+        """Set the stops in Bullet for a step of `dt` s, from the positions of the joints."""
         at, most = np.array(positions), self._speeds * dt / _RETURN_SHARE
         low, high = np.minimum(self._low, at + most), np.maximum(self._high, at - most)
         far = {*np.flatnonzero((low < self._low) | (high > self._high)).tolist()}

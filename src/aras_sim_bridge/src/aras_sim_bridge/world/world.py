@@ -1,4 +1,4 @@
-"""World: models in Bullet that are stepped together."""
+"""The World: models that are simulated together, by Bullet or by their own joint dynamics."""
 
 import logging
 import math
@@ -37,11 +37,15 @@ from aras_visual_servo_base.poses import IDENTITY, Pose, Twist, check_pose, chec
 
 logger = logging.getLogger(__name__)
 
-SMALLEST_STEP = 1e-6  # s; simulated time is counted in nanoseconds
-LARGEST_STEP = 0.1  # s; with longer steps neither the PID controllers nor contacts are stable
-GRAVITY_BOUND = 100.0  # m/s², as in Gazebo's dynamic_reconfigure
-# Bullet stops iterating when the squared impulse change of a sweep is below this value. The default
-# of 1e-7 leaves position errors of 2e-4 rad; 1e-12 leaves 6e-7 rad and costs 3 us more per step.
+# Smallest time step, s. Simulated time is counted in nanoseconds.
+SMALLEST_STEP = 1e-6
+# Largest time step, s. With longer steps, neither PID controllers nor contacts are stable.
+LARGEST_STEP = 0.1
+# Largest component of the gravity vector, m/s², as in Gazebo's dynamic_reconfigure.
+GRAVITY_BOUND = 100.0
+# Bullet's solver stops when the squared change of the impulses in one sweep is below this value.
+# Bullet's default of 1e-7 leaves position errors of 2e-4 rad. With 1e-12, the errors are 6e-7 rad,
+# and a step takes 3 us longer.
 SOLVER_RESIDUAL = 1e-12
 
 
@@ -49,26 +53,26 @@ class World:
     """Physics world: Bullet without its hidden damping, motors and velocity limits.
 
     It contains models with links and joints, and simulates gravity, contacts and joint friction.
-    `spawn` and `delete` change the set of models, `step` advances them by one time step. Poses are
-    in the world frame, z up; lengths in m, angles in rad, forces in N and N m. `Simulation.world`
-    is an instance.
+    `spawn` and `delete` change the set of models, and `step` advances them by one time step. Poses
+    are in the world frame with z up. The units are m, rad, N and N m. `Simulation.world` is an
+    instance of this class.
 
     Args:
-        time_step: s.
+        time_step: time step, s.
         gravity: gravity vector, m/s².
         gui: whether to open PyBullet's window.
         solver_iterations: largest number of sweeps of the constraint solver.
 
     Attributes:
         client: Bullet's client id, for renderers.
-        models: models by name, in spawn order. Separate parts of a model, without a joint to it,
-            follow it as <model>::<root link of the part>.
-        revision: number of spawns, deletions and resets; a copy of the scene is out of date when it
-            has changed.
+        models: models by name, in the order in which they were spawned. A separate part of a model,
+            which no joint connects to the rest, follows it as <model>::<root link of the part>.
+        revision: number of changes of the models, such as spawns, deletions and resets. A copy of
+            the scene is out of date when this number has changed.
         isolation: decides which fixed-base models joint_dynamics.py steps instead of Bullet.
         resting_bases: free models at rest, whose bases are treated as fixed.
-        attachments: fixed joints between models.
-        friction: gives each contact the smaller of its two friction coefficients.
+        attachments: fixed joints between links of different models.
+        friction: gives each contact the smaller friction coefficient of its two links.
 
     Raises:
         WorldError: invalid time step or gravity, or Bullet does not start.
@@ -92,12 +96,13 @@ class World:
             raise WindowError(
                 f"Bullet cannot open its window ({error}); start with gui:=false") from None
         if self.client < 0:
-            raise WorldError("Bullet does not start: no free client, or no display for gui:=true")
+            raise WorldError("Bullet does not start: it has no free client, or gui:=true has no "
+                             "display; close other worlds, or start with gui:=false")
         self._gui = self._has_stepped = gui
-        # Bullet takes 30 MB for a robot: release it even if `close` is not called.
+        # Bullet needs 30 MB for a robot. Release this memory even if `close` is not called.
         self._finalizer = weakref.finalize(self, pybullet.disconnect, self.client)
         self._finalizer.atexit = False
-        if gui:  # hide the side panels, and the shadows, which take half of the drawing time
+        if gui:  # hide the side panels and the shadows, which take half of the drawing time
             for part in (pybullet.COV_ENABLE_GUI, pybullet.COV_ENABLE_SHADOWS):
                 pybullet.configureDebugVisualizer(part, False, physicsClientId=self.client)
         self._has_direct_solver = False
@@ -112,12 +117,14 @@ class World:
         pybullet.setPhysicsEngineParameter(
             fixedTimeStep=self._time_step, numSolverIterations=self._iterations,
             solverResidualThreshold=SOLVER_RESIDUAL, deterministicOverlappingPairs=True,
-            # Meshes and files are read again for each model: they may have changed.
+            # Meshes and other files are read again for each model, because they may have changed.
             enableFileCaching=False,
-            # Split impulses leave a joint beyond its limit by more than 4 cm (bullet3#2944).
+            # With split impulses, a joint may remain more than 4 cm beyond its limit
+            # (bullet3#2944).
             useSplitImpulse=False,
             restitutionVelocityThreshold=0.0,  # impacts.py sets the restitution of each impact
-            # Both links must accept a pair; by default Bullet tests a pair that one accepts.
+            # With mode 0, a pair of links is tested if the filters of both accept it. By default,
+            # one suffices.
             collisionFilterMode=0,
             physicsClientId=self.client)
         pybullet.setGravity(*self._gravity, physicsClientId=self.client)
@@ -125,11 +132,12 @@ class World:
     def _choose_solver(self) -> None:
         """Use a direct solver for friction, stops and motors if all bases are fixed.
 
-        An iterative solver needs hundreds of sweeps for joints that are coupled as tightly as those
-        of the ARAS arm: after 50 sweeps, J5 still moves at 2e-5 rad/s at rest, and they take twice
-        as long as a direct solution (Dantzig's). In steps with contacts, Bullet itself falls back
-        to sweeps. These changes would shake a body on the ground, so with free models or
-        attachments the iterative solver is always used.
+        Joints that are coupled as tightly as those of the ARAS arm need hundreds of sweeps of the
+        iterative solver. With 50 sweeps, the joint J5 of the arm at rest still moves at 2e-5 rad/s,
+        and the sweeps take twice as long as Dantzig's direct solver. However, Bullet itself changes
+        to the iterative solver in steps with contacts, and a body on the ground would shake at each
+        change. Therefore only the iterative solver is used if there are free models, closed chains
+        or attachments.
         """
         direct = not self.attachments and all(model.fixed_base and not model.description.loops
                                               for model in self.models.values())
@@ -159,10 +167,10 @@ class World:
     def set_physics(self, time_step: float | None = None,
                     gravity: tuple[float, float, float] | None = None,
                     solver_iterations: int | None = None) -> None:
-        """Change physics parameters; None leaves one unchanged.
+        """Change the physics parameters; a parameter that is None is not changed.
 
         Raises:
-            WorldError: a value is invalid; nothing has changed then.
+            WorldError: a value is invalid; nothing is changed.
         """
         step = self._time_step if time_step is None else _check_step(time_step)
         new_gravity = self._gravity if gravity is None else _check_gravity(gravity)
@@ -185,20 +193,22 @@ class World:
             description: description of the model.
             name: name of the model in the world.
             pose: world_T_root.
-            joint_positions: rad or m; other joints start at 0 (mimicking ones follow).
-            fixed_base: whether the root link is fixed. With None, the description decides: a root
-                named 'world', `<kinematic>` on the root or `<static>` fix it. A root without mass
-                is always fixed.
+            joint_positions: start positions by joint name, rad or m. Joints that mimic one of these
+                follow; all others start at 0.
+            fixed_base: whether the root link is fixed in the world. If None, it is fixed if it is
+                named 'world' or marked as `<kinematic>`, or if the model is `<static>`. A root
+                without mass is always fixed.
 
-        Raises:
-            WorldError: the name is taken or empty, or a pose, position, joint or mass is invalid;
-                the world is unchanged then.
-            DescriptionError: a mesh file is damaged; the world is unchanged then.
+            Raises:
+                WorldError: the name is taken or empty, or a pose, position, joint or mass is
+            invalid; the world is not changed.
+                DescriptionError: a mesh file is damaged; the world is not changed.
         """
         if not isinstance(name, str) or not name:
             raise WorldError("a model needs a name that is not empty")
         if name in self.models:
-            raise WorldError(f"a model named '{name}' exists already; delete it or take another")
+            raise WorldError(f"a model named '{name}' exists already; delete it, or use another "
+                             "name")
         whole = (description, *description.parts)
         for one in whole:
             check_simulable(one, name)
@@ -248,7 +258,7 @@ class World:
         return spawned[0]
 
     def spawn_ground_plane(self, name: str = "ground_plane") -> Model:
-        """Add Gazebo's ground plane: z = 0, grey, drawn 100 m wide, infinite for contacts."""
+        """Add Gazebo's grey ground plane, z = 0. It is infinite, but drawn 100 m wide."""
         plane = Geometry("plane", size=(100.0, 100.0, 0.0))
         link = Link("link", None, (Visual("visual", (0, 0, 0), (0, 0, 0), plane),),
                     (Collision("collision", (0, 0, 0), (0, 0, 0), plane),), mu=100.0)
@@ -257,11 +267,15 @@ class World:
 
     @property
     def main_models(self) -> dict[str, Model]:
-        """Models by name, without separate parts."""
+        """Models by name, without the separate parts of models."""
         return {name: model for name, model in self.models.items() if model.main_model is model}
 
     def model(self, name: str) -> Model:
-        """Return the model called `name`; the WorldError for a wrong name lists all models."""
+        """Return the model called `name`.
+
+        Raises:
+            WorldError: there is no such model; the message lists all models.
+        """
         model = self.models.get(name)
         if model is None or model.main_model is not model:
             raise UnknownModelError(name, self.main_models)
@@ -282,8 +296,8 @@ class World:
         The model continues from its present state.
 
         Raises:
-            WorldError, DescriptionError: unknown model, a joint that moves no mass, or a mesh file
-                that was damaged meanwhile; nothing has changed then.
+            WorldError: the model does not exist, or a joint would move no mass; nothing is changed.
+            DescriptionError: a mesh file has been damaged meanwhile; nothing is changed.
         """
         model = self.models.get(name) or self.model(name)
         check_simulable(description, name)
@@ -294,12 +308,12 @@ class World:
         self._update_models()
 
     def _update_attachments(self) -> None:
-        """Update the models after an attachment changed; all resting bases are freed."""
+        """Free all resting bases and update the models, after an attachment changed."""
         self.resting_bases.release()
         self._update_models()
 
     def _update_models(self) -> None:
-        """Update everything that depends on the list of models, or on reloaded models."""
+        """Update everything that depends on the models, after their list or one of them changed."""
         self.revision += 1
         self.attachments.renew()
         self.friction.set_models(self.models.values())
@@ -312,7 +326,7 @@ class World:
         self.resting_bases.refresh()
 
     def _on_model_move(self, model: Model, is_moved: bool, has_new_positions: bool = False) -> None:
-        """React to a model that jumped (`is_moved`), whose joints jumped, or that was pushed."""
+        """React to a model that was moved, whose joints were moved, or that was pushed."""
         if is_moved or has_new_positions:
             self._deep.continue_watching()
         if is_moved and model.fixed_base:
@@ -344,10 +358,10 @@ class World:
     # ------------------------------------------------------------------ time
 
     def step(self) -> None:
-        """Advance the physics by one time step, with the efforts and forces set since the last.
+        """Advance the physics by one time step, with all efforts and forces set before it.
 
         Raises:
-            WorldError: an effort is not finite; no model has moved then.
+            WorldError: an effort is not finite, and no model has moved; or the simulation diverged.
         """
         if self.resting_bases.is_new:
             self.resting_bases.fix_at_start()
@@ -368,7 +382,7 @@ class World:
             self.resting_bases.detect_rest()
 
     def _step_bullet(self, dt: float) -> None:
-        """Make one step of Bullet, for all models that it steps."""
+        """Make one step of Bullet, which moves all models without own dynamics."""
         for model in self._bullet_models:
             model.before_step(dt)
         if self.friction.is_active:
@@ -386,15 +400,18 @@ class World:
 
     @property
     def steps_until_contact(self) -> int:
-        """Number of steps that a compiled step may make before a contact is possible."""
+        """Number of steps that may be compiled into one call before a contact is possible."""
         return self.isolation.steps_until_update
 
     def get_compiled_step(self, model: Model) -> tuple[np.ndarray | float, ...] | None:
-        """Return the arguments of compiled steps of a model (see cycle.py), or None.
+        """Return the arguments with which cycle.py makes compiled steps of a model.
 
-        They are JointSpace.arrays, the time step, and the arguments of `is_supported`. The result
-        is None if the model cannot be stepped alone: another model has joints or may touch it, or
-        an effort is pending. Free bodies follow in `finish_compiled_steps`.
+        They are JointSpace.arrays, the time step, whether the base is a resting one, and the
+        arguments of resting_base.is_supported. Free bodies are stepped later, in
+        `finish_compiled_steps`.
+
+        Return None if the model cannot be stepped alone, because another model has joints or may
+        touch it, or an effort is pending.
         """
         if self.isolation.steps_until_update <= 0:
             self._update_isolation()
@@ -416,13 +433,13 @@ class World:
     def finish_compiled_steps(
         self, model: Model, count: int, diverged_joint: int = -1, is_base_supported: bool = True
     ) -> None:
-        """Update the world after `count` compiled steps.
+        """Update the world after compiled steps of a model.
 
         Args:
             model: model that made the steps.
             count: number of steps.
-            diverged_joint: index of a joint that diverged, or -1.
-            is_base_supported: whether the ground supported the base in the last step.
+            diverged_joint: index of a joint that diverged; -1 if none did.
+            is_base_supported: whether the ground supported the model's base in the last step.
 
         Raises:
             WorldError: the simulation diverged.
@@ -435,7 +452,7 @@ class World:
             self.resting_bases.release_overload()
 
     def reset_world(self) -> None:
-        """Move all models to their spawn poses at zero velocity; joint positions stay (Gazebo)."""
+        """Move all models to their spawn poses, at rest. As in Gazebo, joint positions stay."""
         for model in self.models.values():
             model.set_pose(model.spawn_pose)
             model.set_twist(Twist())
@@ -444,11 +461,11 @@ class World:
     def reset_simulation(self) -> None:
         """Reload all models into an empty Bullet, at their spawn poses and joint positions.
 
-        All attachments are removed. From here on, runs with the same inputs are bit-identical.
-        Model objects stay valid; their body ids may change.
+        All attachments are removed. After this, runs with the same inputs are identical to the last
+        bit. Model objects remain valid, but their body ids may change.
 
         Raises:
-            DescriptionError: a mesh file was damaged meanwhile; nothing has changed then.
+            DescriptionError: a mesh file has been damaged meanwhile; nothing is changed.
         """
         for model in self.models.values():
             shapes.read_mesh_files(model.description, model.name)
@@ -479,7 +496,8 @@ class World:
 def _check_step(value: float) -> float:
     if not (isinstance(value, (int, float)) and SMALLEST_STEP <= value <= LARGEST_STEP):
         raise WorldError(
-            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; 0.001 is usual"
+            f"time step {value} s is not in [{SMALLEST_STEP}, {LARGEST_STEP}]; use 0.001, for "
+            "example"
         )
     return float(value)
 
@@ -487,20 +505,24 @@ def _check_step(value: float) -> float:
 def _check_gravity(value: tuple) -> tuple[float, float, float]:
     gravity = check_vector(value, "gravity", WorldError)
     if max(abs(g) for g in gravity) > GRAVITY_BOUND:
-        raise WorldError(f"gravity {gravity} is beyond ±{GRAVITY_BOUND} m/s²")
+        raise WorldError(
+            f"gravity {gravity} has a component beyond ±{GRAVITY_BOUND} m/s²; reduce it"
+        )
     return gravity
 
 
 def _check_iterations(value: int) -> int:
     if not 1 <= value <= 10000 or value != int(value):
-        raise WorldError(f"{value} solver iterations: give a whole number from 1 to 10000")
+        raise WorldError(
+            f"solver iterations are {value}, must be a whole number from 1 to 10000"
+        )
     return int(value)
 
 
 def _compute_start_positions(
     descriptions: Sequence[RobotDescription], name: str, positions: Mapping[str, float]
 ) -> list[dict[str, float]]:
-    """Return the start positions of the joints of each body of a model."""
+    """Return the start positions of the joints, by name, for each of a model's descriptions."""
     every = tuple(joint for one in descriptions for joint in one.list_moving_joints())
     for joint, value in positions.items():
         if joint not in every:

@@ -1,1 +1,1 @@
-"""Triangle meshes, and cached, checked readers of mesh files."""
+"""Triangle meshes, and readers of mesh files, which check and cache them."""

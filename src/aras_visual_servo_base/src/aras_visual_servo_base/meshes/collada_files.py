@@ -1,4 +1,4 @@
-"""Reader of COLLADA files (.dae) with pycollada; errors that it ignores are reported here."""
+"""Reader of COLLADA files (.dae), which uses pycollada and reports errors that it ignores."""
 
 from __future__ import annotations
 
@@ -16,9 +16,11 @@ from ..errors import DescriptionError
 from ..urdf import Rgba
 from .mesh import Mesh, check_reach, from_indices
 
-# pycollada ignores unsupported and unresolved parts of materials.
+# Errors that pycollada ignores: unsupported or missing parts of materials.
 _UNSUPPORTED = [collada.common.DaeUnsupportedError, collada.common.DaeBrokenRefError]
-_MOST_NODES = 100_000  # nodes that reference others twice let a file of a few kB exhaust the memory
+# Largest number of nodes. If nodes reference others twice, a file of a few kB could otherwise
+# exhaust the memory.
+_MOST_NODES = 100_000
 
 
 def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
@@ -28,9 +30,9 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     As in Gazebo and rviz, the unit is applied, but not the up axis.
 
     Args:
-        folder: folder to which paths of texture files are relative.
-        check_size: raises an error for too many triangles or meshes.
-        find_texture: returns the path of a texture file, or None if it is missing.
+        folder: folder to which the paths of texture files are relative.
+        check_size: function that raises an error if there are too many triangles or meshes.
+        find_texture: function that returns the path of a texture file, or None if it is missing.
         default_colour: colour of surfaces whose texture is missing.
 
     Raises:
@@ -38,7 +40,8 @@ def read(data: bytes, folder: Path, check_size: Callable[[int, int], None],
     """
     root = _parse_root(data)
     try:
-        checked = ElementTree.tostring(root)  # without comments, after which pycollada loses text
+        # Text that follows a comment is lost in pycollada; `root` contains no comments.
+        checked = ElementTree.tostring(root)
         document = collada.Collada(io.BytesIO(checked), ignore=_UNSUPPORTED)
     except Exception as error:  # pycollada raises errors of many types for damaged files
         raise DescriptionError(f"its parts do not match: {_format_error(error)}") from None
@@ -79,9 +82,10 @@ def _format_error(error: Exception) -> str:
 
 
 def _parse_root(data: bytes) -> Element:
-    """Return the root element after a check that the length of each array matches its count.
+    """Parse a file and check its numbers, array lengths and references; return the root element.
 
-    pycollada replaces numbers that are not finite by zero, and does not check counts.
+    These checks are needed because pycollada replaces numbers that are not finite by zero, and does
+    not check lengths.
     """
     try:
         text = data.decode("utf-8-sig")
@@ -97,7 +101,8 @@ def _parse_root(data: bytes) -> Element:
         values = _parse_numbers(array, float)
         count = safe_xml.parse_integer(array.get("count"), "<float_array>: count", len(values))
         if count != len(values):
-            raise DescriptionError(f"<float_array> of {count} has {len(values)} numbers")
+            raise DescriptionError(
+                f"<float_array> has the count {count}, but {len(values)} numbers")
         if not np.isfinite(values).all():
             raise DescriptionError("<float_array> contains a number that is not finite")
     for tag in ("instance_geometry", "instance_node", "instance_visual_scene"):
@@ -122,7 +127,7 @@ def _parse_root(data: bytes) -> Element:
 
 
 def _check_primitive(primitive: Element) -> None:
-    """Check that a primitive has the number of indices that its counts require."""
+    """Check that a primitive has as many indices as its counts require."""
     what = f"<{primitive.tag}>"
     count = safe_xml.parse_integer(primitive.get("count"), f"{what}: count")
     offsets = [safe_xml.parse_integer(part.get("offset"), "<input>: offset")
@@ -176,14 +181,14 @@ def _find_geometries(scene: collada.scene.Scene | None
 
 
 def _triangulate(polygons: collada.polylist.Polylist) -> collada.triangleset.TriangleSet:
-    if (polygons.vcounts < 3).any():  # in <polygons>, which _check_primitive does not check
+    if (polygons.vcounts < 3).any():  # _check_primitive does not check <polygons>
         raise DescriptionError("<polygons> has a polygon with fewer than three corners")
     return polygons.triangleset()
 
 
 def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, texture: str | None
           ) -> Mesh:
-    """Return the mesh of the triangles, in the frame and unit of their geometry."""
+    """Return a mesh of the triangles in the frame and unit of their geometry."""
     index = np.full((*triangles.vertex_index.shape, 3), -1)
     index[..., 0] = triangles.vertex_index
     uv = normals = np.zeros((0, 3))
@@ -199,7 +204,7 @@ def _make_mesh(triangles: collada.triangleset.TriangleSet, rgba: Rgba | None, te
 def _read_material(material: collada.material.Material, folder: Path,
           find_texture: Callable[[Path, str], str | None], default_colour: Rgba
           ) -> tuple[Rgba | None, str | None]:
-    """Return the diffuse colour and the texture file of a material; None for a missing one."""
+    """Return the diffuse colour and the texture file of a material; each is None if missing."""
     diffuse = getattr(getattr(material, "effect", None), "diffuse", None)
     if isinstance(diffuse, collada.material.Map):
         file = folder / diffuse.sampler.surface.image.path

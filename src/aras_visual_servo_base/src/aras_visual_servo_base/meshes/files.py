@@ -1,10 +1,11 @@
 """Readers of STL, OBJ, COLLADA and glTF files, which check and cache them.
 
-Invalid files are rejected: a face that refers to a missing vertex, a number that cannot be parsed,
-a file without triangles. Libraries that repair such errors would render or simulate another shape
-than intended. STL and OBJ are therefore read here without a library: in OBJ files trimesh 5.2
-interprets corner 0 as corner 1, resolves `f -4 -3 -2` relative to the end of the file and accepts
-`v 1 2` as a vertex; importing it takes 0.6 s.
+Invalid files are rejected, such as a file with a face that refers to a missing vertex, with a
+number that cannot be parsed, or without triangles. A library that repairs such errors would render
+or simulate another shape than intended. Therefore STL and OBJ files are read here without a
+library. For example, in OBJ files trimesh 5.2 interprets corner 0 as corner 1, resolves `f -4 -3
+-2` relative to the end of the file, and accepts `v 1 2` as a vertex. Moreover, importing trimesh
+takes 0.6 s.
 """
 
 from __future__ import annotations
@@ -25,18 +26,20 @@ from ..safe_xml import shorten
 from ..urdf import Rgba
 from .mesh import Mesh, from_corners, from_indices
 
-LARGEST_FILE = 256 * 1024 * 1024  # bytes
-# Triangles of one file. Reading that many takes 3 s (STL); simulated time stops for another 3 s
-# while Bullet and the renderer load them.
+LARGEST_FILE = 256 * 1024 * 1024  # largest size of a file, bytes
+# Largest number of triangles in a file. Reading that many from an STL file takes 3 s. Simulated
+# time stops for another 3 s while Bullet and the renderer load them.
 MOST_TRIANGLES = 300_000
-MOST_MESHES = 10_000  # of one file
+MOST_MESHES = 10_000  # largest number of meshes in a file
 GREY: Rgba = (0.7, 0.7, 0.7, 1.0)  # colour of surfaces whose material or texture is missing
 _log = logging.getLogger(__name__)
-_LARGEST_CACHE = 256 * 1024 * 1024  # bytes of arrays
-_STL_HEADER = 84  # bytes before the triangles of a binary STL file; the last four are their number
+_LARGEST_CACHE = 256 * 1024 * 1024  # largest size of all cached arrays, bytes
+# Number of bytes before the triangles in a binary STL file. The last four are the number of
+# triangles.
+_STL_HEADER = 84
 _STL_TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("colour", "<u2")])
 
-_State = tuple[int, int]  # size and time of the last change, ns
+_State = tuple[int, int]  # size of a file (bytes), and time of its last change (ns)
 _cache: OrderedDict[str, tuple[dict[Path, _State | None], tuple[Mesh, ...]]] = OrderedDict()
 _cache_lock = threading.Lock()
 
@@ -44,8 +47,9 @@ _cache_lock = threading.Lock()
 def read(path: str) -> tuple[Mesh, ...]:
     """Read the meshes of an STL, OBJ, COLLADA (.dae) or glTF (.glb, .gltf) file.
 
-    There is one mesh for each material and group. The unit is that of the file, for COLLADA and
-    glTF m. As in Gazebo and rviz, axes are not rotated. Unchanged files are read only once.
+    There is one mesh for each material and group. For COLLADA and glTF, the unit is m; for other
+    formats, it is that of the file. As in Gazebo and rviz, axes are not rotated. A file is read
+    only once unless it changes.
 
     Raises:
         DescriptionError: the file is invalid; the message names the file, the problem and how to
@@ -88,13 +92,16 @@ def _read_state(path: Path) -> _State | None:
 
 
 def _read_contents(path: Path) -> bytes:
-    """Return the content of a regular file that is not too large; a device might never end."""
+    """Return the content of a file, which must be a regular file and not too large.
+
+    Other files, such as devices, might never end.
+    """
     try:
         handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
         with os.fdopen(handle, "rb") as file:
             state = os.fstat(handle)
             if not stat.S_ISREG(state.st_mode):
-                raise DescriptionError("it is no regular file")
+                raise DescriptionError("it is not a regular file")
             if state.st_size > LARGEST_FILE:
                 raise DescriptionError(
                     f"it has {state.st_size} bytes, more than the limit of {LARGEST_FILE}",
@@ -127,7 +134,8 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
             corners = np.array(words, dtype=float).reshape(-1, 3, 3)
         except ValueError:
             raise DescriptionError(
-                f"its {len(words)} 'vertex' lines do not form triangles of three numbers a corner"
+                f"its {len(words)} 'vertex' lines do not form triangles with three numbers per "
+                "corner"
             ) from None
     else:
         raise DescriptionError(
@@ -137,16 +145,16 @@ def _read_stl(data: bytes, _folder: Path, _states: dict[Path, _State | None]) ->
 
 
 def _is_ascii(data: bytes, count: int) -> bool:
-    """Return whether an STL file that is long enough for a binary one is ASCII.
+    """Return whether an STL file that is long enough for a binary file is an ASCII file.
 
-    Binary files, too, may start with "solid".
+    The first word does not decide this, because binary files may start with "solid", too.
     """
     plain = len(data) == _STL_HEADER + count * _STL_TRIANGLE.itemsize
     return data[:5].lower() == b"solid" and not plain and b"vertex" in data
 
 
 def write_stl(meshes: tuple[Mesh, ...], path: str) -> None:
-    """Write triangles as binary STL without trailing bytes, the only STL variant Bullet reads."""
+    """Write triangles as a binary STL file without further bytes, as Bullet requires."""
     corners = np.concatenate([mesh.positions[mesh.triangles] for mesh in meshes])
     triangles = np.zeros(len(corners), _STL_TRIANGLE)
     triangles["corners"] = corners
@@ -222,7 +230,7 @@ def _parse_element(kind: str, fields: list[str]) -> list[float]:
     count = 2 if kind == "vt" else 3
     values = [float(word) for word in fields[:count]]
     if kind == "vt" and len(values) == 1:
-        values.append(0.0)  # v is optional
+        values.append(0.0)  # the second coordinate is optional
     if len(values) < count or not all(map(math.isfinite, values)):
         what = {"v": "vertex", "vt": "texture coordinate", "vn": "normal"}[kind]
         raise DescriptionError(f"a {what} needs {'two' if count == 2 else 'three'} finite numbers")
@@ -230,9 +238,9 @@ def _parse_element(kind: str, fields: list[str]) -> list[float]:
 
 
 def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
-    """Return the zero-based v/vt/vn indices of a corner, -1 for a missing one.
+    """Return the indices v/vt/vn of a corner, which start at 0; -1 for a missing index.
 
-    Indices in the file count from 1, or backwards from -1.
+    In the file, indices start at 1, or are negative and count backwards from the last element.
     """
     indices = []
     for part, count in zip((text.split("/") + ["", ""])[:3], counts, strict=True):
@@ -247,7 +255,7 @@ def _parse_corner(text: str, counts: list[int]) -> tuple[int, ...]:
 
 def _read_mtl(path: Path, states: dict[Path, _State | None]
               ) -> dict[str, tuple[Rgba | None, str | None]]:
-    """Return (rgba, texture file) of each material by name; a missing file has no materials."""
+    """Return (rgba, texture file) of each material by name; nothing if the file is missing."""
     materials: dict[str, tuple[Rgba | None, str | None]] = {}
     states[path] = _read_state(path)
     if states[path] is None:
@@ -270,7 +278,7 @@ def _read_mtl(path: Path, states: dict[Path, _State | None]
 
 
 def find_texture(file: Path, what: str) -> str | None:
-    """Return the path of a material's texture, or None, with a log message, if it is missing."""
+    """Return the path of a material's texture. If it is missing, log this and return None."""
     if file.is_file():
         return str(file)
     _log.warning("%s is drawn grey: there is no %s", what, file)
@@ -278,7 +286,7 @@ def find_texture(file: Path, what: str) -> str | None:
 
 
 def _read_dae(data: bytes, folder: Path, _states: dict[Path, _State | None]) -> list[Mesh]:
-    from . import collada_files  # imported here because it takes 0.07 s and is rarely needed
+    from . import collada_files  # imported here because this takes 0.07 s and is rarely needed
 
     return collada_files.read(data, folder, _check_size, find_texture, GREY)
 

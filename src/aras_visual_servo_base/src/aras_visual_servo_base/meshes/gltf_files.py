@@ -1,4 +1,4 @@
-"""Reader of glTF 2.0 files (.glb, .gltf) with trimesh; errors that it ignores are reported here."""
+"""Reader of glTF 2.0 files (.glb, .gltf), which uses trimesh and reports errors that it ignores."""
 
 from __future__ import annotations
 
@@ -24,8 +24,9 @@ from .mesh import Mesh, from_indices
 if TYPE_CHECKING:
     import trimesh
 
-_HEADER = 12  # bytes before the first chunk of a .glb file, which starts with its length and type
-_TRIANGLES = 4  # glTF's number of the primitive mode "triangles", which is the default
+# Number of bytes before the first chunk of a .glb file. A chunk starts with its length and type.
+_HEADER = 12
+_TRIANGLES = 4  # number of glTF's default primitive mode, "triangles"
 _NONE = np.zeros((0, 3))
 
 
@@ -33,16 +34,18 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
          find_file: Callable[[Path], bytes]) -> list[Mesh]:
     """Read one mesh for each primitive in the scene, in metres.
 
-    Axes are not rotated: +y is up, as in glTF.
+    Axes are not rotated, so +y is up, as in glTF.
 
     Args:
-        check_size: raises an error for too many triangles or meshes.
-        find_file: reads a file that the glTF file names, in the same folder.
+        data: content of the file.
+        path: path of the file.
+        check_size: function that raises an error if there are too many triangles or meshes.
+        find_file: function that reads another file to which the glTF file refers.
 
     Raises:
         DescriptionError: the file is invalid; the message says what is missing or wrong.
     """
-    import trimesh  # imported here because it takes half a second and is rarely needed
+    import trimesh  # imported here because this takes half a second and is rarely needed
 
     tree = _parse_tree(data)
     normals = _check_tree(tree, check_size)
@@ -51,7 +54,7 @@ def read(data: bytes, path: Path, check_size: Callable[[int, int], None],
         """Reads the files that the glTF file refers to."""
 
         def __init__(self) -> None:
-            """Do nothing: `path` is taken from the enclosing function."""
+            """Do nothing, because `path` is a variable of the enclosing function."""
 
         def get(self, name: str) -> bytes:
             file = (path.parent / name).resolve()
@@ -99,14 +102,14 @@ def _parse_tree(data: bytes) -> dict[str, Any]:
     except (ValueError, RecursionError):
         raise DescriptionError("it does not start like a glTF file") from None
     if not isinstance(tree, dict) or not isinstance(tree.get("asset"), dict):
-        raise DescriptionError("it is no glTF file: it has no asset")
+        raise DescriptionError("it is not a glTF file: it has no asset")
     if not str(tree["asset"].get("version", "")).startswith("2"):
         raise DescriptionError("it is not glTF 2", "export it as glTF 2")
     return tree
 
 
 def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) -> bool:
-    """Check extensions and sizes; return whether the file has normals for all triangles."""
+    """Check extensions and sizes; return whether the file contains normals for all triangles."""
     if needed := tree.get("extensionsRequired"):
         raise DescriptionError(f"it needs {shorten(', '.join(map(str, needed)), 200)}, which is "
                                "not supported", "export it without extensions such as compression")
@@ -121,7 +124,10 @@ def _check_tree(tree: dict[str, Any], check_size: Callable[[int, int], None]) ->
 
 
 def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
-    """Return the mesh of a primitive in its own frame; `normals`: use the file's normals."""
+    """Return the mesh of a primitive in its own frame.
+
+    `normals` is whether the file contains normals, which are then used.
+    """
     index = np.full((len(shape.faces), 3, 3), -1)
     index[..., 0] = shape.faces
     uv = getattr(shape.visual, "uv", None)
@@ -137,7 +143,7 @@ def _make_mesh(shape: trimesh.Trimesh, normals: bool) -> Mesh:
 
 
 def _read_material(visual: Any) -> tuple[Rgba | None, str | None]:
-    """Return the colour of a primitive's material and the file of its texture, None if missing."""
+    """Return the colour and the texture file of a primitive; each is None if missing."""
     if visual.kind in ("vertex", "face"):
         return tuple((np.asarray(visual.main_color, float) / 255.0).tolist()), None
     material = getattr(visual, "material", None)
@@ -152,7 +158,7 @@ def _read_material(visual: Any) -> tuple[Rgba | None, str | None]:
 
 
 def _encode_srgb(linear: float) -> float:
-    """Convert a linear intensity, 0 to 1, to an sRGB level, 0 to 1 (IEC 61966-2-1).
+    """Convert a linear intensity (0 to 1) to an sRGB level (0 to 1), see IEC 61966-2-1.
 
     Colour factors in glTF are linear, but image pixels are sRGB levels.
     """

@@ -12,25 +12,28 @@ from ..urdf import Rgba
 
 # Faces that meet at less than this angle are shaded as one smooth surface.
 CREASE_ANGLE = np.radians(35.0)
-# Vertices with more faces than this (the tip of a cone) are not smoothed, because the time of a
-# comparison of all pairs of faces grows with the square of their number.
+# Vertices with more faces than this, such as the tip of a cone, are not smoothed: all pairs of
+# faces would be compared, which takes a time that grows with the square of their number.
 _MOST_CORNERS = 128
 _LARGEST_COORDINATE = 1e9  # largest number in a mesh file, in any unit
-_LEAST_AREA = 1e-18  # m², of the parallelogram of two edges; smaller triangles are dropped
+# Triangles are dropped if twice their area is smaller than this, m².
+_LEAST_AREA = 1e-18
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles with colour or texture, in m or in the unit of a file.
+    """Triangles with a colour or a texture. The unit is m or that of a file.
 
     Attributes:
-        positions: (V, 3) float32.
-        normals: (V, 3) float32, unit vectors.
-        triangles: (T, 3) int32, counter-clockwise as seen from outside.
-        uv: (V, 2) float32, coordinates in the image file `texture`, v upwards.
-        rgba: colour of the material, None without one.
-        piece: number of the collision body; meshes of one file with the same number form one body
-            (the groups of an OBJ file are separate bodies).
+        positions: (V, 3) float32, positions of the vertices.
+        normals: (V, 3) float32, unit normals at the vertices.
+        triangles: (T, 3) int32, vertices of each triangle, counter-clockwise from outside.
+        uv: (V, 2) float32, texture coordinates of the vertices, with v upwards; None without
+    texture.
+        texture: image file of the texture; None without texture.
+        rgba: colour of the material; None if the material has none.
+        piece: number of the collision body. The meshes of a file with the same number form one
+    body; the groups of an OBJ file are separate bodies.
     """
 
     positions: np.ndarray
@@ -48,7 +51,7 @@ class Mesh:
         return sum(array.nbytes for array in arrays if array is not None)
 
     def transform(self, a_T_b: np.ndarray, scale: np.ndarray | float = 1.0) -> Mesh:
-        """Return the mesh scaled, then transformed from frame b to frame a by a_T_b (4, 4)."""
+        """Return a copy that is scaled, then transformed from frame b to a by a_T_b (4, 4)."""
         scale = np.broadcast_to(np.asarray(scale, dtype=float), (3,))
         positions = (self.positions * scale) @ a_T_b[:3, :3].T + a_T_b[:3, 3]
         normals = normalise((self.normals / scale) @ a_T_b[:3, :3].T)
@@ -57,10 +60,11 @@ class Mesh:
                     self.uv, self.texture, self.rgba, self.piece)
 
     def apply_texture(self, texture: str, box_mapping: bool) -> Mesh:
-        """Return the mesh with a texture.
+        """Return a copy of the mesh with a texture.
 
-        With `box_mapping` each side of a box shows the whole image, upright on vertical sides.
-        Without it, a mesh that has no texture coordinates is returned unchanged.
+        If `box_mapping`, each side of a box shows the whole image, upright on vertical sides.
+        Otherwise, the texture coordinates of the mesh are used; if it has none, it is returned
+        unchanged.
         """
         if not box_mapping:
             return self if self.uv is None else replace(self, texture=texture)
@@ -69,16 +73,16 @@ class Mesh:
         axis = np.abs(self.normals).argmax(axis=1)
         sign = np.take_along_axis(self.normals, axis[:, None], axis=1)[:, 0] > 0.0
         across = np.where(axis == 0, share[:, 1], share[:, 0])
-        across = np.where(sign == (axis == 1), 1.0 - across, across)  # as seen from outside
+        across = np.where(sign == (axis == 1), 1.0 - across, across)  # to the right from outside
         up = np.where(axis == 2, share[:, 1], share[:, 2])
         return replace(self, uv=np.stack([across, up], axis=1).astype(np.float32), texture=texture)
 
     def apply_affine(self, a_T_b: np.ndarray) -> Mesh:
-        """Return the mesh transformed from b to a by any affine a_T_b (4, 4)."""
+        """Return a copy that is transformed from b to a by any affine transform a_T_b (4, 4)."""
         turn = a_T_b[:3, :3]
         check_reach(a_T_b, "transform")
         check_reach(self.positions @ turn.T + a_T_b[:3, 3], "position")
-        flat = abs(np.linalg.det(turn)) < 1e-30  # the transform is singular: normals are undefined
+        flat = abs(np.linalg.det(turn)) < 1e-30  # a singular transform makes normals undefined
         normals = self.normals if flat else normalise(self.normals @ np.linalg.inv(turn))
         mirrored = np.linalg.det(turn) < 0.0
         return replace(
@@ -87,9 +91,9 @@ class Mesh:
             triangles=self.triangles[:, ::-1] if mirrored else self.triangles)
 
     def contains(self, point: np.ndarray) -> bool:
-        """Return whether a point (3,) is inside of this mesh, which must be closed.
+        """Return whether a point (3,) is inside this mesh, which must be closed.
 
-        A ray from an inside point crosses the surface an odd number of times.
+        A ray from a point inside crosses the surface an odd number of times.
         """
         low, high = self.positions.min(axis=0), self.positions.max(axis=0)
         if (point < low).any() or (point > high).any():
@@ -115,9 +119,10 @@ def normalise(v: np.ndarray) -> np.ndarray:
 
 
 def from_corners(corners: np.ndarray) -> Mesh:
-    """Return the mesh of triangles (T, 3, 3), with normals averaged within CREASE_ANGLE.
+    """Make a mesh of triangles (T, 3, 3).
 
-    Triangles without an area are dropped.
+    The normals at a vertex are averaged over faces that meet at less than CREASE_ANGLE. Triangles
+    without area are dropped.
 
     Raises:
         DescriptionError: a coordinate is too large, or no triangle has an area.
@@ -140,12 +145,17 @@ def from_corners(corners: np.ndarray) -> Mesh:
 
 def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarray,
                  rgba: Rgba | None, texture: str | None, piece: int = 0) -> Mesh:
-    """Return the mesh of a file that indexes positions, texture coordinates and normals separately.
+    """Make a mesh from separate lists of positions, texture coordinates and normals.
 
     Missing normals are computed. A texture without texture coordinates is ignored.
 
     Args:
-        index: (T, 3 corners, 3) indices into v (V, 3), vt (., 2) and vn (., 3), -1 for none.
+        index: (T, 3, 3) for each corner of each triangle, its indices in v, vt and vn; -1 for a
+    missing index.
+        v: (V, 3) positions.
+        vt: (., 2) texture coordinates.
+        vn: (., 3) normals.
+        rgba, texture, piece: attributes of the mesh.
 
     Raises:
         DescriptionError: an index is out of range, a number is too large, no triangle has an area,
@@ -156,12 +166,12 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
         numbers = index[..., part]
         wrong = (numbers >= len(values)) | (numbers < (0 if part == 0 else -1))
         if wrong.any():
-            raise DescriptionError(f"a face names {what} {numbers[wrong][0]} of {len(values)}")
+            raise DescriptionError(f"a face refers to {what} {numbers[wrong][0]} of {len(values)}")
         check_reach(values[numbers[numbers >= 0]], what)
     mapped = bool(len(vt)) and (index[..., 1] >= 0).all()
     textured = texture is not None and mapped
     if textured:
-        read_image_size(texture)  # report a texture that is too large now instead of when rendering
+        read_image_size(texture)  # reports a texture that is too large before it is rendered
     else:
         texture = None
     given = len(vn) and (index[..., 2] >= 0).all()
@@ -183,7 +193,7 @@ def from_indices(index: np.ndarray, v: np.ndarray, vt: np.ndarray, vn: np.ndarra
 
 
 def check_reach(values: np.ndarray, what: str) -> None:
-    """Check that numbers are finite and that single precision can represent their squares.
+    """Check that numbers are finite, and small enough for single precision.
 
     Raises:
         DescriptionError: a number is not finite or too large.
@@ -195,7 +205,7 @@ def check_reach(values: np.ndarray, what: str) -> None:
 
 
 def _compute_crosses(corners: np.ndarray) -> np.ndarray:
-    """Return normals (T, 3) of triangles (T, 3, 3), whose length is twice the area."""
+    """Return the normals (T, 3) of triangles (T, 3, 3), scaled to twice the triangles' areas."""
     crosses = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     if not (np.linalg.norm(crosses, axis=1) > _LEAST_AREA).any():
         raise DescriptionError("it has no triangle with an area")
@@ -203,9 +213,10 @@ def _compute_crosses(corners: np.ndarray) -> np.ndarray:
 
 
 def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """Return indices of the sorted unique rows of integers (N, columns), and the inverse indices.
+    """Find the unique rows of an array of integers (N, columns).
 
-    The result is that of np.unique(axis=0), but packed numbers are sorted, which is faster.
+    Return the indices of the sorted unique rows, and the inverse indices. They are those of
+    np.unique(axis=0), but computed faster, because each row is packed into one number.
     """
     key = np.zeros(len(rows), np.int64)
     room = 1
@@ -222,7 +233,11 @@ def _find_unique_rows(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: float) -> np.ndarray:
-    """Return corner normals: area-weighted means of adjacent faces within the crease angle."""
+    """Return the normals at the corners: means of the normals of adjacent faces.
+
+    The means are weighted with the areas of the faces, and only include faces within the crease
+    angle.
+    """
     order = np.argsort(point, kind="stable")
     counts = np.bincount(point)
     starts = np.concatenate([[0], np.cumsum(counts)[:-1]])
@@ -232,7 +247,7 @@ def _smooth(point: np.ndarray, weighted: np.ndarray, unit: np.ndarray, cosine: f
     crowded = count > _MOST_CORNERS
     total[order[crowded]] = weighted[order[crowded]]
     count = np.where(crowded, 0, count)
-    # Corner i of a vertex is compared with corner i + k of the same vertex, for all k.
+    # Compare corner i of each vertex with corner i + shift of the same vertex, for all shifts.
     for shift in range(int(count.max())):
         some = np.flatnonzero(count > shift)
         corner = order[some]

@@ -1,4 +1,4 @@
-"""Image effects of real cameras. `EFFECTS` is the registry of the effects in this package."""
+"""Image effects of real cameras. `EFFECTS` is the registry of the effects in this folder."""
 
 from .base import EFFECTS, Effect
 from .sensor import AutoExposure, EffectChain, Effects, SensorModel

@@ -1,4 +1,4 @@
-"""Base class of effects on the light of an image, for built-in and user-defined effects."""
+"""Base class of effects on the light of an image, both built-in and user-defined ones."""
 
 from __future__ import annotations
 
@@ -16,22 +16,23 @@ from ...errors import CameraError
 
 @dataclass(frozen=True)
 class Effect(ABC):
-    """Effect on the light of an image before the sensor converts it: blur, glare, dust.
+    """Effect on the light of an image before the sensor converts it, such as blur, glare or dust.
 
-    A subclass implements `apply`, and users name it as 'package.module:Class'. Its parameters are
-    annotated attributes, with unit and bounds from `settings.parameter`; every effect is a
-    dataclass.
+    A subclass implements `apply`. Users select it as 'package.module:Class'. Every subclass becomes
+    a dataclass; its fields are the parameters of the effect, and `settings.parameter` declares
+    their units and bounds.
 
     Attributes:
         name: short name, for messages.
-        is_random: whether it uses `random`; such effects are not applied to the image of the goal.
+        is_random: whether `apply` uses its argument `random`. Random effects are not applied to the
+    image of the goal.
     """
 
     name: ClassVar[str] = ""
     is_random: ClassVar[bool] = False
 
     def __init_subclass__(cls, **options: Any) -> None:
-        """Make a dataclass of every effect; its name is that of the class until registration."""
+        """Make the subclass a dataclass. Until it is registered, its name is that of the class."""
         super().__init_subclass__(**options)
         cls.name = cls.__name__
         dataclass(frozen=True)(cls)
@@ -44,8 +45,9 @@ class Effect(ABC):
         """Return the changed light.
 
         Args:
-            light: (rows, columns) or (rows, columns, 3) uint8; it is not changed in place.
-            random: generator that depends only on the camera's seed and the image's stamp.
+            light: (rows, columns) or (rows, columns, 3) uint8. It must not be changed in place.
+            random: generator of random numbers that depends only on the seed of the camera and the
+                stamp of the image.
         """
 
 

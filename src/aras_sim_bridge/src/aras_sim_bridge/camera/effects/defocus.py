@@ -12,7 +12,7 @@ from .base import EFFECTS, Effect
 
 @EFFECTS.register("defocus")
 class Defocus(Effect):
-    """Gaussian blur of the whole image, like that of a lens that is out of focus at every depth."""
+    """Gaussian blur of the whole image, as from a lens that is out of focus at every depth."""
 
     stddev: float = parameter(1.0, "px", above=0.0, most=50.0, help="standard deviation")
 

@@ -1,4 +1,4 @@
-"""Noise and exposure of a real image sensor; all effects are off by default, and seeded."""
+"""Noise and exposure of a real image sensor. All effects are off by default."""
 
 from __future__ import annotations
 
@@ -16,25 +16,29 @@ from aras_visual_servo_base.settings import check, parameter
 from ...errors import CameraError
 from .base import EFFECTS, Effect
 
-# A normal deviate is computed as an odd polynomial of the sum of four uniform deviates, fitted to
-# the quantiles of both by least squares. The error is below 0.008 up to 3 standard deviations and
-# 0.025 up to 4; the variance is 1.00003, the kurtosis 3.0005, and the largest value 4.7. Without
-# branches and tables, eight deviates are computed at once.
+# Coefficients of an odd polynomial that converts the sum of four uniform deviates to a normal
+# deviate. They were fitted to the quantiles of both distributions by least squares. The error of a
+# deviate is below 0.008 up to 3 standard deviations, and below 0.025 up to 4. The variance is
+# 1.00003, the kurtosis 3.0005, and the largest value 4.7. The polynomial needs neither branches nor
+# tables, so the processor computes eight deviates at a time.
 _C1, _C3, _C5, _C7 = (np.float32(c) for c in (1.65999598, 0.09039413, -0.03567146, 0.01594779))
-# Independent random sequences for each image, so that a lost frame does not change the noise of
-# others. Registered effects use sequences from _FURTHER on.
+# Numbers of independent random sequences, which each image has: for the loss of the frame, for its
+# noise, and, from _FURTHER on, for registered effects.
 _DROP, _NOISE, _FURTHER = 0, 1, 16
 
 
 @dataclass(frozen=True)
 class SensorModel:
-    """Sensor model of EMVA 1288; grey levels are those of an 8 bit image, electrons are e-.
+    """Sensor model of the standard EMVA 1288.
+
+    Grey levels are those of an 8 bit image. The unit of numbers of electrons is e-.
 
     Attributes:
-        gain: K, grey levels per electron: light of g grey levels is g / K e-, with this variance.
-        full_well: largest number of electrons in a pixel; further ones are lost.
-        read_noise: standard deviation in the dark, e-.
-        dark_current: e-/s during exposure_time.
+        gain: gain K, grey levels per electron. Light of g grey levels makes g / K electrons on
+    average, with a variance of g / K.
+        full_well: largest number of electrons in a pixel, e-. More electrons are lost.
+        read_noise: standard deviation of the number of electrons in the dark, e-.
+        dark_current: electrons that are made per second of exposure without light, e-/s.
 
     Reference: EMVA Standard 1288, Standard for characterization of image sensors and cameras,
     release 4.0 linear, 2021.
@@ -51,24 +55,24 @@ class SensorModel:
         if full < 1.0:
             raise CameraError(
                 f"effects.sensor: a full_well of {self.full_well:g} e- at a gain of {self.gain:g} "
-                f"grey levels an electron is {full:.2g} grey levels: images would be black; raise "
-                "one"
+                f"grey levels per electron is only {full:.2g} grey levels: images would be black; "
+                "raise one of them"
             )
         if self.read_noise >= self.full_well:
             raise CameraError(
                 f"effects.sensor: read_noise {self.read_noise:g} e- is not below the full_well of "
-                f"{self.full_well:g} e-; lower the one or raise the other"
+                f"{self.full_well:g} e-; lower read_noise or raise full_well"
             )
 
 
 @dataclass(frozen=True)
 class AutoExposure:
-    """Auto exposure: a factor on the light that brings the mean grey level to `target`.
+    """Auto exposure: a factor for the light that brings the mean grey level to `target`.
 
     Attributes:
-        target: desired mean, grey levels.
-        speed: share of the logarithmic error that the next image corrects.
-        least, most: bounds of the factor, which is 1 for the first image.
+        target: desired mean grey level.
+        speed: fraction of the logarithmic error that is corrected in each image.
+        least, most: bounds of the factor. The factor is 1 in the first image.
     """
 
     target: float = parameter(160.0, "grey levels", above=0.0, below=255.0)
@@ -80,12 +84,12 @@ class AutoExposure:
         check(self, CameraError, "effects.auto_exposure")
         if not self.least <= 1.0 <= self.most:
             raise CameraError(
-                f"effects.auto_exposure: the initial factor of 1 is not within least "
+                f"effects.auto_exposure: the initial factor of 1 is not between least "
                 f"{self.least:g} and most {self.most:g}; change these bounds"
             )
 
     def compute_factor(self, factor: float, mean: float) -> float:
-        """Return the factor after an image with this mean (grey levels) and the given factor."""
+        """Return the next image's factor from the factor and the mean grey level of this image."""
         missing = self.target / max(mean, 1.0)
         return float(np.clip(factor * missing**self.speed, self.least, self.most))
 
@@ -95,28 +99,29 @@ class Effects:
     """Effects of a camera on its images.
 
     Attributes:
-        noise_mean, noise_stddev: Gaussian noise, grey levels of 255, independent in every channel.
-        shot_noise: variance per grey level; a sensor with a full-well capacity of N electrons has
-            255 / N.
-        exposure: factor on the light before the sensor.
-        gain: factor after the shot noise, which it amplifies.
-        vignetting: share of the light that is lost in the corners, 0..1.
-        exposure_time: s; the shutter is open for this time around the stamp.
-        exposure_samples: number of images that are averaged over the exposure time.
-        drop_probability: share of frames that are lost.
-        sensor: calibrated noise of a sensor, instead of shot_noise.
-        auto_exposure: auto exposure; None for a constant one.
-        row_time: time between the exposures of two rows, s, from top to bottom; 0 for a global
-            shutter.
+        noise_mean, noise_stddev: mean and standard deviation of Gaussian noise, in grey levels from
+    0 to 255. The noise is independent in every channel.
+        shot_noise: variance of the shot noise per grey level. It is 255 / N for a sensor with a
+    full-well capacity of N electrons.
+        exposure: factor by which the light is multiplied before the sensor.
+        gain: factor by which the signal of the sensor is multiplied, including its shot noise.
+        vignetting: fraction of the light that is lost in the corners of the image, 0..1.
+        exposure_time: time for which the shutter is open, s. The stamp is the middle of this time.
+        exposure_samples: number of rendered images that are averaged over the exposure time.
+        drop_probability: probability that a frame is lost.
+        sensor: calibrated model of the sensor, instead of shot_noise.
+        auto_exposure: auto exposure; None for a constant exposure.
+        row_time: time between the exposures of two successive rows, from top to bottom, s; 0 for a
+    global shutter.
         rows_together: number of rows that are rendered for the same instant.
-        further: registered effects, or 'package.module:Class', by name with their parameters; they
-            act on the light before the exposure, in this order.
+        further: parameters of further effects, by their registered names or 'package.module:Class'.
+    These effects act on the light before the exposure, in this order.
     """
 
     noise_mean: float = parameter(0.0, least=-255.0, most=255.0)
     noise_stddev: float = parameter(0.0, least=0.0)
     shot_noise: float = parameter(0.0, least=0.0)
-    exposure: float = parameter(1.0, above=0.0)  # with 0, all images would be black
+    exposure: float = parameter(1.0, above=0.0)  # if it were 0, all images would be black
     gain: float = parameter(1.0, above=0.0)
     vignetting: float = parameter(0.0, least=0.0, most=1.0)
     exposure_time: float = parameter(0.0, "s", least=0.0)
@@ -146,15 +151,19 @@ class Effects:
 
 
     def make_further(self) -> list[Effect]:
-        """Create the further effects; CameraError for a wrong name or parameter."""
+        """Create the effects of `further`.
+
+        Raises:
+            CameraError: the name or a parameter of an effect is wrong.
+        """
         return [EFFECTS.create(name, **values) for name, values in self.further.items()]
 
 
 class EffectChain:
-    """Applies the effects to images of one shape, in physical order.
+    """Applies the effects to images of one shape, in the order in which they occur in a camera.
 
-    Random numbers depend only on the seed and the stamp, so that an image is the same in every run,
-    whether or not earlier images were rendered.
+    Random numbers depend only on the seed and the stamp. Therefore an image is the same in every
+    run, even if earlier images were not rendered.
     """
 
     def __init__(self, effects: Effects, shape: tuple[int, ...], seed: int) -> None:
@@ -162,8 +171,8 @@ class EffectChain:
         self.effects = e = effects
         self._seed = seed
         self._shade = _compute_vignette(shape, e.vignetting, e.exposure)
-        # For light in grey levels: variance per level, added dark signal, saturation, and read
-        # noise before the gain.
+        # Values in grey levels before the gain: variance of the shot noise per level, dark signal,
+        # saturation level, and standard deviation of the read noise.
         self._shot, self._dark, self._full, self._read_noise = e.shot_noise, 0.0, 255.0, 0.0
         if (model := e.sensor) is not None:
             self._shot, self._read_noise = model.gain, model.gain * model.read_noise
@@ -173,12 +182,15 @@ class EffectChain:
         self._registered_effects = e.make_further()
 
     def is_lost(self, stamp_ns: int) -> bool:
-        """Return whether the frame with this stamp (ns of simulated time) is lost."""
+        """Return whether the frame with this stamp (simulated time, ns) is lost."""
         p = self.effects.drop_probability
         return bool(p) and self._make_generator(stamp_ns, _DROP).random() < p
 
     def _compute_curve(self, factor: float) -> np.ndarray | None:
-        """Return the output level (256,) of each grey level of light; None for the identity."""
+        """Return the output level (256,) of each grey level of the light.
+
+        Return None if the levels are not changed.
+        """
         exposure, gain = factor * self.effects.exposure, self.effects.gain
         if exposure == gain == 1.0:
             return None
@@ -186,9 +198,9 @@ class EffectChain:
         return np.clip(np.round(wells * gain), 0, 255).astype(np.uint8)
 
     def apply(self, image: np.ndarray, stamp_ns: int, factor: float = 1.0) -> np.ndarray:
-        """Return the uint8 image that the sensor delivers, in a new array or unchanged.
+        """Return the uint8 image that the sensor delivers; it may be `image` itself.
 
-        `factor` is the auto exposure's factor on the light.
+        The light is multiplied by `factor`, which comes from the auto exposure.
         """
         e = self.effects
         for index, effect in enumerate(self._registered_effects, _FURTHER):
@@ -196,17 +208,18 @@ class EffectChain:
         if self._shot:
             return self._apply_shot_noise(image, stamp_ns, factor)
         if self._shade is not None:
-            # Apply the gain in the same product: rounding before it would cause banding.
+            # Apply the gain in the same multiplication, because rounding between them would cause
+            # visible steps in smooth areas.
             image = cv2.multiply(image, self._shade, scale=factor * e.gain, dtype=cv2.CV_8U)
-            if e.gain < 1.0:  # saturated pixels
+            if e.gain < 1.0:  # limit saturated pixels, which are 255 before the gain
                 image = np.minimum(image, np.uint8(round(255.0 * e.gain)))
         else:
             curve = self._curve if factor == 1.0 else self._compute_curve(factor)
             image = image if curve is None else cv2.LUT(image, curve)
         if e.noise_stddev or e.noise_mean:
-            image = np.ascontiguousarray(image)  # an effect may return part of an array
+            image = np.ascontiguousarray(image)  # an effect may return a view
             out = np.empty_like(image)
-            # Rounding to grey levels adds a variance of 1/12.
+            # The variance is reduced by 1/12, which rounding to grey levels adds.
             stddev = math.sqrt(max(e.noise_stddev**2 - 1 / 12, (e.noise_stddev / 2)**2))
             _add_noise(image.reshape(-1), e.noise_mean, stddev, self._derive_key(stamp_ns),
                        out.reshape(-1))
@@ -214,7 +227,11 @@ class EffectChain:
         return image
 
     def _apply_shot_noise(self, image: np.ndarray, stamp_ns: int, factor: float) -> np.ndarray:
-        """Add noise of variance gain^2 (shot * light + read^2) + noise_stddev^2, and clip."""
+        """Add shot noise, read noise and Gaussian noise, and clip to 0..255.
+
+        The variance is gain² (shot * light + read²) + noise_stddev², where `shot` is the variance
+        of the shot noise per grey level, and `read` the standard deviation of the read noise.
+        """
         e = self.effects
         if self._shade is not None:
             light = cv2.multiply(image, self._shade, scale=factor, dtype=cv2.CV_32F)
@@ -233,7 +250,7 @@ class EffectChain:
         return cv2.convertScaleAbs(np.maximum(out, np.float32(0.0)))
 
     def _derive_key(self, stamp_ns: int) -> np.uint64:
-        """Return the start of the uniform random numbers of an image."""
+        """Return the key from which the random numbers of an image's noise are derived."""
         seeds = np.random.SeedSequence([self._seed, stamp_ns, _NOISE])
         return seeds.generate_state(1, np.uint64)[0]
 
@@ -245,7 +262,7 @@ class EffectChain:
 def _draw_normal(key, n):
     """Return the n-th normal deviate of a key, float32.
 
-    The uniform deviates come from splitmix64 (Steele, Lea and Flood 2014).
+    It is computed from uniform deviates of splitmix64 (Steele, Lea and Flood 2014).
     """
     z = key + np.uint64(n) * np.uint64(0x9E3779B97F4A7C15)
     z = (z ^ (z >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
@@ -274,7 +291,11 @@ def _fill_with_noise(key, out):
 
 
 def _compute_vignette(shape: tuple[int, ...], loss: float, exposure: float) -> np.ndarray | None:
-    """Return float32 factors of `shape` that fall with the square of the distance to the centre."""
+    """Return the factors by which exposure and vignetting change the light, float32.
+
+    The factors decrease with the square of the distance from the centre. Return None without
+    vignetting.
+    """
     if not loss:
         return None
     height, width = shape[:2]

@@ -300,9 +300,9 @@ def test_a_study_file_that_was_edited_is_refused(tiny, tmp_path):
 def test_folders_that_are_none(tiny, tmp_path):
     (tmp_path / "full").mkdir()
     (tmp_path / "full" / "letter").write_text("dear")
-    with pytest.raises(StudyError, match="is not empty and has no study"):
+    with pytest.raises(StudyError, match="is not empty and does not contain a study"):
         StudyFolder.create(tmp_path / "full", tiny(), "")
-    with pytest.raises(StudyError, match="has no study: manifest.json"):
+    with pytest.raises(StudyError, match=r"has no study \(manifest.json"):
         StudyFolder.open(tmp_path / "nowhere")
     with pytest.raises(StudyError, match="cannot write /dev/null/out"):
         StudyFolder.create(tmp_path / "/dev/null/out", tiny(), "")

@@ -75,13 +75,14 @@ class HandEyeSpec:
 class CalibrationOffset:
     """Difference between the camera that the controller assumes and the true camera.
 
-    focal: factor on the focal length. centre: offset of the principal point, px (right, down).
-    distortion: coefficients that the controller uses; None: the true ones.
+    focal: factor on the true focal length.
+        centre: offset of the principal point, px (right, down).
+        distortion: distortion coefficients that the controller uses; None: the true coefficients.
     xyz, rpy: offset of the assumed camera pose from the true one, m and rad, in the true optical
         frame (z forward, x right, y down), on every plant.
     hand_eye: file of a hand-eye calibration that gives the assumed camera pose, instead of xyz and
         rpy.
-    depth: factor on the depths that the controller uses.
+    depth: factor on the true depths.
     """
 
     focal: float = parameter(1.0, ", the factor on the true focal length", above=0.0, most=10.0)

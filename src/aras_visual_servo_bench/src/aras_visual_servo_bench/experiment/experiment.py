@@ -92,52 +92,60 @@ class Experiment(KeywordSettings):
     """Settings that determine a run completely: equal experiments give equal runs.
 
     An experiment is immutable. `with_changes(gain=2.0)` returns a copy with other values,
-    `from_yaml(path)` reads a file, and `run(experiment)` runs it. Values may be those of a YAML
-    file or Python objects: paths, NumPy arrays and numbers, classes. For `target`, `robot` and the
-    entries of `cameras`, a value that is not a mapping sets `target.shape`, `robot.urdf` or the
-    camera's `model`. A wrong key or value raises an ExperimentError that suggests a correct one.
-    Lengths are in m, angles in rad, times in s.
+    `from_yaml(path)` reads a file, and `run(experiment)` runs an experiment. Values can have the
+    types of a YAML file or be Python objects: paths, NumPy arrays and numbers, classes. If the
+    value of `target`, `robot` or an entry of `cameras` is not a mapping, it sets `target.shape`,
+    `robot.urdf` or the `model` of the camera. A wrong key or value raises an ExperimentError that
+    suggests a correct one. Lengths are in m, angles in rad, times in s. A plant in brackets means
+    that the setting acts only on this plant.
 
     plant: 'bullet' (simulated arm), 'chain' (arm without dynamics), 'free' (free-flying camera
         with the control loop's rate, limits and delay) or 'ideal' (camera that executes the
         scheme's twist exactly, one motion per image, as simulations in papers do).
     ideal: settings of the plant 'ideal'; see IdealSpec.
-    robot: see RobotSpec. friction: whether its joints have friction (bullet). lag: time constant
-        of each joint (chain, free), s.
-    target: see TargetSpec; 'aras' is part of the Bullet arm's robot description, and other targets
-        are placed in the world instead of it.
-    sun: see SunSpec (bullet). world: path of an SDF world file around the arm, or the name of a
-        shipped one such as 'workbench'; its models, lights and scene replace the sun and the plain
-        ground (bullet).
+    robot: settings of the robot; see RobotSpec.
+    friction: whether the joints of the robot have friction (bullet).
+    lag: time constant of each joint, s (chain, free).
+    target: settings of the target; see TargetSpec. The target 'aras' is part of the shipped robot
+        description; another target is placed in the world instead.
+    sun: settings of the sun; see SunSpec (bullet).
+    world: path of an SDF world file around the arm, or name of a shipped world such as 'workbench';
+        its models, lights and scene replace the sun and the ground plane (bullet).
     camera: the true camera: name of a preset, path of a YAML file or of a calibration (ROS, OpenCV,
         Kalibr, ViSP), or settings.
-    camera_xyz, camera_rpy: displacement of the camera in its link, m and rad; links that the camera
-        link carries move with it.
+    camera_xyz, camera_rpy: displacement of the camera in its link, m and rad; links that are fixed
+        to the camera link move, too.
     hand_eye: file of a hand-eye calibration that gives the pose of the camera on the arm, instead
         of the robot description; see HandEyeSpec.
     calibration_offset: errors of the controller's camera calibration; see CalibrationOffset.
     cameras: several cameras by name, instead of camera, hand_eye and calibration_offset; see
-        CameraSpec. The scheme selects the cameras that it uses ('points@left+points@right', by
-        default the first one); the others only record.
+        CameraSpec. The scheme names the cameras that it uses ('points@left+points@right'); by
+        default, it uses the first camera. Other cameras only record images.
     features: 'images' measures features in images; 'exact' computes them from the true poses,
-        without image, tracker and noise; 'auto' is 'images' for the Bullet arm and else 'exact'.
-    noise: standard deviation of the image noise, grey levels. jitter: of exact features, px.
-    delay: time from an exposure until the resulting command takes effect, with computing time, s.
+        without image, tracker and noise; 'auto' is 'images' on the Bullet arm, otherwise 'exact'.
+    noise: standard deviation of the image noise, grey levels.
+    jitter: standard deviation of the noise of exact features, px.
+    delay: time from an exposure until the resulting command takes effect, including computing
+        time, s.
     commands: 'joint_states' sends a command with each joint state, as a ROS graph does in real
-        time; 'images' sends one command per image, as a ROS graph in lockstep: a command takes
-        effect at the first image after the delay, which rounds the delay up to image periods.
+        time; 'images' sends one command per image, as a ROS graph does in lockstep: a command takes
+        effect at the first image after the delay, so the delay is rounded up to whole image
+        periods.
     start: name of a pose, joints (rad, m), a CameraPose, a Sampler, or a RelativeStart.
     goal: name or path of a goal file; or joints or a CameraPose at which the goal is taught.
-    scheme: name, class, or 'package.module:Class'. law: name of the control law. gain: 1/s; None:
-        the default of the law.
-    controller_parameters: further parameters of the controller node, by name.
-    duration: run time after the first image, s. time_after_convergence: time for which the run
-        continues after it has converged, s; None: until `duration` is over.
-    reached: distance (m) and angle (rad) within which the goal counts as reached; None: 0.15 % of
-        the target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
-    seed: seed of all random numbers. renderer: accepted for compatibility; all names select the
-        same renderer.
-    record_peak_speeds: record each joint's peak speed over the physics steps (bullet).
+    scheme: name, class, or 'package.module:Class' of the scheme.
+    law: name of the control law.
+    gain: gain of the control law, 1/s; None: the default of the law.
+    controller_parameters: other parameters of the controller node, by name.
+    duration: run time after the first image, s.
+    time_after_convergence: time for which the run continues after it has converged, s; None: until
+        `duration` is over.
+    reached: maximum distance (m) and angle (rad) at which the goal is reached; None: 0.15 % of the
+        target's depth at the goal and 0.3 degrees, the accuracy of the outcome 'converged'.
+    seed: seed of all random numbers.
+    renderer: accepted for compatibility; all names select the same renderer.
+    record_peak_speeds: whether to record the maximum speed of each joint over all physics steps
+        (bullet).
     """
 
     fault = ExperimentError
@@ -374,7 +382,7 @@ class Experiment(KeywordSettings):
         """Return a copy of this experiment with some values changed.
 
         A mapping changes only the keys that it names: `with_changes(target={"size": [0.1, 0.1]})`
-        keeps the target's shape. Keys may be dotted paths:
+        does not change the target's shape. Keys can be dotted paths:
         `with_changes(**{"camera.effects.gain": 2.0})`. To replace a whole value, give an object,
         such as `TargetSpec(shape="square")`.
 

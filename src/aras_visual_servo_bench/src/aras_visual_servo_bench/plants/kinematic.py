@@ -96,7 +96,7 @@ class KinematicPlant(Plant):
             )
         if values.shape != self._q.shape or not np.isfinite(values).all():
             raise ExperimentError(
-                f"a command of {len(self._q)} finite numbers is needed, got {values}"
+                f"a command must be {len(self._q)} finite numbers, got {values}"
             )
         self._set_command(kind, values)
 

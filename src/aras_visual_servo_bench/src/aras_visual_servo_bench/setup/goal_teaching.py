@@ -82,7 +82,7 @@ def check_view(context: SetupContext, pose: np.ndarray) -> None:
             raise ExperimentError(f"goal: the target is not in {view}: {VIEW_REMEDY}")
         raise ExperimentError(
             f"goal: camera '{first}' sees the target, but it is not in view of camera '{name}': "
-            f"turn or move camera '{name}', or {VIEW_REMEDY}"
+            f"their views do not overlap there: turn or move camera '{name}', or {VIEW_REMEDY}"
         )
 
 

@@ -251,7 +251,7 @@ class Study(KeywordSettings):
         case_keys = (*self.case_axes, *dict.fromkeys(str(key) for case in listed for key in case))
         both = [v.key for v in self._variations if v.key in case_keys]
         if both:
-            raise StudyError(f"'{both[0]}' is both under vary and in cases: keep one of them")
+            raise StudyError(f"'{both[0]}' is both under vary and in cases: remove one of them")
         return (*case_keys, *(v.key for v in self._variations))
 
     @cached_property

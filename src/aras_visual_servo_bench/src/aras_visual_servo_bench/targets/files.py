@@ -201,7 +201,9 @@ def triangulate(corners: np.ndarray) -> list[tuple[int, int, int]]:
                 del order[k]
                 break
         else:
-            raise ExperimentError("target.shape: the polygon's edges cross, or it has no area")
+            raise ExperimentError(
+                "target.shape: the polygon has no area, or its edges cross: correct its corners"
+            )
     return [*triangles, tuple(order)]
 
 

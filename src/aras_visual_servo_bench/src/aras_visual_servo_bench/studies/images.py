@@ -100,8 +100,8 @@ def check_images(study: Study) -> None:
     for trial in study.make_trials():
         if not trial.has_images:
             raise StudyError(
-                "pictures needs images, and exact features have none: set features to images in "
-                "the experiment"
+                "pictures needs images, and exact features have none: set features: images in the "
+                "experiment"
             )
         if tuple(trial.camera_specs) != names:
             raise StudyError(

@@ -109,13 +109,13 @@ def find_metric(name: str) -> Metric:
 # -- result of the run ------------------------------------------------------------------------
 
 
-@metric("", GREATER, "outcome of the loop and verdict of the physics together", default=True)
+@metric("", GREATER, "outcome of the loop and verdict by the true pose", default=True)
 def success(run: Run) -> float:
     """1 if the loop has converged and the camera is truly at its goal."""
     return _score_verdict(run, run.is_success)
 
 
-@metric("", GREATER, "verdict of the physics only, within the experiment's `reached`")
+@metric("", GREATER, "verdict by the true pose, with the tolerance `reached`")
 def reached(run: Run) -> float:
     """1 if the camera is truly at its goal, for any outcome of the loop."""
     return _score_verdict(run, run.verdict.is_reached)
@@ -129,7 +129,7 @@ def reduced(run: Run) -> float:
     return _score_verdict(run, near)
 
 
-@metric("", SMALLER, "outcome of the loop compared with the verdict of the physics", default=True)
+@metric("", SMALLER, "outcome of the loop compared with the verdict by the true pose", default=True)
 def contradicts(run: Run) -> float:
     """1 if the loop reports convergence away from the goal, or no convergence at the goal.
 
@@ -155,12 +155,12 @@ def settled(run: Run) -> float:
 @metric(
     "",
     SMALLER,
-    "overshoot in the sense of control, of the worst feature",
+    "largest error with the opposite sign of the first error, divided by the first error",
     is_feature_based=True,
     default=True,
 )
 def overshoot(run: Run) -> float:
-    """Overshoot of a feature's error beyond its goal, relative to its first error."""
+    """Largest overshoot of a feature beyond its goal, relative to its first error."""
     error = run.error[_find_measured_images(run)]
     if not error.size:
         return np.nan
@@ -176,26 +176,26 @@ def overshoot(run: Run) -> float:
 # -- positions of the camera ------------------------------------------------------------------
 
 
-@metric("m", SMALLER, "true pose of the physics", default=True)
+@metric("m", SMALLER, "true camera pose in the simulation", default=True)
 def final_distance(run: Run) -> float:
     """Distance of the camera from its goal at the end."""
     return run.verdict.distance
 
 
-@metric("rad", SMALLER, "true pose of the physics", default=True)
+@metric("rad", SMALLER, "true camera pose in the simulation", default=True)
 def final_angle(run: Run) -> float:
     """Angle between the camera and its goal at the end."""
     return run.verdict.angle
 
 
-@metric("m", SMALLER, "99.7 % bound of the loop; NaN if it has not converged")
+@metric("m", SMALLER, "bound that the loop computes (99.7 %); NaN if it has not converged")
 def open_distance(run: Run) -> float:
     """Largest distance from the goal that the loop cannot exclude."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
     return np.nan if left is None else left.distance
 
 
-@metric("rad", SMALLER, "99.7 % bound of the loop; NaN if it has not converged")
+@metric("rad", SMALLER, "bound that the loop computes (99.7 %); NaN if it has not converged")
 def open_angle(run: Run) -> float:
     """Largest angle to the goal that the loop cannot exclude."""
     left = run.states[-1].arrival_status.pose_uncertainty if run.states else None
@@ -232,7 +232,7 @@ def path_ratio(run: Run) -> float:
     return path_length.measure(run) / straight if straight > 1e-6 else np.nan
 
 
-@metric("m", SMALLER, "z of the target's middle in the true camera, largest of all images")
+@metric("m", SMALLER, "largest z of the target's centre in the true camera frame, over all images")
 def largest_depth(run: Run) -> float:
     """Largest depth of the target along the optical axis."""
     if run.target is None or not len(run.stamp):
@@ -259,7 +259,7 @@ def energy(run: Run) -> float:
     return float(np.trapezoid(power, run.joint_stamp[after]))
 
 
-@metric("s", SMALLER, "joint states and limits of the description", default=True)
+@metric("s", SMALLER, "joint states, and limits in the robot description", default=True)
 def limit_time(run: Run) -> float:
     """Time during which a joint is at one of its limits."""
     after = run.servoing
@@ -407,7 +407,7 @@ def image_rate(run: Run) -> float:
     return float(gaps.size / gaps.sum()) if gaps.size else np.nan
 
 
-@metric("", SMALLER, "a gap of n periods counts as n - 1, an image later than 1.5 periods as 1")
+@metric("", SMALLER, "n - 1 for a gap of n periods, plus 1 for an image later than 1.5 periods")
 def images_late(run: Run) -> float:
     """Number of images that are missing or arrived more than 1.5 periods after their exposure."""
     gaps = np.diff(run.control_record.stamp)

@@ -52,7 +52,7 @@ def load_run(source: str | Path, progress: Callable[[float], None] = _ignore_pro
     except ImportError as error:
         raise BenchError(
             f"reading a bag needs ROS's Python packages ({error}); run: source "
-            "/opt/ros/noetic/setup.bash"
+            "devel/setup.bash"
         ) from None
     return read_bag(path, progress)
 

@@ -48,7 +48,8 @@ class RunTermination:
 
         pose: true world_T_camera (4, 4) of the control camera."""
         output = state.scheme_output
-        time = round(state.stamp / self._period) * self._period  # removes rounding to ns
+        # The time is not derived from the number of images, because images may be dropped.
+        time = round(state.stamp / self._period) * self._period
         self._blind_images = self._blind_images + 1 if output is None else 0
         if state.phase != CONVERGED:
             self._convergence_time = None

@@ -92,7 +92,7 @@ class Postures:
     def find_collision(self, joints: Sequence[float]) -> str:
         """Describe a collision of the arm at `joints` (n,); return '' if there is none.
 
-        Collisions of the robot with itself are ignored.
+        Collisions between two links of the robot description are ignored.
         """
         return _find_collision(self, tuple(map(float, joints))) if self.is_solid else ""
 

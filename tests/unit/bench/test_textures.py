@@ -537,7 +537,7 @@ def test_an_outline_may_be_a_copy_in_a_file_with_a_document_type(tmp_path):
         ("a.svg", nested_uses(5), "more than 10000 elements, including copies by <use>"),
         ("a.svg", nested_uses(5).replace("href", "xlink:href"), "more than 10000 elements"),
         ("a.svg", "<svg><g id='a'><use href='#a'/></g></svg>", "more than 10000 elements"),
-        ("a.png", "no picture", "no readable image"),
+        ("a.png", "no picture", "not a readable image"),
     ],
 )
 def test_a_file_that_cannot_be_used_is_one_line(tmp_path, name, content, told):
@@ -620,7 +620,7 @@ def test_a_run_that_ends_early_says_what_it_waited_for():
 def test_a_picture_that_is_cut_off_is_one_line(tmp_path, capfd):
     file = tmp_path / "cut.png"
     file.write_bytes(b"\x89PNG\r\n\x1a\n" + 50 * b"0")
-    with pytest.raises(ExperimentError, match="no readable image"):
+    with pytest.raises(ExperimentError, match="not a readable image"):
         make_target(str(file), SIZE)
     assert capfd.readouterr().err == ""
 

@@ -740,8 +740,8 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
 @pytest.mark.parametrize(("name", "corners", "words"), [
     ("polar_points", [[0.0, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
     ("polar_points", [[9e-10, 0.0], [0.1, 0.0], [0.1, 0.1]], "it has no polar angle"),
-    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide: they make no edge"),
-    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide: they make no edge"),
+    ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide and define no edge"),
+    ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide and define no edge"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line: it has 4"),
     ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* it has 3"),
     ("points", "far away", "goal holds no points of the feature 'points': teach it"),
@@ -866,7 +866,7 @@ class Photo(Feature):
 
 
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
-    words = "luminance@left has other published errors than those the law gets"
+    words = "luminance@left publishes other errors than the law uses"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
         with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
             Stack([FEATURES.create(name) for name in parts])
@@ -877,7 +877,7 @@ def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
         )
     assert Stack([FEATURES.create("points"), FEATURES.create("matches_pose")]).names
     stack = Stack([Photo(), FEATURES.create("points")])
-    with pytest.raises(ConfigurationError, match="Photo has other published errors"):
+    with pytest.raises(ConfigurationError, match="Photo publishes other errors"):
         stack.measure(look(stack.needs, GOAL), taught(stack))
 
 

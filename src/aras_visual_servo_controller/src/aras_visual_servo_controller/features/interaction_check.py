@@ -21,15 +21,18 @@ from .base import Feature, FeatureMeasurement
 
 Observe = Callable[[np.ndarray], Observation]
 
-# A hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
+# Corners of a hexagon without symmetry, 7 cm wide, in the plane z = 0 of the world.
 CORNERS = np.array([(-0.03, -0.036, 0.0), (0.0, -0.036, 0.0), (0.004, 0.012, 0.0),
                     (0.034, 0.01, 0.0), (0.03, 0.036, 0.0), (-0.034, 0.034, 0.0)])  # fmt: skip
-# world_T_camera at the goal (0.3 m above the hexagon) and at the checked view (tilted, turned).
+# world_T_camera at the goal, 0.3 m above the hexagon, and at the view in which L is checked, which
+# is tilted and turned.
 GOAL_POSE = Pose.from_rpy((0.01, 0.005, 0.3), (np.pi, 0.0, 0.1)).matrix()
 TEST_POSE = Pose.from_rpy((0.03, -0.04, 0.28), (np.pi - 0.2, 0.15, 0.4)).matrix()
 CAMERA = CameraModel(640, 480, (600.0, 0.0, 319.5, 0.0, 600.0, 239.5, 0.0, 0.0, 1.0))
-EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))  # available without images
-STEP = 1e-4  # of the depth, and rad; the differences are then exact to about 1e-7
+# Measurements that exist without images.
+EXACT_NEEDS = frozenset((Need.MOMENTS, Need.CONTOUR, Need.CORNERS))
+# Motion in rad, or as a fraction of the depth. The finite differences are then exact to about 1e-7.
+STEP = 1e-4
 TOLERANCE = 1e-3
 
 
@@ -48,20 +51,23 @@ def check_interaction_matrix(
 
         L[:, j] D[j] = (e(+step) - e(-step)) / (2 step)
 
-    where e(h) is the error after a motion by h D[j] along or about axis j. A row of L passes if
-    the norm of its difference, in these units, is at most `tolerance` times the norm of the row.
+    where e(h) is the error after a motion by h D[j] along or about axis j. A row of L passes if the
+    norm of its difference, in these units, is at most `tolerance` times the norm of the row.
 
     Args:
-        feature: the feature. Its L is checked in all six columns, also in those of directions that
-            it does not control, because the camera moves in them, too.
+        feature: feature to check. All six columns of its L are checked, including those of
+            directions that the feature does not control, because the camera moves in these
+            directions, too.
         observe: function that returns the observation of a camera at world_T_camera (4, 4). The
             default is a pinhole camera 0.28 m above a hexagon of 7 cm, with exact moments, contour,
             corners and plane. A feature that needs images or several cameras needs its own
             function.
         world_T_camera: (4, 4) optical frame at which L is checked, in the world. The default is
-            tilted by 14 degrees, 5 cm from the goal, and turned by 17 degrees about the axis.
-        goal: goal. By default it is taught 0.3 m above the hexagon.
-        step: half the distance between the two views, in depths and rad.
+            tilted by 14 degrees, 5 cm from the goal, and turned by 17 degrees about the optical
+            axis.
+        goal: goal of the feature. The default is taught 0.3 m above the hexagon.
+        step: half the distance between the two views, as a fraction of the depth for translations,
+            in rad for rotations.
         tolerance: largest relative error of a row. Finite differences of exact observations are
             correct to about 1e-6; differences of images need a larger `step` and `tolerance`.
 
@@ -101,7 +107,11 @@ def check_interaction_matrix(
 
 
 def _make_exact_observer(feature: Feature) -> Observe:
-    """Return exact observations of the hexagon; ConfigurationError if the feature needs more."""
+    """Return a function that computes exact observations of the hexagon.
+
+    Raises:
+        ConfigurationError: the feature needs other measurements.
+    """
     more = sorted(need.value for need in feature.needs - EXACT_NEEDS)
     if more or feature.camera_count > 1 or any(feature.cameras):
         what = f"needs {', '.join(more)}" if more else "reads cameras by name"
@@ -134,11 +144,15 @@ def _make_motion(axis: int, amount: float) -> np.ndarray:
 def _compute_error(
     feature: Feature, measured: FeatureMeasurement, reference: FeatureMeasurement
 ) -> np.ndarray:
-    """Return the error (k,), after a check that it has as many components as the reference."""
+    """Return the measured error (k,).
+
+    Raises:
+        ConfigurationError: the error has another number of components than the reference.
+    """
     if np.shape(measured.error) != np.shape(reference.error):
         raise ConfigurationError(
             f"{feature.name} has {np.size(reference.error)} components in one view and "
-            f"{np.size(measured.error)} in the next: L cannot be checked by differences"
+            f"{np.size(measured.error)} in the next: L cannot be checked by finite differences"
         )
     return np.asarray(measured.error, float)
 
@@ -146,11 +160,15 @@ def _compute_error(
 def _compare_rows(
     feature: Feature, L: np.ndarray, differences: np.ndarray, units: np.ndarray, tolerance: float
 ) -> np.ndarray:
-    """Compute the relative errors (k,) of the rows; SchemeError if a row exceeds the tolerance."""
+    """Return the relative errors (k,) of the rows of L.
+
+    Raises:
+        SchemeError: the error of a row exceeds the tolerance, or L has a wrong shape.
+    """
     if L.shape != differences.shape:
         raise SchemeError(
-            f"{feature.name}: L has shape {L.shape}, and its {len(differences)} components need "
-            f"{differences.shape}"
+            f"{feature.name}: L has shape {L.shape}, must have {differences.shape} for "
+            f"{len(differences)} components"
         )
     off = np.linalg.norm(L - differences, axis=1)
     size = np.maximum(np.linalg.norm(L, axis=1), np.linalg.norm(differences, axis=1))

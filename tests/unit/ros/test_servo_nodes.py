@@ -175,7 +175,7 @@ def test_pictures_reach_the_loop_with_their_depth(graph):
     np.testing.assert_allclose(driver.images[-1][1][5], 0.5)
     depth(picture("mono8", rospy.Time(6)))
     image(picture(stamp=rospy.Time(6)))
-    assert graph.lines[-1].startswith("image skipped: depth of encoding 'mono8'")
+    assert graph.lines[-1].startswith("image skipped: the depth image has the encoding 'mono8'")
     assert len(driver.images) == 2
     info(bad)  # and images wait again
     image(picture(stamp=rospy.Time(7)))

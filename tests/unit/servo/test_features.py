@@ -868,7 +868,7 @@ class Photo(Feature):
 def test_what_is_judged_by_other_numbers_than_its_rows_is_in_no_stack():
     words = "luminance@left publishes other errors than the law uses"
     for parts in (["points", "luminance"], ["matches", "luminance_dct"]):
-        with pytest.raises(ConfigurationError, match="cannot be stacked") as told:
+        with pytest.raises(ConfigurationError, match="cannot be combined") as told:
             Stack([FEATURES.create(name) for name in parts])
         assert "\n" not in str(told.value)
     with pytest.raises(ConfigurationError, match=words):

@@ -372,8 +372,8 @@ def test_a_scheme_says_which_cameras_it_reads():
     ("name", "words"),
     [
         ("points@rihgt", "reads the camera 'rihgt': did you mean 'right'"),
-        ("points@", "a camera's name is missing behind the @"),
-        ("stereo_points@left,", "a camera's name is missing behind the @"),
+        ("points@", "the name of a camera is missing after @"),
+        ("stereo_points@left,", "the name of a camera is missing after @"),
         ("points@left,right", "scheme 'points' reads 1 camera: name one, as points@left"),
         ("partitioned@left,right", "scheme 'partitioned' reads one camera"),
         ("stereo_points", "'stereo_points' reads 2 cameras: name them, as stereo_points@left,r"),

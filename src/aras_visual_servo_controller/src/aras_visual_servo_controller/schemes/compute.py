@@ -1,4 +1,4 @@
-"""The call of a scheme for one image, with checks of its output."""
+"""Call of a scheme for one image, with checks of its output."""
 
 from __future__ import annotations
 
@@ -36,8 +36,8 @@ def compute(
         limit: wall time that the scheme may take, s.
 
     Returns:
-        The output for k features, with float64 arrays. Its task holds L (k, 6) and the desired
-        rate (k,) of the error; it is None for a joint controller.
+        The output for k features, with float64 arrays. Its task contains L (k, 6) and the desired
+        rate (k,) of the error; the task of a joint controller is None.
 
     Raises:
         MeasurementError: this image cannot be used for control.
@@ -87,5 +87,5 @@ def compute(
             f"scheme {name} returned the task {type(output.task).__name__} instead of a Task"
         )
     if all(arrays[field] is getattr(output, field) for field in arrays):
-        return output  # the usual case: no array was converted
+        return output  # This is the usual case, in which no array was converted.
     return dataclasses.replace(output, **arrays)

@@ -370,7 +370,7 @@ def test_stereo_follows_a_target_that_was_carried_away():
 @pytest.mark.parametrize(
     ("scheme", "cameras", "words"),
     [
-        ("stereo_points", two(), r"reads 2 cameras: name them, as stereo_points@left,right"),
+        ("stereo_points", two(), r"reads 2 cameras: name them, for example stereo_points@l"),
         ("stereo_points@left", two(), "reads 2 cameras: name them"),
         ("stereo_pose@left,right", {"left": {"model": LEFT}, "right": {"model": RIGHT}},
          "cameras left and right are 0.0 mm apart, too close to measure depth"),

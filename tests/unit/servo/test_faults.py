@@ -102,7 +102,7 @@ FAULTS = {
     "inf in the rate": (with_task(desired_rate=np.full(4, np.inf)), "rate is not finite"),
     "L of five columns": (with_task(L=np.zeros((4, 5))), "(4, 5)"),
     "rate of another length": (with_task(desired_rate=np.zeros(3)), "(3,)"),
-    "modelled of four": (with_task(modelled=np.ones(4, bool)), "six are needed, got (4,)"),
+    "modelled of four": (with_task(modelled=np.ones(4, bool)), "have the shape (6,), got (4,)"),
     "long error": (answering(error=np.zeros(5)), "error of shape (5,) for 4 names"),
     "NaN in the error": (answering(error=[0.1, np.nan, 0, 0]), "error that are not finite"),
     "text for features": (answering(features="abcd"), "features of no numbers"),
@@ -562,9 +562,9 @@ def test_tasks_are_checked():
     ):
         with pytest.raises(TaskError, match=words.replace("(", r"\(").replace(")", r"\)")):
             Task.from_interaction(L, rate)
-    with pytest.raises(TaskError, match=r"a twist has shape \(6,\), got \(5,\)"):
+    with pytest.raises(TaskError, match=r"a twist must have the shape \(6,\), got \(5,\)"):
         Task.from_twist(np.zeros(5))
-    with pytest.raises(TaskError, match=r"directions: six are needed, got \(5,\)"):
+    with pytest.raises(TaskError, match=r"modelled must have the shape \(6,\), got \(5,\)"):
         Task.from_twist(np.zeros(6), np.ones(5, bool))
     task = Task.from_twist(np.ones(6))
     for array in (task.L, task.desired_rate, task.modelled):

@@ -148,7 +148,7 @@ def test_what_schemes_are_made_with_where_nothing_is_said():
         law = schemes.Proportional(3.0)
         assert create_scheme(name, law, **said).law is law
         for option in ({"smoothing": 1.0}, {"interaction": "mean"}, {"weights": [1.0]}):
-            words = f"scheme '{name}' takes no {next(iter(option))}: only features do"
+            words = f"scheme '{name}' takes no {next(iter(option))}, which only features use"
             with pytest.raises(ConfigurationError, match=words):
                 create_scheme(name, **option)
     blind = points.Points()

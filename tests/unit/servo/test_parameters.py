@@ -260,7 +260,7 @@ class Two:
     ({"j": 0.5, "k": 0.1, "l": 2.0}, "is .*, which has a value for l: the joints of this"),
     ({"j": "far", "k": 0.1}, "j is 'far', must be a finite number"),
     ({"xyz": [0, 0, 1], "rpy": [0, 0]}, "rpy is .0, 0., must be a list of 3"),
-    ("2016", "has a value for gantry: .* are j, k; give values for these, or none"),
+    ("2016", "has a value for gantry: .* are j, k; give values for these, or set ~start"),
 ])  # fmt: skip
 def test_a_start_that_is_none_of_this_arm_is_told(start, words):
     with pytest.raises(ConfigurationError, match=f"parameter ~start.*{words}"):

@@ -376,8 +376,8 @@ def test_a_scheme_says_which_cameras_it_reads():
         ("stereo_points@left,", "the name of a camera is missing after @"),
         ("points@left,right", "scheme 'points' reads 1 camera: name one, as points@left"),
         ("partitioned@left,right", "scheme 'partitioned' reads one camera"),
-        ("stereo_points", "'stereo_points' reads 2 cameras: name them, as stereo_points@left,r"),
-        ("points+stereo_pose@left", "'stereo_pose' reads 2 cameras: name them, as stereo_pose@l"),
+        ("stereo_points", "'stereo_points' reads 2 cameras: name them, for example stereo_p"),
+        ("points+stereo_pose@left", "'stereo_pose' reads 2 cameras: name them, for example stereo"),
         ("stereo_pose@left,right,wall", "scheme 'stereo_pose' reads 2 cameras: name them"),
     ],
 )

@@ -204,7 +204,7 @@ class Parameters:
                 if (other := used_by.setdefault(namespace, name)) != name:
                     raise ConfigurationError(
                         f"{where}cameras: {other} and {name} both listen to {namespace}/{topic}: "
-                        f"give each its own {key}"
+                        f"give each its own value of `{key}`"
                     )
 
 

@@ -183,9 +183,8 @@ class Settings(Parameters):
 
         Raises:
             ConfigurationError: the joints that move a camera or its target are not those that move
-                the
-                control camera or its target; or a camera is fixed, and the arm does not move its
-                target.
+                the control camera or its target; or a camera is fixed, and the arm does not move
+                its target.
         """
         others: dict[str, CameraKinematics] = {}
         scheme = self.make_scheme()
@@ -417,8 +416,8 @@ class Settings(Parameters):
         """Return a function that computes the plane of the model's outline.
 
         The argument of the function is world_T_camera. It uses the initial pose of the mesh model.
-        Return
-        None if that pose is not given; then a goal cannot be taught by the outline of the model.
+        Return None if that pose is not given; then a goal cannot be taught by the outline of the
+        model.
         """
         if not self.model or "pose" not in self.model_start:
             return None
@@ -445,7 +444,7 @@ class Settings(Parameters):
             raise ConfigurationError(f"{where}: {error}") from error
         if found.component == "mask":
             raise ConfigurationError(
-                f"{where}.component 'mask' is for the camera node, which has the mask image: give "
+                f"{where}.component 'mask' is for the camera node, which has the mask image: set "
                 "all, largest or nearest"
             )
         return found

@@ -118,7 +118,7 @@ class Diagnosis:
         elif event.kind == "halted":
             self.evidence.current_outcome, self._is_ended = event.outcome, True
         else:
-            raise ValueError(f"a run has no event '{event.kind}'")
+            raise ValueError(f"'{event.kind}' is not a kind of event of a run")
 
     def _add_starvation(self, t: float, period: float) -> None:
         """Record that the watchdog stopped the arm.

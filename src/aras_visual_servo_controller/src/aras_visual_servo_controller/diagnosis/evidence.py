@@ -104,8 +104,7 @@ class Evidence:
         """Describe how the features contradict the camera model.
 
         Return an empty text if they do not, or if the target has just moved faster than the
-        camera's
-        motion can explain.
+        camera's motion can explain.
         """
         if self.is_running_away:
             return ""

@@ -278,8 +278,7 @@ class ArrivalMargin:
         """Return the additional offset of the camera that the target's plane by kinematics shows.
 
         Only directions that the features measure poorly are evaluated. A camera motion v, w changes
-        the
-        plane p by (p . v) p + p x w and its normal n by n x w.
+        the plane p by (p . v) p + p x w and its normal n by n x w.
 
         Args:
             observation: observation with the camera's pose.

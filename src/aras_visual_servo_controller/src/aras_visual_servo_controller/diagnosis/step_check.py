@@ -160,8 +160,7 @@ class StepCheck:
         """Return the correlation (k,) of each feature's motion with its prediction by L, -1 to 1.
 
         The correlation of a feature with too little predicted motion is 0. Return None if there are
-        no
-        data.
+        no data.
         """
         if self._correlation_sums is None:
             return None

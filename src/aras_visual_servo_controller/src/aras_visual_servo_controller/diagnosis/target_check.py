@@ -131,8 +131,8 @@ class TargetCheck:
     Three explanations are compared by their residual, the squared motion that they do not explain:
 
     - a target at rest and a correct camera model, except for the depth; - a target at rest and a
-    wrong camera model (mounting, focal length): a translation along one
-      axis may have the effect of a translation along another axis, and likewise a rotation;
+      wrong camera model (mounting, focal length): a translation along one axis may have the effect
+      of a translation along another axis, and likewise a rotation;
     - a target that moves with a constant twist, or oscillates at one frequency in addition.
 
     The ratio of the residual of the third explanation to that of the first was measured on the

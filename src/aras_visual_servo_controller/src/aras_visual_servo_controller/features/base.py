@@ -147,7 +147,7 @@ class Feature(ABC):
         """
         raise ConfigurationError(
             f"{type(self).__name__} has no interaction matrix at the goal: use "
-            "interaction 'current', or give it desired_interaction(goal)"
+            "interaction 'current', or implement its method desired_interaction(goal)"
         )
 
     def accuracy(self, observation: Observation, goal: Goal) -> np.ndarray | float | None:
@@ -170,8 +170,7 @@ class Feature(ABC):
 
         Raises:
             ConfigurationError: the goal does not contain the data that `teach` returns. Subclasses
-                may
-                require other data.
+                may require other data.
         """
         if type(self).teach is not Feature.teach and self.name not in goal.features:
             raise ConfigurationError(
@@ -208,8 +207,7 @@ class Stack(Feature):
 
         Raises:
             ConfigurationError: there is no feature, a feature cannot be combined with others, or
-                the
-                numbers of features and weights differ.
+                the numbers of features and weights differ.
         """
         self.features = tuple(features)
         if not self.features:

@@ -390,7 +390,8 @@ class VanishingPoints(CornerFeature):
         """
         if len(points) != 4:
             raise MeasurementError(
-                f"vanishing points need the four corners of a parallelogram, not {len(points)}"
+                "vanishing points need the four corners of a parallelogram, but the target has "
+                f"{len(points)} corners"
             )
         p = np.column_stack([points, np.ones(4)])
         found = []
@@ -403,7 +404,10 @@ class VanishingPoints(CornerFeature):
             size = np.linalg.norm(meet)
             same_line = size <= MIN_LENGTH * np.linalg.norm(one) * np.linalg.norm(other)
             if same_line or np.hypot(meet[0], meet[1]) < MIN_LENGTH * size:
-                raise MeasurementError("the sides of the target have no vanishing point")
+                raise MeasurementError(
+                    "two opposite sides of the target appear on one line, so that they have no "
+                    "vanishing point"
+                )
             found.append(meet * np.sign(sign) / size)
         return np.array(found)
 

@@ -117,7 +117,7 @@ def _make_exact_observer(feature: Feature) -> Observe:
         what = f"needs {', '.join(more)}" if more else "reads cameras by name"
         raise ConfigurationError(
             f"{feature.name} {what}: give observe, a function that returns the Observation of a "
-            "camera at world_T_camera (4, 4)"
+            "camera at the pose world_T_camera (4, 4)"
         )
 
     def observe(world_T_camera: np.ndarray) -> Observation:

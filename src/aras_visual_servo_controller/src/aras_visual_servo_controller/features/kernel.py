@@ -7,8 +7,7 @@ The camera node publishes the four features
 
 where x = i dx along the rows and y = j dy along the columns of the image (i, j from 1; dx = 0.017
 and dy = 0.0185 per pixel), and I = 1 on the target. k3 uses columns as x, like OpenCV's moments.
-The
-node also publishes the inverse of a 4x4 Jacobian J for camera motions along the rows, along the
+The node also publishes the inverse of a 4x4 Jacobian J for camera motions along the rows, along the
 columns, along the optical axis (relative to the distance) and about the optical axis (from rows to
 columns).
 
@@ -22,8 +21,7 @@ effects on the closed loop.
   columns.
 - A camera that approaches the target enlarges the target's image and moves it away from the
   principal point, which also changes k0 and k1. With the exponent -2, both effects add up to
-  exactly
-  xc J00 and yc J11.
+  exactly xc J00 and yc J11.
 - Kernel units are converted to metres by depth and focal length, so that the gain is a rate in 1/s.
   The original integrated over 0.01 s independently of the elapsed time, with gains of 200 and 0.01,
   which correspond to time constants of 5 s in translation and minutes in rotation.
@@ -78,7 +76,7 @@ class Kernel(Feature):
         if not (goal.kernel.features[:3] > 0.0).all():
             raise ConfigurationError(f"{goal.name}: kernel features 0 to 2 must be above 0")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:
         """Measure s, s*, the error and L in one image."""

@@ -59,8 +59,8 @@ class Matches(Luminance):
         places, self._goal_descriptors = self.detect_keypoints(self._goal_image)
         if len(places) < MIN_MATCHES or goal.camera is None:
             raise ConfigurationError(
-                f"{goal.name}: {len(places)} keypoints in its image, {MIN_MATCHES} are needed: "
-                "teach it with a textured target, or servo on moments"
+                f"{goal.name}: its image has {len(places)} keypoints, {MIN_MATCHES} are needed: "
+                "teach the goal with a textured target, or use the scheme moments"
             )
         self._goal_keypoints = places
         x, y, _ = goal.camera.normalise(*places.T)
@@ -88,8 +88,7 @@ class Matches(Luminance):
         """Detect keypoints in a grey image (H, W).
 
         Return their positions (n, 2), px, and their descriptors (n, k). A subclass can override
-        this
-        method to use another detector.
+        this method to use another detector.
         """
         scale = min(self.max_width / grey.shape[1], 1.0)
         if scale < 1.0:
@@ -130,7 +129,7 @@ class Matches(Luminance):
                 return np.column_stack([x, y]), self._desired_points[in_goal[inliers]]
         raise MeasurementError(
             f"{len(pairs)} keypoints match the goal image, {MIN_MATCHES} consistent ones are "
-            "needed: is the target in view, and textured?"
+            "needed: bring the target into view, and use a textured target"
         )
 
 

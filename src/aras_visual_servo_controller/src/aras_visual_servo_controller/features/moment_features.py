@@ -41,7 +41,7 @@ class GravityCentre(MomentFeature):
 
 @FEATURES.register("gravity_centre_normalised")
 class NormalisedGravityCentre(MomentFeature):
-    """s = xn, yn = an (xg, yg), m; nearly linear in the camera's translation."""
+    """s = xn, yn = an (xg, yg), m; linear in the translation of a camera parallel to the target."""
 
     formulas = names = ("xn", "yn")
     tolerances, units = (CENTRE_TOLERANCE, CENTRE_TOLERANCE), ("m", "m")
@@ -79,10 +79,9 @@ class Alpha(MomentFeature):
 class Ellipse(MomentFeature):
     """s = xg, yg, n20, n11, n02 of an ellipse or circle, with n = mu / m00.
 
-    For an ellipse, n20, n11 and n02 follow from a quarter of the squared semi-axes; they are
-    defined
-    for any region. A rotation about the axis of symmetry does not change s. ViSP calls this feature
-    vpFeatureEllipse.
+    For an ellipse whose axes are parallel to x and y, n20 and n02 are a quarter of the squared
+    semi-axes. n20, n11 and n02 are defined for any region. A rotation about the axis of symmetry
+    does not change s. ViSP calls this feature vpFeatureEllipse.
     """
 
     formulas = ("xg", "yg", "mu20 / m00", "mu11 / m00", "mu02 / m00")

@@ -59,7 +59,7 @@ class _GoalMoments:
         if goal.moments is None:
             raise ConfigurationError(f"{goal.name} holds no moments: teach it again")
         if goal.depth is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
         self.goal, self._tolerance = goal, tolerance
         self.plane = goal.plane or Plane.fronto_parallel(goal.depth)
         try:
@@ -210,8 +210,7 @@ class MomentFeature(Feature):
         """Return the target's plane: the measured one, or an estimate by kinematics and area.
 
         The estimate has the orientation that follows from kinematics, and the depth that follows
-        from
-        the target's area.
+        from the target's area.
         """
         plane, centre = observation.plane, (moments.xg, moments.yg)
         if observation.is_plane_measured and plane.inverse_depth(*centre) > 0.0:
@@ -221,7 +220,9 @@ class MomentFeature(Feature):
             normal = observation.world_T_camera[:3, :3].T @ goal_moments.normal
         facing = float(normal @ (*centre, 1.0))
         if facing < 0.05:
-            raise MeasurementError("the camera looks along the target's plane, not on it")
+            raise MeasurementError(
+                "the camera views the target's plane edge-on or from behind"
+            )
         depth = sqrt(goal_moments.patch_area * facing / moments.area)
         return Plane(*(normal / (facing * depth)).tolist())
 

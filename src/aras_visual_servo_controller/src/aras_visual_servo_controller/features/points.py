@@ -85,7 +85,7 @@ class PointFeature(Feature):
         corners = self.read_desired_points(goal)
         self._set_count(len(corners))
         if goal.depth is None and goal.plane is None:
-            raise ConfigurationError(f"{goal.name} contains no depth of the target (m)")
+            raise ConfigurationError(f"{goal.name} contains no depth: set the target's depth (m)")
 
     def teach(self, observation: Observation) -> Mapping[str, Any]:
         """Return the data of the view at the goal that the goal file stores."""
@@ -190,10 +190,8 @@ class PointFeature(Feature):
         """Return points (n, 2) of an outline in the order of the goal's points, and the ambiguity.
 
         Each of the n cyclic shifts is fitted by a similarity transform. Several shifts may fit
-        about as
-        well as the best one. Of these, the one whose rotation is nearest to that of the previous
-        image
-        is used.
+        about as well as the best one. Of these, the one whose rotation is nearest to that of the
+        previous image is used.
         """
         z, g = (p[:, 0] + 1j * p[:, 1] for p in (points, desired))
         z, g = z - z.mean(), g - g.mean()

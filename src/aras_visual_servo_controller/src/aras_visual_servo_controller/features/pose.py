@@ -57,8 +57,8 @@ class RelativePose(NumberedPoints):
         places = self._backproject_goal(goal)
         if len(places) < 4 or are_collinear(places):
             raise ConfigurationError(
-                f"{goal.name}: a pose needs four points that are not on one line: it has "
-                f"{len(places)}"
+                f"{goal.name}: a pose needs four points that are not on one line; the goal has "
+                f"{len(places)} points"
             )
 
     def measure(self, observation: Observation, goal: Goal) -> FeatureMeasurement:

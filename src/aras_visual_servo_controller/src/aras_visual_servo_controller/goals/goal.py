@@ -168,7 +168,7 @@ class Goal:
         if plane is None and depth is None and target is not None and pose is not None:
             plane = target.compute_plane(pose)
         if plane is None and depth is None:
-            raise ConfigurationError(f"{name}: give the depth of the target, m")
+            raise ConfigurationError(f"{name}: the target's depth is unknown; give the depth in m")
         depth = 1.0 / plane.C if depth is None else float(depth)
         joints = observation.joints
         values = {} if joints is None else {
@@ -208,8 +208,7 @@ class Goal:
         """Return the goal for this arm.
 
         The pose is computed from the joints. If the goal has no plane, the target's plane is
-        assumed to
-        be horizontal.
+        assumed to be horizontal.
 
         Raises:
             ConfigurationError: the arm does not have one of the joints, a joint is missing or

@@ -88,7 +88,7 @@ def _read_joints(values: Mapping[str, Any], arm: Arm, name: str) -> np.ndarray:
         if joint not in arm.names:
             raise ConfigurationError(
                 f"parameter ~start is '{name}', which has a value for {joint}: the joints of this "
-                f"arm are {', '.join(arm.names)}; give values for these, or none"
+                f"arm are {', '.join(arm.names)}; give values for these, or set ~start to none"
             )
     missing = [joint for joint in arm.names if joint not in values]
     if missing:

@@ -28,7 +28,7 @@ def svd(a):
     for i in range(m):
         for j in range(n):
             if not abs(a[i, j]) < np.inf:
-                raise np.linalg.LinAlgError("singular values of a matrix that is not finite")
+                raise np.linalg.LinAlgError("a matrix that is not finite has no singular values")
             largest = max(largest, abs(a[i, j]))
     rows, turn = np.zeros((r, length)), np.eye(r)  # invariant: turn @ (shorter side of a) = rows
     if largest > 0.0:  # scaling prevents overflow and underflow of the squares

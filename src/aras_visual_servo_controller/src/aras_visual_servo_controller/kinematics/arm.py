@@ -127,7 +127,7 @@ class Arm:
             raise ConfigurationError(f"robot description: {error}") from None
         if not path:
             raise ConfigurationError(
-                f"robot description: {camera_frame} is the base itself, no joint moves it"
+                f"robot description: {camera_frame} is the base itself, which no joint moves"
             )
         return cls(path, target_path, joints, locked)
 
@@ -198,8 +198,7 @@ class Arm:
         """Compute the joint origins from base to camera in the base frame, as an array (m, n, 3).
 
         `positions` are joints (m, n). If the arm moves the target instead of the camera, the result
-        has
-        the shape (m, 0, 3).
+        has the shape (m, 0, 3).
         """
         count = 0 if self.target_frame else len(self)
         found = np.zeros((len(positions), count, 3))
@@ -223,9 +222,13 @@ class Arm:
                 finite, or too far outside its limits.
         """
         if len(names) != len(positions):
-            raise MeasurementError(f"{len(names)} joint names but {len(positions)} positions")
+            raise MeasurementError(
+                f"a joint state has {len(names)} joint names but {len(positions)} positions"
+            )
         if len(velocities) not in (0, len(names)):
-            raise MeasurementError(f"{len(names)} joint names but {len(velocities)} velocities")
+            raise MeasurementError(
+                f"a joint state has {len(names)} joint names but {len(velocities)} velocities"
+            )
         rows = self._find_rows(names)
         q = np.array([positions[i] for i in rows], float)
         speed = self._zero_velocities
@@ -260,8 +263,8 @@ class Arm:
         speeds = self._zero_velocities if velocities is None else np.asarray(velocities, float)
         if not q.shape == speeds.shape == self.lower.shape:
             raise MeasurementError(
-                f"joint positions {q.shape} and velocities {speeds.shape} for an arm of "
-                f"{len(self.names)} joints"
+                f"joint positions and velocities have the shapes {q.shape} and {speeds.shape}, "
+                f"must have ({len(self.names)},) for this arm"
             )
         joint, is_speed = find_implausible_joint(q, speeds, *self.plausible_bounds)
         if joint >= 0 and not is_speed:
@@ -362,7 +365,7 @@ def _check_joint(joint: Joint) -> None:
     lower, upper, _, _ = _read_limits(joint)
     if not lower < upper:
         raise DescriptionError(
-            f"joint '{joint.name}': lower limit {lower:g} must be below the upper {upper:g}"
+            f"joint '{joint.name}': lower limit {lower:g} must be below upper limit {upper:g}"
         )
 
 

@@ -48,8 +48,7 @@ class Chain(NamedTuple):
         """Construct the chain on the paths from the base to the camera and to the target.
 
         The chain has the joints `names`. The other joints are fixed at their positions in `locked`,
-        or
-        at 0.
+        or at 0.
         """
         count = len(names)
         chain = cls(

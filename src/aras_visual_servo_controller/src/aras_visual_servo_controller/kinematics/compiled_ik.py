@@ -190,8 +190,7 @@ def _limit_velocities(desired, secondary, low, high, limits, dt, is_limited, pre
         is_limited: whether the acceleration is limited, starting from the velocities `previous`.
         previous: (n,) velocities that were commanded before.
         total, task: (n,) last solution, and its part for the task. If `previous` equals `total`,
-            the
-            acceleration of the task is measured from `task`.
+            the acceleration of the task is measured from `task`.
 
     Returns:
         The velocities (n,); their part (n,) for the task; the scale of this part; the index of the
@@ -407,8 +406,7 @@ def solve_velocities(
         range_tasks: (p, 3, n) lower bound, upper bound and gain of each JointRangeTask.
         elbows: (m, 7) fields of each Elbow.
         limits: (5, n) lower and upper position, velocity, acceleration, and units of the joints;
-            see
-            `_solve_damped` for the units.
+            see `_solve_damped` for the units.
         dt, is_limited, previous: see `_limit_velocities`.
         last: (2, n) last velocities, and their part for the task.
         settings: fields of IKSettings.
@@ -416,11 +414,9 @@ def solve_velocities(
     Returns:
         The velocities (n,) and their part (n,) for the task; the desired, the achieved and the
         infeasible twist (6,), in SI units; the scale of the task; the index of the joint that
-        limits
-        the speed, or -1; the indices of the joints that are stopped at a limit; whether an elbow
-        would become straight; whether the infeasible twist is large enough to be reported; whether
-        the velocities
-        can be reused; the distances (n,) to the position limits.
+        limits the speed, or -1; the indices of the joints that are stopped at a limit; whether an
+        elbow would become straight; whether the infeasible twist is large enough to be reported;
+        whether the velocities can be reused; the distances (n,) to the position limits.
     """
     length, reach, bent = settings[0], settings[6], jacobian
     if len(order) > 0:

@@ -1,8 +1,7 @@
 """Differential inverse kinematics: from a task to joint velocities.
 
 Let L be the task's interaction matrix, J the arm's Jacobian, and H the matrix of the directions
-that
-the task does not control. The joint velocities q_dot are the least-squares solution of
+that the task does not control. The joint velocities q_dot are the least-squares solution of
 
     L J q_dot = e_dot        H J q_dot = hold_gain (goal - now)
 

@@ -2,9 +2,8 @@
 
 The axes of the joint before and the joint after an elbow are parallel to its own axis. At a
 stretched elbow, the camera cannot move along the arm to first order, because bending the elbow
-moves
-it only to second order. The laboratory's arm works in such postures: at its desired poses, it is
-stretched to within 0.1 mm.
+moves it only to second order. The laboratory's arm works in such postures: at its desired poses, it
+is stretched to within 0.1 mm.
 """
 
 from collections.abc import Sequence

@@ -40,7 +40,7 @@ def solve_inverse_kinematics(
     goal = np.asarray(world_T_camera, float)
     rotation = goal[:3, :3] if goal.shape == (4, 4) else np.zeros((3, 3))
     if not (np.isfinite(goal).all() and np.allclose(rotation @ rotation.T, np.eye(3), atol=1e-6)):
-        raise ValueError("a pose of the camera has to be a rigid (4, 4) array")
+        raise ValueError("a camera pose must be a rigid transform, an array (4, 4)")
     q0 = np.asarray(q0, float)
     low = np.where(np.isfinite(lower), lower, q0 - 2.0 * np.pi)
     high = np.where(np.isfinite(upper), upper, q0 + 2.0 * np.pi)

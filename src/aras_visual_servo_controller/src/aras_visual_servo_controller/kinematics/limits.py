@@ -76,8 +76,8 @@ class Limits:
             ):
                 if wider:
                     raise ConfigurationError(
-                        f"limits of {name}: {key} {values[key][i]:g} is beyond the robot's own, "
-                        f"{own[key][i]:g}"
+                        f"limits of {name}: {key} {values[key][i]:g} is beyond the robot's own "
+                        f"limit {own[key][i]:g}"
                     )
         for array in values.values():
             array.setflags(write=False)
@@ -118,7 +118,7 @@ def _merge_limits(
             for name, value in override.items():
                 if name not in names:
                     raise ConfigurationError(
-                        f"limits: {key} of an unknown joint {name}; {suggest(name, names)}"
+                        f"limits: {key} names the unknown joint {name}; {suggest(name, names)}"
                     )
                 values[names.index(name)] = float(value)
         elif np.ndim(override) == 0:
@@ -127,8 +127,8 @@ def _merge_limits(
             values[:] = [float(value) for value in override]
         else:
             raise ConfigurationError(
-                f"limits: {len(override)} values of {key} for {len(names)} joints "
-                f"({', '.join(names)})"
+                f"limits: {key} has {len(override)} values, must have one for each of "
+                f"{', '.join(names)}"
             )
     except (TypeError, ValueError) as error:
         raise ConfigurationError(f"limits: {key} is {override!r}: {error}") from error

@@ -75,8 +75,7 @@ class JointLimitAvoidance(JointRangeTask):
     """Repulsion of joints from their position limits.
 
     velocity_i = gain d_i, where d_i is the depth by which q_i has entered the margin at a limit.
-    The
-    velocity is directed away from the limit.
+    The velocity is directed away from the limit.
     """
 
     def __init__(self, limits: Limits, margin: float = 0.2, gain: float = 2.0) -> None:

@@ -65,7 +65,7 @@ class Task:
                 f"{rate.shape}"
             )
         if modelled.shape != (6,):
-            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+            raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         if not is_task_finite(L, rate):
             raise TaskError("the interaction matrix or the desired rate is not finite")
         accuracy = self.accuracy
@@ -73,8 +73,8 @@ class Task:
             accuracy = _read_array(accuracy)
             if accuracy.ndim != 2 or len(accuracy) != len(L) or not np.isfinite(accuracy).all():
                 raise TaskError(
-                    f"accuracy of shape {accuracy.shape} for {len(L)} features: (k, m) finite "
-                    "numbers are needed"
+                    f"accuracy must be finite and have the shape ({len(L)}, m), got "
+                    f"{accuracy.shape}"
                 )
         if len(L) > 6:
             L, rate, accuracy = _reduce_rows(L, rate, accuracy)
@@ -114,8 +114,8 @@ class Task:
             )
             if weights.shape != desired_rate.shape or L.ndim != 2 or not (weights >= 0.0).all():
                 raise TaskError(
-                    f"weights of shape {weights.shape} for {len(desired_rate)} features; they "
-                    "must be >= 0"
+                    f"weights must be >= 0 and have the shape ({len(desired_rate)},), got "
+                    f"{weights.shape}"
                 )
             L, desired_rate = weights[:, None] * L, weights * desired_rate
             accuracy = np.diag(accuracy * weights) if np.ndim(accuracy) == 0 else (
@@ -131,9 +131,9 @@ class Task:
         """
         twist, modelled = _read_array(twist), np.array(modelled, bool)
         if twist.shape != (6,):
-            raise TaskError(f"a twist has shape (6,), got {twist.shape}")
+            raise TaskError(f"a twist must have the shape (6,), got {twist.shape}")
         if modelled.shape != (6,):
-            raise TaskError(f"modelled directions: six are needed, got {modelled.shape}")
+            raise TaskError(f"modelled must have the shape (6,), got {modelled.shape}")
         return cls.from_interaction(np.eye(6)[modelled], twist[modelled], modelled)
 
     @cached_property

@@ -229,8 +229,7 @@ def average_entries(entries: Sequence[Any]) -> Any:
     """Return the mean of entries that were taught by a feature.
 
     Entries are numbers or lists of numbers. Other entries, and lists of different lengths, cannot
-    be
-    averaged; then the last entry is returned.
+    be averaged; then the last entry is returned.
     """
     last = entries[-1]
     if isinstance(last, dict):

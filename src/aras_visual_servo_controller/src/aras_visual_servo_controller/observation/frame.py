@@ -53,8 +53,7 @@ class Frame:
 
     A frame comes from a renderer, a bag or a topic; `observe` turns it into an `Observation`. If it
     has neither an image nor features, the target is not in view. Pixels are indexed (row, column)
-    in
-    arrays. In outlines and points they have coordinates (u, v), to the right and downwards.
+    in arrays. In outlines and points they have coordinates (u, v), to the right and downwards.
 
     Attributes:
         stamp_ns: time of the exposure, ns of simulated time.

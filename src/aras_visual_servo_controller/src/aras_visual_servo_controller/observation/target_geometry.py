@@ -76,7 +76,9 @@ class TargetGeometry:
         if not (np.isfinite(boxes).all() and np.isfinite(surface) and not np.isnan(ground)):
             raise ConfigurationError(f"{where}: a number is not finite")
         if not (boxes[:, 0] < boxes[:, 1]).all():
-            raise ConfigurationError(f"{where}: the first corner of a box must be its lowest")
+            raise ConfigurationError(
+                f"{where}: the first corner of a box must have its lowest coordinates"
+            )
         boxes.setflags(write=False)
         return cls(boxes, ground, surface)
 

@@ -67,8 +67,7 @@ class CommandTopics:
 
         Args:
             values: values of all joints: positions in rad or m, velocities in rad/s or m/s, or
-                efforts
-                in N m or N.
+                efforts in N m or N.
             joint: name of the only joint to command; '' for all. A group controller always gets all
                 values.
         """

@@ -58,7 +58,7 @@ def collect_views(arguments: argparse.Namespace) -> Goal:
         # Further images would probably be unusable, too.
         if teacher.refused_count >= arguments.images:
             raise ServoError(
-                f"the last {teacher.refused_count} images show nothing that could be taught "
+                f"the last {teacher.refused_count} images show nothing that can be taught "
                 f"({teacher.reason}): bring the target into view and teach again"
             )
         if rospy.is_shutdown() or time.monotonic() > deadline:

@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
             raise ConfigurationError("--depth has to be above 0 m")
         if arguments.geometry:
             if arguments.urdf is None:
-                raise ConfigurationError("--geometry needs --urdf, the robot's description")
+                raise ConfigurationError("--geometry needs --urdf FILE, the robot description")
             goal = make_goal_from_geometry(arguments.geometry, arguments.urdf)
             heading = "View of an exact camera on the target at this pose, from its geometry."
         else:

@@ -89,8 +89,7 @@ class ForeignWatch:
 
         A joint that moves away from its command follows foreign commands, even if these cannot be
         received. In this case nothing is sent until the joint has been at rest for QUIET_TIME. Then
-        the
-        loop continues from the measured position.
+        the loop continues from the measured position.
         """
         newest = self._history.newest
         if newest is None or not self._servo.is_waiting_for_joints:

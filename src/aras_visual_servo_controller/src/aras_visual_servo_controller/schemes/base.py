@@ -41,8 +41,7 @@ class SchemeOutput:
         residual: (m,) full error, if `error` is only a summary of it, as for features of a whole
             image; L is then (m, 6). None if `error` is the full error.
         error_drift: (k,) rate of the error that the camera does not cause, for example the effect
-            of
-            a moving target, in units of s per second.
+            of a moving target, in units of s per second.
         filtered_error: (k,) low-pass filtered error that the law uses; None without a filter.
         ambiguity: camera rotation that the error cannot show, as text ('180°'); empty if there is
             none.

@@ -58,7 +58,10 @@ def compute(
         array = to_float_array(getattr(output, field))
         if array is None or array.shape != (count,):
             shape = "no numbers" if array is None else f"shape {array.shape}"
-            raise SchemeError(f"scheme {name} returned {field} of {shape} for {count} names")
+            raise SchemeError(
+                f"scheme {name} returned {field} of {shape} for {count} names; one number for each "
+                "name is needed"
+            )
         arrays[field] = array
     if not are_finite(*arrays.values()):
         for field, array in arrays.items():

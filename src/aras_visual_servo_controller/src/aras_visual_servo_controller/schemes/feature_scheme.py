@@ -159,8 +159,7 @@ class FeatureScheme(FeatureSchemeBase):
         """Return the argument `accuracy` or `rank_tolerance` of the Task, if L is ill-conditioned.
 
         To make rows of different units comparable, the rows of L (k, 6) are scaled to length 1,
-        with
-        lengths relative to the distance at the goal.
+        with lengths relative to the distance at the goal.
         """
         scaled = L[:, self._modelled] * np.repeat((goal.distance, 1.0), 3)[self._modelled]
         lengths = np.linalg.norm(scaled, axis=1, keepdims=True)

@@ -55,7 +55,7 @@ def create_scheme(
         given = {k: v for k, v in options.items() if v not in (None, "", "current", 0.0)}
         if given or weights is not None:
             raise ConfigurationError(
-                f"scheme '{name}' takes no {', '.join(given) or 'weights'}: only features do"
+                f"scheme '{name}' takes no {', '.join(given) or 'weights'}, which only features use"
             )
         own = (law,) if issubclass(cls, Scheme) else ()
         made = check_scheme(construct("scheme", names[0], cls, ConfigurationError, *own), names[0])
@@ -107,7 +107,7 @@ def _assign_cameras(feature: Feature, name: str, cameras: tuple[str, ...]) -> Fe
         example = ",".join(("left", "right", "third", "fourth")[:count])
         raise ConfigurationError(
             f"scheme '{name}' reads {count} camera{'s' if count > 1 else ''}: name "
-            f"{'them' if count > 1 else 'one'}, as {name}@{example}"
+            f"{'them' if count > 1 else 'one'}, for example {name}@{example}"
         )
     if not cameras:
         return feature
@@ -127,7 +127,9 @@ def check_scheme(scheme: object, name: str) -> object:
     """
     for attribute in ("names", "tolerances", "needs"):
         if not hasattr(scheme, attribute):
-            raise ConfigurationError(f"scheme '{name}': {type(scheme).__name__} has no {attribute}")
+            raise ConfigurationError(
+                f"scheme '{name}': {type(scheme).__name__} has no {attribute}; define it"
+            )
     for attribute, single in (("names", str), ("units", str), ("needs", Need)):
         if isinstance(getattr(scheme, attribute), single):  # a single value instead of a tuple
             value = getattr(scheme, attribute)

@@ -206,7 +206,7 @@ def test_depth_images_of_either_kind_and_order():
     message.data = rows.tobytes() + b"more"
     np.testing.assert_allclose(read_depth(message), [[1, 2, 3], [0.4, 0.5, 65.535]], rtol=1e-6)
     message.data = message.data[:15]
-    with pytest.raises(ImageError, match="15 bytes is too short"):
+    with pytest.raises(ImageError, match="is too short: it has 15 bytes"):
         read_depth(message)
     message.data, message.step = 16 * b"0", 5
     with pytest.raises(ImageError, match="too short"):

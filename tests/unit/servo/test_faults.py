@@ -245,10 +245,10 @@ def test_joints_of_another_arm_hold_it():
     seen = rig.exact(rig.observer, rig.now, JointSample.from_values(rig.now, names, rig.q))
     short = JointSample.from_values(rig.now, names[:5], rig.q[:5])
     state = rig.servo.process_image(replace(seen, joints=short))
-    assert state.phase == HOLDING and "an arm of 6 joints" in state.reason
+    assert state.phase == HOLDING and "must have (6,) for this arm" in state.reason
     fast = JointSample.from_values(rig.now, names, rig.q, 1e9 * np.eye(6)[2])
     state = rig.servo.process_image(replace(seen, stamp=rig.now + 0.01, joints=fast))
-    assert state.phase == HOLDING and state.reason.startswith("J2 ")
+    assert state.phase == HOLDING and " of J2 is impossible" in state.reason
 
 
 def test_a_fault_is_told_once_more_after_the_clock_went_back():

@@ -743,7 +743,7 @@ ON_A_LINE = np.array([[-0.05, 0.01], [0.0, 0.01], [0.02, 0.01], [0.06, 0.01]])
     ("segments", [[0.1, 0.0], [0.1, 9e-10], [0.3, 0.1]], "coincide and define no edge"),
     ("lines", [[0.1, 0.2], [0.1, 0.2], [0.3, 0.1]], "coincide and define no edge"),
     ("pose", ON_A_LINE, "goal: a pose needs four points that are not on one line; the goal has 4"),
-    ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* it has 3"),
+    ("pose", [[0.1, 0.2], [0.1, 0.3], [0.3, 0.1]], "a pose needs four points .* the goal has 3"),
     ("points", "far away", "goal holds no points of the feature 'points': teach it"),
     ("points", [[0.1, 0.2], [0.3, 0.1]], "goal holds no points of the feature 'points': teach it"),
 ])  # fmt: skip
@@ -782,7 +782,7 @@ def test_a_goal_without_the_depth_of_its_target_is_refused(name):
     by_kernel = Goal.teach(None, kernel_view(lens, GOAL), depth=0.2)
     goal = replace(taught(feature), kernel=by_kernel.kernel)
     feature.check(goal)
-    with pytest.raises(ConfigurationError, match="goal contains no depth of the target"):
+    with pytest.raises(ConfigurationError, match="goal contains no depth: set the target"):
         feature.check(replace(goal, depth=None, plane=None))
     nothing = replace(goal.kernel, features=np.array([1.0, 1.0, 0.0, 0.1]))
     if name == "kernel":

@@ -171,7 +171,7 @@ class TargetCheck:
     # fraction of the predicted one, because the camera may move in another direction than assumed.
     MIN_MOTION_PART = 0.2
     # Smallest scale of the motion along and about each direction that a wrong camera model can
-    # explain. Half the motion corresponds to half the focal length, or to a mounting error of 60
+    # explain. Half the motion corresponds to a wrong focal length, or to a mounting error of 60
     # degrees.
     MIN_CAMERA_FACTOR = 0.5
     # A wrong camera model explains the motion as well as a moving target if its residual is less

@@ -25,8 +25,8 @@ def read_depth(message: Image) -> np.ndarray:
     width = message.width * kind.itemsize
     if message.step < width or len(message.data) < message.step * message.height:
         raise ImageError(
-            f"the depth image has {len(message.data)} bytes, too few for "
-            f"{message.width} x {message.height} pixels"
+            f"the depth image of {message.width} x {message.height} pixels is too short: it has "
+            f"{len(message.data)} bytes in rows of {message.step}"
         )
     rows = np.frombuffer(message.data, np.uint8)[: message.step * message.height]
     rows = np.ascontiguousarray(rows.reshape(message.height, message.step)[:, :width])

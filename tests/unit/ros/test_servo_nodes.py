@@ -212,7 +212,7 @@ def test_depth_images_of_either_kind_and_order():
     with pytest.raises(ImageError, match="too short"):
         read_depth(message)
     message.encoding = "mono8"
-    with pytest.raises(ImageError, match="encoding 'mono8': send one of 32FC1, 16UC1"):
+    with pytest.raises(ImageError, match="encoding 'mono8'; use one of 32FC1, 16UC1"):
         read_depth(message)
 
 

@@ -304,7 +304,7 @@ class Settings(Parameters):
             raise ConfigurationError(
                 f"parameter ~elbow is {list(sides)}, must be -1 or 1, or {{joint: -1 or 1}}"
             )
-        if sides and self.joints:  # Elbows are ignored if not all of their joints are in use.
+        if sides and self.joints:  # elbows are ignored if not all of their joints are in use
             elbow_names = [arm.names[elbow.joint] for elbow in elbows]
             sides = {n: s for n, s in sides.items() if n in elbow_names or n not in arm.names}
         if sides:

@@ -63,7 +63,7 @@ RENEWAL_RATIO = 0.7
 # deviations. A larger difference shows that kinematics do not describe the camera's motion.
 OUTLIER_DEVIATIONS = 5.0
 NOISE_STEPS = 8  # minimum number of images from which the noise is estimated
-MAX_ROWS = 64  # For more rows of L than this, the normal equations are solved.
+MAX_ROWS = 64  # for more rows of L than this, the normal equations are solved
 # After an arrival, each of the first VIEW_PERIOD images is compared with the goal, then only every
 # VIEW_PERIOD-th.
 VIEW_PERIOD = 8
@@ -141,7 +141,7 @@ class ArrivalCheck:
                 self._view_check.clear()
             self._is_reached, self._margin = False, None
             return ArrivalStatus(pending_reason=reason)
-        if not self._is_reached:  # Views from before the arrival are ignored.
+        if not self._is_reached:  # views from before the arrival are ignored
             self._images = 0
             self._view_check.retain(max(1 if offsets is None else offsets.count, MIN_VIEWS))
         self._is_reached = True

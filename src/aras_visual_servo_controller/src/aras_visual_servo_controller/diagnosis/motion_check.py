@@ -158,7 +158,8 @@ class MotionCheck:
         """Describe how the features have contradicted L; empty text if they have not.
 
         Args:
-            is_target_moving: whether the target moves; then a single feature may move against L.
+            is_target_moving: whether the target moves. Then a single feature may move in the
+                direction opposite to its prediction by L.
         """
         steps, text = (
             self.step_check,
@@ -179,7 +180,7 @@ class MotionCheck:
         return ""
 
     def _list_opposing_features(self) -> str:
-        """Return the names of the features that move against L, as text."""
+        """Return the names of the features that move opposite to their prediction by L, as text."""
         parts = self.step_check.feature_correlations
         if parts is None or not (parts < OPPOSING_CORRELATION).any():
             return ""

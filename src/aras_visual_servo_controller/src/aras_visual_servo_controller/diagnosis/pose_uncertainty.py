@@ -81,7 +81,7 @@ WEAK_DIRECTION = 0.05
 # A motion does not turn the plane if its effect is below this fraction of the largest effect.
 MIN_PLANE_CHANGE = 0.05
 NO_OFFSET, IDENTITY = np.zeros(6), np.eye(6)
-NOISE_DEVIATIONS = 3.0  # An error of more than this many standard deviations is not noise.
+NOISE_DEVIATIONS = 3.0  # an error of more than this many standard deviations is not noise
 USE_LARGER_TARGET = suggest_larger_target(1.5)
 ADD_FEATURE = Remedy("if the pose matters, add a feature that measures these motions")
 PLANE_REASON = (
@@ -156,7 +156,7 @@ class ArrivalMargin:
             accuracy = _estimate_residual_accuracy(L, error, noise) if accuracy is None else (
                 accuracy * max(compute_unexplained_ratio(L, error, accuracy, noise), 1.0)
             )  # fmt: skip
-        if len(L) > 6:  # Replace L by six rows with the same least-squares solution.
+        if len(L) > 6:  # replace L by six rows with the same least-squares solution
             Q, L = np.linalg.qr(L)
             accuracy = None if accuracy is None else Q.T @ accuracy
         self._ik_solution = ik_solution

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from ..observation.observation import Observation
 
 MIN_VIEWS = 3  # smallest number of images for a comparison
-NOISE_DEVIATIONS = 3.0  # A mean within this many standard deviations is explained by noise.
+NOISE_DEVIATIONS = 3.0  # a mean within this many standard deviations is explained by noise
 MAX_WINDOW = 120  # largest number of averaged images
 # Tolerances of the scale-free central moments. Converged runs with five cameras, with and without
 # noise, differ from the goal by 0.2 % in the second order and 6e-5 in the third. The closest wrong
@@ -248,7 +248,7 @@ def _compute_place_interaction(goal: Goal) -> np.ndarray:
     plane = goal.plane or Plane.fronto_parallel(goal.distance)
     try:
         L = np.array(camera_features.compute_moment_features(moments, PLACE_FEATURES, plane).L)
-    except VisionError:  # The goal's moments are of too low an order.
+    except VisionError:  # the goal's moments are of too low an order
         return np.zeros((len(PLACE_FEATURES), 6))
     L[2] /= 2.0 * moments.area
     return L

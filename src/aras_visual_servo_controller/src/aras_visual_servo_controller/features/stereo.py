@@ -103,7 +103,7 @@ class StereoPoints(Feature):
         """Return the data of the view at the goal that the goal file stores."""
         views = [observation.cameras[name] for name in self.cameras]
         found = [n.points(v) for n, v in zip(self._point_features, views, strict=True)]
-        if len(found[0]) == len(found[1]):  # Both cameras use the order of the first one.
+        if len(found[0]) == len(found[1]):  # both cameras use the order of the first one
             found[1] = self._point_features[1]._match_to_goal(views[1], found[0])[0]
         return {"points": [np.asarray(points, float).tolist() for points in found]}
 

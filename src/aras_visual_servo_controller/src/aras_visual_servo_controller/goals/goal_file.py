@@ -87,7 +87,7 @@ def read_goal_fields(data: Any, name: str) -> dict[str, Any]:
     """Read the fields of a Goal, except its name, from a mapping that was read from YAML."""
     try:
         entries = build(GoalEntries, data, f"{name}: ", ConfigurationError)
-    except VisionError as error:  # The camera model raises this error.
+    except VisionError as error:  # the camera model raises this error
         raise ConfigurationError(f"{name}: {error}") from error
     target = entries.target
     return {

@@ -183,7 +183,7 @@ class Arm:
             )
         key, cached = q.tobytes(), self._pose_cache
         if cached is not None and key == cached[0]:
-            return cached[1]  # Several parts of the loop need the same result for one image.
+            return cached[1]  # several parts of the loop need the same result for one image
         pose, jacobian = self.chain.compute_pose_and_jacobian(q)
         result = _make_read_only(pose), _make_read_only(jacobian)
         self._pose_cache = key, result

@@ -278,7 +278,7 @@ def _solve_within_ranges(
         near, back = False, True
         for elbow in elbows:
             near |= free[int(elbow[0])] and abs(q[int(elbow[0])] - elbow[1]) < reach_bend
-        if near:  # Also try the Jacobian of bent elbows, and use it if it bends the elbows further.
+        if near:  # also try the Jacobian of bent elbows, and use it if it bends the elbows further
             solution, spare = _solve_damped(
                 bent_jacobian,
                 basis,

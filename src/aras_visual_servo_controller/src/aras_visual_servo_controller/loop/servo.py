@@ -107,7 +107,7 @@ class Servo(ServoControl):
             return self._record(observation)
         start_time = None if self.clock is None else self.clock()
         solution = None
-        try:  # Nothing is changed unless all of these calls succeed.
+        try:  # nothing is changed unless all of these calls succeed
             self.arm.check(joints.positions, joints.velocities)
             if self._is_paused and self.integrator.is_at_rest:
                 # The arm is at rest: reset integrals and the initial transient of the law.

@@ -52,7 +52,7 @@ class LoopServices:
 
     def _publish_status(self) -> None:
         while not rospy.is_shutdown():
-            with contextlib.suppress(rospy.ROSException):  # The topic is closed at shutdown.
+            with contextlib.suppress(rospy.ROSException):  # the topic is closed at shutdown
                 self._action.action_server.publish_status()
             time.sleep(STATUS_PERIOD)
 

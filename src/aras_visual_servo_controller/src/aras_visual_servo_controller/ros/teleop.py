@@ -57,7 +57,7 @@ class Teleop:
         rospy.Subscriber(topic, JointState, self._on_joints, queue_size=1)
         rospy.Subscriber(str(rospy.get_param("~joy", "/joy")), Joy, self._on_joy, queue_size=1)
         device = Path(str(rospy.get_param("~joystick", "/dev/input/js0")))
-        with contextlib.suppress(OSError):  # Without a gamepad, the keyboard is sufficient.
+        with contextlib.suppress(OSError):  # without a gamepad, the keyboard is sufficient
             self._gamepad = JoyDevice(device)
 
     def run(self) -> int:

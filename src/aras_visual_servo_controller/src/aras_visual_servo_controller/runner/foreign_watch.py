@@ -17,7 +17,7 @@ from ..records.outcomes import JOINTS_DO_NOT_FOLLOW
 from ..records.state import HOLDING, Command
 from ..settings import Settings
 
-QUIET_TIME = 1.0  # The loop commands the joints again after this time without a foreign command, s.
+QUIET_TIME = 1.0  # the loop commands the joints again after this time without a foreign command, s
 # Wall time for which commands are observed after the last sign of another node, s.
 LISTENING_TIME = 5.0
 
@@ -95,7 +95,7 @@ class ForeignWatch:
         if newest is None or not self._servo.is_waiting_for_joints:
             return False
         if command.stamp - newest.stamp > self._settings.watchdog:
-            return False  # The present joint positions are unknown.
+            return False  # the present joint positions are unknown
         behind = np.abs(command.values - newest.positions)
         if self._joint_errors is None:
             self._joint_errors = behind

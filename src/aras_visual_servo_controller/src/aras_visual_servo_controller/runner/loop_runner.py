@@ -135,7 +135,7 @@ class LoopRunner:
             if self._stamp is None:
                 self.start_count += 1
             elif stamp <= self._stamp:
-                return  # The joint state is older than the latest one.
+                return  # the joint state is older than the latest one
             self._stamp, self._joints_arrival = stamp, now
             try:
                 sample = self.servo.arm.read_joints(names, positions, velocities, stamp)
@@ -204,15 +204,15 @@ class LoopRunner:
             return
         joints, newest = self.history.interpolate(stamp, earlier_only=lockstep), self.history.newest
         if newest is not None and stamp - newest.stamp > MAX_AGE:
-            return  # The joints at the exposure are unknown.
-        since: list[JointSample] = []  # Commands that were sent since the exposure.
+            return  # the joints at the exposure are unknown
+        since: list[JointSample] = []  # commands that were sent since the exposure
         for command in reversed(self.commands):
             if command.stamp < stamp:
                 break
             since.append(command)
         state = self.servo.process_image(observe_frame(joints, tuple(reversed(since))))
         if not state.has_processed_image:
-            return  # The image is late or was already processed.
+            return  # the image is late or was already processed
         if state.fault:
             self._listener.log(state.fault)
         if state.phase in (SERVOING, CONVERGED):
@@ -354,9 +354,9 @@ class LoopRunner:
         if self._is_ended or values is None or not are_finite(values, values, values):
             return
         if self.sent_values is None and self.servo.phase == STOPPED:
-            return  # Before the first start, another node may command the joints.
+            return  # before the first start, another node may command the joints
         if self.servo.is_yielding and command.positions is not None:
-            self.sent_values = None  # The controller has received commands of another node.
+            self.sent_values = None  # the controller has received commands of another node
             return
         same = self.sent_values is not None and values.tolist() == self.sent_values.tolist()
         if not same:

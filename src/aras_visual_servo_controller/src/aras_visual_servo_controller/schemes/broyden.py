@@ -27,7 +27,7 @@ from ..observation.observation import Observation
 ROTATION_WEIGHT = 0.5
 MIN_STEP = 1 / 600  # camera motion at which half of the feature change is noise, as a fraction of d
 UNKNOWN_MOTION = 0.6  # value of d if L is zero, m
-LONGEST_JUMP = 1.0  # If an error changes by more than this, it is an angle that wrapped.
+LONGEST_JUMP = 1.0  # if an error changes by more than this, it is an angle that wrapped
 
 
 class Broyden:

@@ -150,7 +150,7 @@ def _watch_calls() -> None:
         known, idle = now, 0 if now else idle + 1
         if idle >= IDLE_CHECKS:
             with _thread_lock:
-                if not _calls:  # A call that is added from now on starts a new thread.
+                if not _calls:  # a call that is added from now on starts a new thread
                     _watch_thread = None
                     return
 
@@ -162,7 +162,7 @@ def _interrupt(call: _Call) -> None:
         return
     call.remaining_checks += RETRY_CHECKS
     again = call.is_interrupted
-    call.is_interrupting = True  # This is set before `is_done` is read; see _end_call.
+    call.is_interrupting = True  # this is set before `is_done` is read; see _end_call
     if not call.is_done:
         call.is_interrupted = True
         ctypes.pythonapi.PyThreadState_SetAsyncExc(

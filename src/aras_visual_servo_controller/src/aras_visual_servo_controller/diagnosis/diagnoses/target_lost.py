@@ -33,7 +33,7 @@ class TargetLost(RunDiagnosis):
             evidence.measured_stamp, self._loss = state.stamp, None
             return None
         if state.phase != HOLDING:
-            return Outcome("running", state.reason)  # The previous outcome is no longer valid.
+            return Outcome("running", state.reason)  # the previous outcome is no longer valid
         if observation.valid:
             return self._judge_unmeasured(state, evidence)
         # If the error oscillated when the target was lost, the oscillation is the cause, even if

@@ -54,7 +54,7 @@ def test_a_chosen_marker_is_named_where_it_is_not_in_view():
 
 
 @pytest.mark.parametrize(("given", "words"), [
-    ("DICT_5X5_50:50", "number 50, must be at most 49 in DICT_5X5_50"),
+    ("DICT_5X5_50:50", "number is 50, must be at most 49 in DICT_5X5_50"),
     ("DICT_5X6_50:1", "dictionary 'DICT_5X6_50': did you mean .DICT_6X6_50."),
     ("-1", "must be a number of at least 0"), ("5X5_50:x", "must be a number"),
     ("99999", "at most 2319"),

@@ -493,7 +493,7 @@ def test_meshes_that_are_no_solid_in_metres_are_refused():
         Solid.from_triangles(box[:, ::-1], "part.stl")
     flipped = box.copy()
     flipped[3] = flipped[3, ::-1]
-    with pytest.raises(ModelError, match="open or folded"):
+    with pytest.raises(ModelError, match="not a closed surface"):
         Solid.from_triangles(flipped, "part.stl")
     assert len(Solid.from_triangles(block((0, 0), (0.1, 0.05), 0.3, 0.0, 0.04)).edges) == 12
 

@@ -76,7 +76,9 @@ def read_outline_message(message: Any) -> tuple[tuple[float, float], ...]:
     """
     corners = tuple((float(p.x), float(p.y)) for p in message.polygon.points)
     if corners and (len(corners) < 3 or not np.isfinite(corners).all()):
-        raise VisionError("the desired outline needs at least three corners with finite coordinates")
+        raise VisionError(
+            "the desired outline needs at least three corners with finite coordinates"
+        )
     return corners
 
 

@@ -57,7 +57,9 @@ def compute_coverage(
     core = cv2.erode(inside, element, borderType=cv2.BORDER_REPLICATE)
     bg, fg = _measure_levels(image, around, core)
     if abs(bg - fg) < 1.0:
-        raise SegmentationError("the target and its surroundings have the same grey level")
+        raise SegmentationError(
+            f"the target has no contrast to its surroundings: both have the grey level {bg:.0f}"
+        )
     return _compute_weights(image, around, core, bg, fg), (left, top), bg, fg
 
 

@@ -120,7 +120,7 @@ class Pipeline:
         if not reason and (camera.height, camera.width) != image.shape:
             reason = (
                 f"the image is {image.shape[1]} x {image.shape[0]} but camera_info says "
-                f"{camera.width} x {camera.height} px; calibrate the camera at its image size"
+                f"{camera.width} x {camera.height}; both must have the same size"
             )
         if reason:
             self._previous_centre = None if target.pixel_count == 0 else self._previous_centre

@@ -97,7 +97,7 @@ def threshold_image(
     if settings.method == "label":
         if target_mask is None:
             raise SegmentationError(
-                "segmentation 'label' needs a label image for each image; set `segmentation: true` "
+                "segmentation 'label' needs the simulator's label image; set `segmentation: true` "
                 "in the settings of the simulated camera"
             )
         return (

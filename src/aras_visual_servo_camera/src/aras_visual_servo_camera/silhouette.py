@@ -49,7 +49,7 @@ def find_silhouette_points(points: np.ndarray) -> np.ndarray:
         ModelError: a vertex is not in front of the camera.
     """
     if not (points[:, 2] > 0.0).all():
-        raise ModelError("the solid is not completely in front of the camera")
+        raise ModelError("the solid is completely or partly behind the camera")
     image_points = points[:, :2] / points[:, 2:]
     return points[cv2.convexHull(image_points.astype(np.float32), returnPoints=False)[:, 0]]
 

@@ -65,8 +65,8 @@ class DotTracker(Tracker):
                 dots.append((int(area), left, top, width, height))
         if len(dots) < self.count:
             raise VisionError(
-                f"{len(dots)} of {self.count} dots are detected; each must be dark, round, "
-                "completely in view and separate from the others"
+                f"{len(dots)} of {self.count} dots are in view; each dot must be dark, round and "
+                "separate from the others"
             )
         dots.sort(reverse=True)
         return sort_by_angle(

@@ -29,7 +29,7 @@ RIM_PART = 0.8  # profiles are taken from this fraction of an edge's length, aro
 # is longer than half a cell, so that a profile contains black and white, and shorter than a cell.
 RIM_REACH = (1.5, 0.6)
 RIM_MAX_REACH = 8.0  # px
-RIM_STEP = 0.4  # largest distance between two samples of a profile, px (approximately)
+RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
 
 
 @TRACKERS.register("marker")

@@ -119,7 +119,7 @@ def test_what_is_not_recorded_is_neither_closed_nor_reported(kept):
         kept.make_report()
     kept.by.bag.with_name(kept.by.bag.name + ".active").rename(kept.directory / "x")
     kept.by.stop = lambda patience=0.0: None
-    with pytest.raises(RefusedError, match="^the recorder left no bag: recording$"):
+    with pytest.raises(RefusedError, match="^the recorder has written no bag: recording$"):
         kept.stop_recording()
     with pytest.raises(RefusedError, match="^nothing is being recorded$"):
         kept.stop_recording()
@@ -162,7 +162,7 @@ def test_tools_are_run_to_their_end(kept, monkeypatch):
     status[:], pages[:] = [0, ""], []
     for page in out.iterdir():
         page.unlink()
-    with pytest.raises(RefusedError, match=f"^analyze wrote no page into {out}$"):
+    with pytest.raises(RefusedError, match=f"^analyze has written no page into {out}$"):
         kept.make_report()
 
 

@@ -494,5 +494,5 @@ def test_starts_of_the_learned_scheme_are_as_the_arm_can_begin():
 
 def test_training_without_its_library_says_what_to_do(monkeypatch):
     monkeypatch.setitem(sys.modules, "sklearn.neural_network", None)
-    with pytest.raises(ExperimentError, match="training needs scikit-learn, .* run: pip install -r"):
+    with pytest.raises(ExperimentError, match="training needs scikit-learn, .* run: pip install"):
         fit_network(np.zeros((3, 2)), np.zeros((3, 1)), 0.1, np.float32)

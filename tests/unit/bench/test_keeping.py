@@ -74,7 +74,7 @@ def test_a_disk_without_room_is_said_while_recording_and_at_its_end(kept):
     assert kept.find_recording_error().startswith(
         "the recorder has stopped: Less than 256M of space free on"
     )
-    with pytest.raises(RefusedError, match="Less than 256M .*; the bag until then is available: "):
+    with pytest.raises(RefusedError, match="Less than 256M .*; the bag contains the data bef"):
         kept.stop_recording()
     assert kept.last_bag.suffix == ".bag" and kept.last_bag.is_file()
 
@@ -83,7 +83,7 @@ def test_a_recorder_that_ended_in_order_says_why(kept):
     with kept.by.log.open("a") as log:
         log.write(ENDED.format(folder=kept.open_bag.parent))
     assert kept.find_recording_error().startswith("the recorder (record) has ended: the disk of ")
-    with pytest.raises(RefusedError, match="is full: .*; the bag until then .*: recorded"):
+    with pytest.raises(RefusedError, match="is full: .*; the bag contains .*: recorded"):
         kept.stop_recording()
 
 

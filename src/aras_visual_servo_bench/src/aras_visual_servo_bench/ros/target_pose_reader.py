@@ -26,11 +26,11 @@ class TargetPoseReader:
         self._state = rospy.ServiceProxy(STATE, GetModelState)
 
     def read_pose(self, robot: str) -> PoseStamped | None:
-        """Return the target's pose in the base frame of a robot, or None.
+        """Return the target's pose in the base frame of a robot.
 
-        The pose is in the world frame if there is no such robot. It is None without a target, and
-        without a simulator, as in a replay. Only existing models are queried, because the
-        simulator logs an error for any other.
+        The pose is in the world frame if there is no such robot. Return None if there is no target,
+        or no simulator, as during a replay. Only existing models are queried, because the simulator
+        logs an error for a model that does not exist.
         """
         self.has_simulator = False
         try:

@@ -39,15 +39,15 @@ FigureFunction = Callable[[Sequence[Run]], Figure | None]
 
 @dataclass(frozen=True)
 class Chapter:
-    """A chapter of a report: a figure file, and a group of time plots on the page.
+    """A chapter of a report: a figure, and a group of time plots on the page.
 
     Attributes:
         name: name of the figure's files.
         title: heading of the group on the page.
-        text: description below the heading.
-        draw: function that draws the figure, if it is not a time plot.
+        text: description below this heading.
+        draw: function that draws the figure; None for a figure of the panels.
         panels: function that returns the panels of the time plots.
-        heading, layout: heading and layout of the figure with these panels.
+        heading, layout: heading and layout of the figure of the panels.
     """
 
     name: str
@@ -59,13 +59,13 @@ class Chapter:
     layout: Layout = Layout()
 
     def draw_figure(self, runs: Sequence[Run]) -> Figure | None:
-        """Draw the figure; return None if the runs have no data for it."""
+        """Draw the figure of this chapter; return None if the runs have no data for it."""
         if self.draw is not None:
             return self.draw(runs)
         return time_plots.draw_panels(self.panels(runs), runs, self.heading, self.layout)
 
 
-# Each row of figures is drawn side by side with equal heights.
+# All chapters. The figures of a row are shown side by side, so they have equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
     (Chapter("filmstrip", "Filmstrip", "Camera images while the error decreases. Green: the "
              "desired outline.", views.draw_filmstrip),),
@@ -94,7 +94,9 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5))),
 )  # fmt: skip
-DRAWING_PROCESSES = 2  # more do not help: the slowest row determines the time
+# Number of processes that draw figures. More would not be faster, because the slowest row
+# determines the time.
+DRAWING_PROCESSES = 2
 CHAPTER_NAMES = tuple(part.name for row in CHAPTERS for part in row)
 
 
@@ -107,14 +109,16 @@ def write_report(
 ) -> list[Path]:
     """Write the report of one or more runs: a page with plots and metrics, figures and tables.
 
-    The folder gets report.html, summary.json, summary.csv, figures/ and data/.
+    The files are report.html, summary.json, summary.csv, and those in the folders figures and data.
 
     Args:
         runs: one run, or several runs to compare.
-        out: folder, created if necessary; existing files of the same names are overwritten.
-        kinds: formats of the figure files, from png, svg and pdf; the page does not use them.
-        paper: write only vector figures, in the width of a paper's column.
-        progress: called with the finished fraction, 0 to 1, and the name of the next step.
+        out: folder of the report, which is created if necessary. Existing files with the same names
+            are overwritten.
+        kinds: formats of the figures: png, svg, pdf. The page does not need these files.
+        paper: True to write only vector figures, in the width of a paper's column.
+        progress: function that is called with the finished fraction, 0 to 1, and the name of the
+            next step.
 
     Returns:
         The paths of the files, the page first.
@@ -134,15 +138,15 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
 
     Args:
         runs: one run, or several runs to compare.
-        name: name of the figure, equal to that of its file in the folder `figures` of a report.
-        path: path of the file; its suffix, such as .png, .svg or .pdf, selects the format.
+        name: name of the figure, which is the name of its file in a report's folder `figures`.
+        path: path of the file. Its suffix, such as .png, .svg or .pdf, defines the format.
 
     Raises:
         BenchError: the figure is unknown, the runs have no data for it, or it cannot be written.
     """
     chapters = {chapter.name: chapter for row in CHAPTERS for chapter in row}
     if name not in chapters:
-        raise BenchError(f"no figure '{name}': {suggest(name, chapters)}")
+        raise BenchError(f"there is no figure '{name}': {suggest(name, chapters)}")
     with style.apply_style(), catch_write_errors(path, BenchError):
         figure = chapters[name].draw_figure(runs)
         if figure is None:
@@ -151,7 +155,7 @@ def save_figure(runs: Sequence[Run], name: str, path: str | Path) -> None:
 
 
 class _ReportWriter:
-    """Writer of one report."""
+    """Writes one report."""
 
     def __init__(
         self, runs: Sequence[Run], out: Path, kinds: Sequence[str], paper: bool,
@@ -163,7 +167,7 @@ class _ReportWriter:
         self._steps, self._finished_steps = (len(CHAPTERS) if self.formats else 0) + 2, 0
 
     def write(self) -> list[Path]:
-        """Write all files, and return their paths, the page first."""
+        """Write all files, and return their paths, starting with the page."""
         for folder in ("figures", "data"):
             (self.out / folder).mkdir(parents=True, exist_ok=True)
         self._report_progress("numbers")
@@ -211,10 +215,10 @@ class _ReportWriter:
         self._write_text(self.out / "summary.csv", stream.getvalue())
 
     def _draw_rows(self) -> Iterator[tuple[int, list[Path]]]:
-        """Draw all rows of figures, and yield the number and files of each finished row.
+        """Draw all rows of figures, and yield the index and the files of each finished row.
 
-        Two processes draw in parallel if this process has a single thread. The fork of a process
-        with several threads could wait forever for a lock that another thread holds.
+        If this process has only one thread, two forked processes draw in parallel. If it had
+        several threads, a forked process could wait forever for a lock of another thread.
         """
         alone = threading.active_count() == 1 and len(os.sched_getaffinity(0)) > 1
         if not alone or len(self.formats) == 1:
@@ -227,11 +231,12 @@ class _ReportWriter:
                     yield done.result()
             except BrokenProcessPool:
                 raise BenchError(
-                    "a process that drew figures was killed: check whether the memory is sufficient"
+                    "a process that drew figures was killed, probably because of too little "
+                    "memory; close other programs, or write figures in one format only"
                 ) from None
 
     def draw_row(self, number: int) -> list[Path]:
-        """Draw the figures of a row into files, and return their paths."""
+        """Draw the figures of the row with an index into files, and return their paths."""
         with style.apply_style(is_paper=self.paper):
             drawn = [(part.name, part.draw_figure(self.runs)) for part in CHAPTERS[number]]
             drawn = [(name, figure) for name, figure in drawn if figure is not None]
@@ -247,10 +252,10 @@ class _ReportWriter:
 
 
 def _set_shared_report(report: _ReportWriter) -> None:
-    """Set the report that a forked process draws."""
+    """Set the report whose figures this forked process draws."""
     global _shared
     _shared = report
-    gc.disable()  # the process is short-lived, and a collection of all copied objects is slow
+    gc.disable()  # garbage collection would be slow, and is not needed in a process that ends soon
 
 
 def _draw_row(number: int) -> tuple[int, list[Path]]:
@@ -265,7 +270,10 @@ def _encode_figure(figure: Figure, kind: str) -> bytes:
 
 
 def make_tables(run: Run) -> dict[str, str]:
-    """Return two CSV texts: `images` with a row per processed image, `joints` per joint state."""
+    """Return the tables of a run as CSV texts by name.
+
+    `images` has a row for each processed image, `joints` has a row for each joint state.
+    """
     images: dict[str, np.ndarray] = {"time [s]": run.time, "stamp [s]": run.stamp}
     for i, name in enumerate(run.names):
         unit = f" [{run.units[i]}]" if run.units[i] else ""
@@ -304,7 +312,12 @@ def make_tables(run: Run) -> dict[str, str]:
 def _format_csv(
     columns: dict[str, np.ndarray], text_columns: Sequence[tuple[str, Sequence[str]]]
 ) -> str:
-    """Format columns as CSV with nine digits; NaN becomes an empty cell."""
+    """Format columns as CSV. Numbers have nine digits, and NaN becomes an empty cell.
+
+    Args:
+        columns: columns of numbers by name.
+        text_columns: name and texts of each column of texts.
+    """
     stream = io.StringIO()
     rows = csv.writer(stream, lineterminator="\n")
     rows.writerow([*columns, *(name for name, _ in text_columns)])

@@ -67,31 +67,32 @@ class Chapter:
 
 # All chapters. The figures of a row are shown side by side, so they have equal heights.
 CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
-    (Chapter("filmstrip", "Filmstrip", "Camera images while the error decreases. Green: the "
-             "desired outline.", views.draw_filmstrip),),
-    (Chapter("feature_errors", "Errors", "Feature errors by unit, and the norm of the errors, "
-             "each divided by its maximum.", None, panels.make_error_panels,
+    (Chapter("filmstrip", "Filmstrip", "Images of the camera while the error decreases. Green: "
+             "the desired outline.", views.draw_filmstrip),),
+    (Chapter("feature_errors", "Errors", "Errors of the features by unit, and the norm of all "
+             "errors, each divided by its maximum.", None, panels.make_error_panels,
              "Feature errors s − s*", Layout(1.75, legend_columns=6)),
-     Chapter("pose_errors", "Pose", "Errors of the true camera pose.",
+     Chapter("pose_errors", "Pose", "Errors of the camera's true pose.",
              None, panels.make_pose_panels, "Distance of the camera from its goal", Layout(1.9))),
     (Chapter("features", "Features", "Measured features, and desired features (dashed).", None,
              panels.make_feature_panels, "Features s", Layout(2.0, legend_columns=6)),
-     Chapter("camera_twist", "Twist", "In the optical frame of the camera: x right, y down, z "
-             "forward. Dashed: desired twist.", None, panels.make_twist_panels,
+     Chapter("camera_twist", "Twist", "Twist in the optical frame of the camera: x right, y down, "
+             "z forward. Dashed: desired twist.", None, panels.make_twist_panels,
              "Twist of the camera", Layout(2.1))),
-    (Chapter("image_trajectory", "Image plane", "Image trajectories over the last image.",
-             views.draw_image_trajectory),
-     Chapter("camera_path", "Path", "In the world frame. Frusta open along the optical axis.",
-             views.draw_camera_path)),
-    (Chapter("joint_positions", "Joints", "Red: limits of the robot description.", None,
+    (Chapter("image_trajectory", "Image plane", "Trajectories in the image, drawn on the last "
+             "image.", views.draw_image_trajectory),
+     Chapter("camera_path", "Path", "Path of the camera in the world frame. Drawn cameras open "
+             "along their optical axis.", views.draw_camera_path)),
+    (Chapter("joint_positions", "Joints", "Red: limits in the robot description.", None,
         panels.make_joint_panels,
              "Positions", Layout(1.25, columns=2, second_column="Speeds")),),
-    (Chapter("conditioning", "Conditioning", "Condition number of L in its modelled directions, "
-             "and of L J, which the controller inverts. Scale: velocity scaling by limits.", None,
+    (Chapter("conditioning", "Conditioning", "Condition number of L in the directions that "
+             "it models, and of L J, which the controller inverts. Scale: factor by which joint "
+             "limits slow the task.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5)),
-     Chapter("timing", "Timing", "In simulated time. The simulator reports the real-time factor. "
-             "A negative delay means that the image arrived before the clock message with its "
-             "time.", None, panels.make_timing_panels, "Time between images",
+     Chapter("timing", "Timing", "All times are simulated times. The simulator reports the "
+             "real-time factor. A negative delay means that an image arrived before the clock "
+             "message with its time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5))),
 )  # fmt: skip
 # Number of processes that draw figures. More would not be faster, because the slowest row

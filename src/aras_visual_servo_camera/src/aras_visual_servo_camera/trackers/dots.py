@@ -35,11 +35,11 @@ DOT_ITERATIONS = 2  # computations of the centre, each from an ellipse about the
 @TRACKERS.register("dots")
 @dataclass(eq=False)
 class DotTracker(Tracker):
-    """Tracker of dark round dots on a lighter background.
+    """The centres of dark, round dots on a lighter background, sorted by angle about their mean.
 
-    The points are the centres of the dots, sorted by their angle about their mean. A centre is the
-    mean of a dot's pixels, weighted by their darkness. Its error is about a hundredth of a pixel.
-    For a large, tilted dot, the centre of its image is not exactly the image of its centre.
+    A centre is the mean of a dot's pixels, weighted by their darkness. Its error is about a
+    hundredth of a pixel. For a large, tilted dot, the centre of its image is not exactly the image
+    of its centre.
     """
 
     is_numbered = False

@@ -21,11 +21,11 @@ PROFILE_COUNT, MIN_PROFILES = 48, 10
 
 @TRACKERS.register("lines")
 class LineTracker(EdgeTracker):
-    """Tracker of the four outermost lines of a dark drawing, such as a grid or a frame.
+    """The intersections of the four outermost lines of a dark drawing, such as a grid or a frame.
 
-    The points are the intersections of these lines. On each profile across a line, its middle is
-    the mean position, weighted by darkness. The line is fitted to these middles. Profiles that
-    contain another line are not used. The error is a few hundredths of a pixel for any lens.
+    On each profile across a line, its middle is the mean position, weighted by darkness. The line
+    is fitted to these middles. Profiles that contain another line are not used. The error is a few
+    hundredths of a pixel for any lens.
     """
 
     is_numbered = False

@@ -35,12 +35,12 @@ RIM_STEP = 0.4  # approximate distance between two samples of a profile, px
 @TRACKERS.register("marker")
 @dataclass(eq=False)
 class MarkerTracker(EdgeTracker):
-    """Tracker of an ArUco or AprilTag marker, or of a board of markers.
+    """The four corners of an ArUco or AprilTag marker, clockwise from its first corner.
 
-    The points are the marker's four corners, clockwise from its first corner, or those of the
-    rectangle around the board. OpenCV detects and decodes the markers. Lines are then fitted to the
-    edges of the black rim, and the corners of a marker are their intersections. OpenCV's own
-    corners have errors of half a pixel if a cell is only three pixels wide.
+    For a board of markers, they are the corners of the rectangle around it. OpenCV detects and
+    decodes the markers. Lines are then fitted to the edges of the black rim, and the corners of a
+    marker are their intersections. OpenCV's own corners have errors of half a pixel if a cell is
+    only three pixels wide.
     """
 
     # The error is 0.005 px in images without overexposed white. If white is overexposed, an edge is

@@ -27,11 +27,10 @@ BEST_ACCURACY = 0.01  # px; error of the points if the pose has no error
 @TRACKERS.register("model")
 @dataclass(eq=False)
 class ModelTracker(Tracker):
-    """Tracker of a solid.
+    """The corners of the horizontal rectangle through a solid's middle, computed from its pose.
 
-    The points are the corners of the horizontal rectangle through the middle of the solid
-    (Solid.compute_section_corners). They are computed from the solid's pose, so that schemes for
-    points and poses can be used with a solid.
+    With these points, schemes for points and poses can be used with a solid.
+    Solid.compute_section_corners returns them in the solid's frame.
 
     Attributes:
         tracking: tracker of the pose; its `tracked_pose` is the pose in the last image.

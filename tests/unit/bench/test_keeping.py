@@ -107,7 +107,7 @@ def test_a_recorder_that_does_not_start_is_reported_at_once(tmp_path, monkeypatc
 def test_of_a_recorder_that_died_the_unclosed_bag_is_kept_for_the_report(kept):
     with kept.by.log.open("a") as log:
         log.write(TORN + DIED)
-    with pytest.raises(RefusedError, match="Error writing to file.* available: recorded .*active"):
+    with pytest.raises(RefusedError, match="Error writing to file.* error: recorded .*active"):
         kept.stop_recording()
     assert kept.last_bag.name.endswith(".bag.active") and kept.open_bag is None
 

@@ -42,7 +42,7 @@ def test_pages_of_other_origins_may_not_ask(origin):
                                    TOKEN.lower(), "ä"])  # fmt: skip
 def test_the_whole_token_is_needed(token):
     said = HOME.refusal_reason(token, "127.0.0.1:8090", None)
-    assert ("no token" if not token else "not this simulator's") in said
+    assert ("no token" if not token else "the token is wrong") in said
     assert TOKEN not in said
 
 

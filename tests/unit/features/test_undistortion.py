@@ -233,7 +233,7 @@ def test_field_beyond_180_degrees_has_no_coordinates() -> None:
     pipeline = Pipeline(PipelineSettings())
     pipeline.set_camera(wide)
     measured = pipeline.measure(Image(grey, "mono8"))
-    assert not measured.valid and "normalised coordinates" in measured.reason
+    assert not measured.valid and "range of the lens model" in measured.reason
 
 
 def info(**changes):

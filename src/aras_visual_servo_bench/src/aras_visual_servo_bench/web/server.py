@@ -68,8 +68,8 @@ def bind_free_port(host: str, port: int) -> tuple[list[socket.socket], str]:
                                  "use an address of this machine") from error  # fmt: skip
         note = "" if candidate == port else f"port {port} is taken"
         return sockets, note
-    raise PortTakenError(f"no port from {port} to {last - 1} is free on {host}: use another "
-                         "port")  # fmt: skip
+    raise PortTakenError(f"there is no free port from {port} to {last - 1} on {host}: use "
+                         "another port")  # fmt: skip
 
 
 class WebServer(ABC):

@@ -41,7 +41,7 @@ class StartPose:
         """
         if len(entry) != 1 or next(iter(entry)) not in ("pose", "marker", "clicks"):
             raise ModelError(
-                f"model_start must have one key, the start pose of the model: {START_FORMS}"
+                f"model_start must define the start pose of the model by one key: {START_FORMS}"
             )
         ((self.kind, value),) = entry.items()
         try:

@@ -289,9 +289,9 @@ def test_an_occluder_hides_what_lies_under_it():
         (DotTracker(), "square", VIEW, "in view"),
         (MarkerTracker(), "four_dots", VIEW, "no marker of DICT_4X4_50, DICT_APRIL"),
         (LineTracker(), "square", VIEW, "is not bounded by lines: use tracker 'outline'"),
-        (LineTracker(), "circle", VIEW, "not bounded by lines|not four"),
-        (LineTracker(), "line_grid", CLOSE, "touch the border of the image"),
-        (LineTracker(), "line_grid", AWAY, "no dark lines are in view"),
+        (LineTracker(), "circle", VIEW, "not bounded by lines|must be 4"),
+        (LineTracker(), "line_grid", CLOSE, "touches the border of the image"),
+        (LineTracker(), "line_grid", AWAY, "no dark drawing is in view"),
     ],
 )
 def test_what_is_not_there_is_said(tracker, shape, view, told):

@@ -85,7 +85,8 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
      Chapter("camera_twist", "Twist", "Twist in the optical frame of the camera: x right, y "
              "down, z forward. Dashed: desired twist.", None, panels.make_twist_panels,
              "Twist of the camera", Layout(2.1), MEASURED)),
-    (Chapter("image_trajectory", "Image plane", "Trajectories in the image, drawn on the last image.",
+    (Chapter("image_trajectory", "Image plane", "Trajectories in the image, drawn on the last "
+                                                "image.",
              views.draw_image_trajectory, needs=MEASURED),
      Chapter("camera_path", "Path", "Path of the camera in the world frame. Drawn cameras "
              "open along their optical axis.",
@@ -95,11 +96,14 @@ CHAPTERS: tuple[tuple[Chapter, ...], ...] = (
              "Positions", Layout(1.25, columns=2, second_column="Speeds"),
              "joints that move the camera"),),
     (Chapter("conditioning", "Conditioning", "Condition number of L in the directions that it "
-             "models, and of L J, which the controller inverts. Scale: factor by which joint limits "
+             "models, and of L J, which the controller inverts. Scale: factor by which joint "
+             "limits "
              "slow the task.", None,
              panels.make_conditioning_panels, "Conditioning", Layout(1.5), MEASURED),
-     Chapter("timing", "Timing", "All times are simulated times. The simulator reports the real-time "
-             "factor. A negative delay means that an image arrived before the clock message with its "
+     Chapter("timing", "Timing", "All times are simulated times. The simulator reports the "
+                                 "real-time "
+             "factor. A negative delay means that an image arrived before the clock message with "
+             "its "
              "time.", None, panels.make_timing_panels, "Time between images",
              Layout(1.5), "at least three images")),
 )  # fmt: skip

@@ -32,8 +32,8 @@ from aras_visual_servo_controller.schemes import SCHEMES
 
 HEAD = """# Schemes
 
-Every visual servoing scheme that ships, tested with two published protocols and in the case of
-the original paper. `docs/schemes_page.py` generates this page from the result tables of the
+This page shows tests of all included visual servoing schemes with two published protocols and on
+the case of the original paper. `docs/schemes_page.py` generates this page from the result tables of the
 protocols; `rosrun aras_visual_servo_bench protocol canonical --out DIR` computes the first of these
 tables again.
 
@@ -277,7 +277,7 @@ def _load_study(name: str) -> Study:
 
 
 def _format_choices(study: Study) -> str:
-    text = f"Source: {study.source}.\n\nChoices that the source leaves open:\n\n"
+    text = f"Source: {study.source}.\n\nChoices made here that the source does not specify:\n\n"
     return text + "".join(f"- {line}\n" for line in study.chosen) + "\n"
 
 
@@ -286,7 +286,8 @@ def canonical_part(path: Path, images: Path | None) -> str:
     study = _load_study("canonical")
     rows = read(path, study.judged)
     page = "## Canonical tasks\n\n" + _format_choices(study)
-    page += "Starts from which the goal was reached:\n\n" + make_overview(rows, study) + "\n"
+    page += "Number of starts from which each scheme reached the goal:\n\n"
+    page += make_overview(rows, study) + "\n"
     if images is not None:
         pictures.draw_paths(study, "turn 90", images / "schemes.png")
         page += ("Paths of the target's corners in the image for a rotation of 90 degrees, first "

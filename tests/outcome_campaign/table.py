@@ -109,18 +109,19 @@ def markdown(found: Sequence[Judged]) -> str:
     text = "\n".join(rows)
     if parts := by_faults(found):
         words = {
-            "fault_free": "without a fault", "plain": "plain `converged` where required",
-            "one_fault": "with one fault", "two_faults": "with two faults",
+            "fault_free": "of the runs without a fault",
+            "plain": "plain `converged` in those of them that must converge",
+            "one_fault": "of the runs with one fault", "two_faults": "of the runs with two faults",
         }  # fmt: skip
-        text += "\n\nCorrect outcomes by number of injected faults: " + ", ".join(
+        text += "\n\nFraction of correct outcomes: " + ", ".join(
             f"{parts[name]:.1%} {word}" for name, word in words.items() if name in parts
         ) + "."
     if "median_distance" in numbers:
         text += (
             f"\n\nCorrect in {numbers['right']:.1%} of {numbers['runs']} runs. Of "
             f"{numbers['converged']} runs with the outcome `converged`, {numbers['exceeded']:.1%} "
-            f"had an error above the reported uncertainty, at most {numbers['worst']:.2f} times. "
-            f"Median error {1e3 * numbers['median_distance']:.2f} mm and "
+            "had an error above the reported uncertainty, by a factor of at most "
+            f"{numbers['worst']:.2f}. Median error {1e3 * numbers['median_distance']:.2f} mm and "
             f"{np.degrees(numbers['median_angle']):.3f} degrees, median uncertainty "
             f"{1e3 * numbers['median_open_distance']:.2f} mm and "
             f"{np.degrees(numbers['median_open_angle']):.3f} degrees."

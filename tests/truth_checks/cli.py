@@ -43,20 +43,20 @@ the fast ones that CI runs.
 _TAIL = """
 ## Known inaccuracies
 
-All of them occur only where Bullet computes the step, that is, if bodies can touch each other or
-the base of a robot is free.
+All of these inaccuracies occur only in steps that Bullet computes, that is, if bodies can touch
+each other or the base of a robot is free.
 
 - *Sliding at an angle to the edges of a long box* is accurate to 1 % for single bodies (see
   "contact friction"): Bullet weights its two friction directions differently, and the error of
   each step is corrected in the next one. For sliding models with joints, the error of Bullet is not
   corrected: on a foot of 0.6 x 0.1 m the friction is up to a fifth too low, and the path is curved.
 - *Joint stops of a robot whose base is free and moving* are exceeded by the motion of the joint in
-  one step (see "joint stops of a free base"), which the following steps correct. Joint stops of a
-  fixed base, or of a free base at rest, are never exceeded.
-- *Friction between two links* has the smaller of their two coefficients. Bullet stores one number
-  per link and multiplies the two numbers. If links touch each other in a ring and no numbers give
-  all of the smaller coefficients as products, the solution with the least squares of the logarithms
-  is used.
+  one step (see "joint stops of a free base"), which the following steps correct. If the base of the
+  robot is fixed or at rest, the joint stops are never exceeded.
+- *The friction coefficient of a contact* is the smaller one of the coefficients of the two links.
+  Bullet, however, stores one number per link and uses the product of the two numbers. If links
+  touch each other in a ring, there may be no numbers whose products are equal to all smaller
+  coefficients. The numbers with the smallest squared error of the logarithms are then used.
 - *A body that hits a free base at rest* rebounds for one step as from a wall: the relative error of
   its speed is its mass divided by that of the base. This is at most 1 %, because a base is held
   at rest only if all loose bodies are lighter than a hundredth of it. Momentum is conserved.
@@ -64,7 +64,7 @@ the base of a robot is free.
 - *Falling models with joints* rebound with up to 14 % of their speed, because Bullet pushes them
   out of the body that they penetrated during a step. Single bodies are placed at the point of
   contact (see "drops") and rebound only if their description contains a restitution coefficient.
-- *A robot close to another body* is computed by Bullet: the error of its joint positions is then
+- *A robot close to another body* is simulated by Bullet: the error of its joint positions is then
   1e-6 rad, plus the effect of other close bodies on the convergence of Bullet's solver.
 """
 

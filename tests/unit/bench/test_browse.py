@@ -285,7 +285,7 @@ def test_what_is_damaged_or_gone_is_said_and_the_rest_stays(tmp_path):
     (tmp_path / "broken").mkdir()
     (tmp_path / "broken" / "manifest.json").write_text("{")
     look = studies.read_snapshot(is_forced=True)
-    assert "is damaged" in look.find_study("broken").note
+    assert "is not the manifest of a study" in look.find_study("broken").note
     shutil.rmtree(tmp_path / "bad")
     look = studies.read_snapshot(is_forced=True)
     assert look.find_study("bad").note.endswith("bad was removed") and look.table.num_rows == 30

@@ -126,7 +126,7 @@ def test_optical_axes_are_those_of_the_file(tmp_path):
     _, found = mounting.configure_world_camera("cam", {**base, "hand_eye": place}, {}, 0)
     np.testing.assert_allclose(optical_pose(found.matrix()), PLACE, atol=1e-9)
     for wrong, reason in (
-        ({"hand_eye": file}, "units to mm"),
+        ({"hand_eye": file}, "set units if it is in mm"),
         ({"hand_eye": place, "pose": [0] * 6}, "pose and hand_eye both define its pose"),
         ({"hand_eye": {"path": file}}, "hand_eye"),
     ):

@@ -270,7 +270,7 @@ def test_a_run_gives_back_what_its_plant_holds(monkeypatch):
     asked = Experiment.from_mapping({**BASE, "duration": 0.1})
     assert run(asked).outcome == "timed_out" and closed == [1]
 
-    def fail(self):
+    def fail(self, progress):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Loop, "run_to_end", fail)

@@ -411,7 +411,7 @@ def test_two_processes_draw_the_figures_that_one_draws(fault, points, tmp_path, 
 
     monkeypatch.setattr(write, "_encode_figure", watched)
     monkeypatch.setattr(write, "CHAPTERS", SIMPLE)
-    words = {"full": "No space left on device", "killed": "check whether the memory is sufficient"}
+    words = {"full": "No space left on device", "killed": "probably because of too little memory"}
     if fault:
         with pytest.raises(BenchError, match=words[fault]):
             write_report([points], tmp_path / "two", ("png", "svg"))

@@ -86,7 +86,7 @@ def test_a_course_tells_the_last_pose_before_a_time():
     ({"model": "crat"}, "", "there is no model 'crat' in world .*did you mean 'crate'"),
     ({"model": "crate", "link": "bod"}, "", "has no link 'bod' with visuals: did you mean 'body'"),
     ({"model": "crate"}, LID, "has 2 links with visuals: set it to one of body, lid"),
-    ({"model": "ground_plane"}, "", "target: ground_plane::link is open"),
+    ({"model": "ground_plane"}, "", "target: ground_plane::link is not a closed surface"),
 ])  # fmt: skip
 def test_a_link_that_is_not_there_is_named(world, target, more, why):
     with pytest.raises(ExperimentError, match=why):

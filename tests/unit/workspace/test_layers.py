@@ -34,7 +34,7 @@ NODES = (
     LIBRARIES["aras_visual_servo_camera"] / "node.py",
     LIBRARIES["aras_visual_servo_controller"] / "ros" / "node.py",
 )
-LONGEST_NODE = 105  # lines
+LONGEST_NODE = 110  # lines
 
 # The floors of a package: a room, a folder or a module, imports from rooms on lower floors,
 # never from one on its own floor. A room of a folder, as web/live, is named where its own floor is

@@ -316,7 +316,9 @@ def test_a_page_draws_400_000_triangles(monkeypatch):
         if count == 400_000:
             assert len(make_robot_model(URDF)["links"]["a"]) == 2
             continue
-        with pytest.raises(DescriptionError, match="the meshes of r have 400001 triangles, must be at most 400000"):
+        with pytest.raises(
+            DescriptionError, match="the meshes of r have 400001 triangles, must be at most 400000"
+        ):
             make_robot_model(URDF)
 
 
